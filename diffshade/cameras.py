@@ -1,0 +1,171 @@
+"""Cameras: from a pixel to its ray, and from a point to its viewer (E8). Right-handed, y up, looking along -z."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
+from .vectors import Vec3, cross, normalize, where
+
+
+class Rays(eqx.Module):
+    """Rays origin + t direction, t > 0, with unit directions; components of one shape."""
+
+    origin: Vec3
+    direction: Vec3
+
+
+class Projection(eqx.Module):
+    """A camera as numbers: the ray of a pixel is affine in its column and row, for every kind of camera alike.
+
+    Cameras of all kinds thus stack into one array, and one compiled program serves them.
+    """
+
+    origin: Vec3
+    origin_column: Vec3
+    origin_row: Vec3
+    direction: Vec3
+    direction_column: Vec3
+    direction_row: Vec3
+    eye: Vec3
+    backward: Vec3
+    local_viewer: Float[Array, "..."]
+
+    def rays(self, row: Float[Array, "..."], column: Float[Array, "..."]) -> Rays:
+        """Return the rays through the centres of pixels, which lie at +.5."""
+        column, row = column + 0.5, row + 0.5
+        zero = jnp.zeros_like(row)
+        origin = self.origin + self.origin_column * column + self.origin_row * row
+        direction = self.direction + self.direction_column * column + self.direction_row * row
+        return Rays(origin + Vec3(zero, zero, zero), normalize(direction + Vec3(zero, zero, zero)))
+
+    def viewer(self, p: Vec3 | None) -> Vec3:
+        """Return v at p: towards the eye with a local viewer, else the camera's backward axis everywhere (E8)."""
+        if p is None:
+            return self.backward
+        return where(self.local_viewer > 0, normalize(self.eye - p), self.backward)
+
+
+class AbstractCamera(Checked):
+    """Where a picture is taken from. `shape` is (height, width) in pixels; row 0 is on top."""
+
+    eye: eqx.AbstractVar[Vector]
+    target: eqx.AbstractVar[Vector]
+    up: eqx.AbstractVar[Vector]
+    shape: eqx.AbstractVar[tuple[int, int]]
+    local_viewer: eqx.AbstractVar[bool]
+
+    @abc.abstractmethod
+    def projection(self) -> Projection:
+        """Return the camera's rays as affine functions of column and row."""
+
+
+def as_shape(value: tuple[int, int]) -> tuple[int, int]:
+    """Make (height, width); what is not two whole numbers is handed on for the check to refuse."""
+    try:
+        height, width = value
+        return (int(height), int(width)) if (height, width) == (int(height), int(width)) else value
+    except (TypeError, ValueError):
+        return value
+
+
+class Camera(AbstractCamera):
+    """A perspective (pinhole) camera at `eye`, looking at `target`.
+
+    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels, square pixels.
+    `up`: which way is up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point;
+    `False`: one v, the backward axis, everywhere (E8).
+    """
+
+    eye: Vector = eqx.field(converter=as_vector)
+    target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
+    up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
+    fov: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=40.0)
+    shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
+    local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
+
+    def __check_init__(self) -> None:
+        check_camera(self)
+        if is_concrete(self.fov) and not 0 < self.fov < 180:
+            raise ValueError(f"Camera.fov must be above 0 and below 180 degrees; got {self.fov}. Give the full angle.")
+
+    def projection(self) -> Projection:
+        """Return rays from the eye, spread over the full vertical angle `fov`."""
+        right, up, backward = axes(self)
+        pixel = 2.0 * jnp.tan(jnp.deg2rad(self.fov) / 2.0) / self.shape[0]
+        zero = right * 0.0
+        corner = -backward - right * (pixel * self.shape[1] / 2.0) + up * (pixel * self.shape[0] / 2.0)
+        eye = Vec3.of(self.eye)
+        return Projection(
+            eye, zero, zero, corner, right * pixel, up * -pixel, eye, backward, jnp.asarray(1.0 * self.local_viewer)
+        )
+
+
+class OrthographicCamera(AbstractCamera):
+    """A camera of parallel rays along the line from `eye` to `target`, `height` scene units from top to bottom.
+
+    `shape`: (height, width) in pixels, square pixels. `local_viewer=True`: v points to `eye` from each point all the
+    same; `False`: one v, the backward axis, everywhere (E8), as for a far camera.
+    """
+
+    eye: Vector = eqx.field(converter=as_vector)
+    target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
+    up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
+    height: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=2.2)
+    shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
+    local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
+
+    def __check_init__(self) -> None:
+        check_camera(self)
+        if is_concrete(self.height) and not self.height > 0:
+            raise ValueError(f"OrthographicCamera.height must be above 0; got {self.height}. Give it in scene units.")
+
+    def projection(self) -> Projection:
+        """Return parallel rays that start on the plane through the eye."""
+        right, up, backward = axes(self)
+        pixel = self.height / self.shape[0]
+        zero = right * 0.0
+        eye = Vec3.of(self.eye)
+        corner = eye - right * (pixel * self.shape[1] / 2.0) + up * (pixel * self.shape[0] / 2.0)
+        return Projection(
+            corner,
+            right * pixel,
+            up * -pixel,
+            -backward,
+            zero,
+            zero,
+            eye,
+            backward,
+            jnp.asarray(1.0 * self.local_viewer),
+        )
+
+
+def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the camera's unit axes: right, up, backward."""
+    backward = normalize(Vec3.of(camera.eye) - Vec3.of(camera.target))
+    right = normalize(cross(Vec3.of(camera.up), backward))
+    return right, cross(backward, right), backward
+
+
+def check_camera(camera: AbstractCamera) -> None:
+    """Refuse a shape that is no picture and a line of sight that is none, or is along `up`."""
+    name, shape = type(camera).__name__, camera.shape
+    if not (isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(s, int) and s > 0 for s in shape)):
+        raise ValueError(
+            f"{name}.shape must be (height, width) in pixels, two whole numbers above 0; got {shape!r}. "
+            "Give the image's shape[:2]."
+        )
+    if not is_concrete(camera.eye, camera.target, camera.up):
+        return
+    sight = np.asarray(camera.target, np.float64) - np.asarray(camera.eye, np.float64)
+    if not np.any(sight):
+        raise ValueError(f"{name}.eye must differ from target; got {camera.eye} for both. Move one of them.")
+    up = np.asarray(camera.up, np.float64)
+    if np.linalg.norm(np.cross(sight, up)) <= 1e-9 * np.linalg.norm(sight) * np.linalg.norm(up):
+        raise ValueError(
+            f"{name}.up must not be along the line of sight; got up {camera.up} for an eye at {camera.eye} that looks "
+            f"at {camera.target}. Give another up, for example (0, 0, -1)."
+        )

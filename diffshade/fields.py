@@ -1,0 +1,138 @@
+"""Fields: what people type becomes what travels, NumPy float64 of one shape, and is checked by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import ArrayLike, Float
+
+Array: TypeAlias = np.ndarray | jax.Array
+Scalar: TypeAlias = Float[Array, ""]
+Colour: TypeAlias = Float[Array, "3"]
+Vector: TypeAlias = Float[Array, "3"]
+Numbers: TypeAlias = ArrayLike | Sequence[Any]  # what people type
+
+
+def as_array(value: Numbers) -> Any:
+    """Keep a JAX array; make anything else NumPy float64.
+
+    `jnp.asarray` would round 0.1 to float32, keep 40 an integer that `grad` refuses, and start a backend. What is no
+    array of numbers is handed on as it is, for the check, which knows the field's name, to refuse.
+    """
+    if isinstance(value, jax.Array):
+        return value
+    try:
+        return np.array(value, np.float64)  # a copy: a caller's later edits must not reach a frozen scene
+    except (TypeError, ValueError):
+        return value
+
+
+def as_scalar(value: Numbers) -> Any:
+    """Make one number."""
+    return as_array(value)
+
+
+def as_vector(value: Numbers) -> Any:
+    """Make three numbers, x, y and z."""
+    return as_array(value)
+
+
+def as_colour(value: Numbers) -> Any:
+    """Make a colour; a single number means grey."""
+    colour = as_array(value)
+    if getattr(colour, "shape", None) in ((), (1,)):
+        return colour * np.ones(3) if isinstance(colour, np.ndarray) else colour.reshape(()).repeat(3)
+    return colour
+
+
+_KINDS: dict[Any, tuple[tuple[int, ...], str, str]] = {
+    as_scalar: ((), "a number", "Give one number."),
+    as_vector: ((3,), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
+    as_colour: ((3,), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+}
+
+
+class Checked(eqx.Module):
+    """A module whose fields are checked when it is made, and again by `check`.
+
+    A field says its range in its metadata: `lower`, `upper`. Tracers pass: inside `jit` and `grad` there is nothing to
+    look at.
+    """
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            kind = _KINDS.get(field.metadata.get("converter"))
+            if kind is not None:
+                _check_field(f"{type(self).__name__}.{field.name}", getattr(self, field.name), kind, field.metadata)
+
+
+def is_concrete(*values: Any) -> bool:
+    """Whether every value holds numbers that can be looked at now: none is a tracer."""
+    return not any(isinstance(v, Tracer) for v in values)
+
+
+def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]) -> None:
+    shape, noun, remedy = kind
+    if isinstance(value, Tracer):
+        return
+    if not isinstance(value, np.ndarray | jax.Array) or not np.issubdtype(value.dtype, np.number):
+        raise TypeError(f"{name} must be {noun}; got {value!r}. {remedy}")
+    if value.shape != shape:
+        raise ValueError(f"{name} must be {noun}; got shape {tuple(value.shape)}. {remedy}")
+    numbers = np.asarray(value)
+    shown = np.array2string(numbers, separator=", ")
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be finite; got {shown}. {remedy}")
+    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
+    if (numbers < lower).any() or (numbers > upper).any():
+        allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
+        raise ValueError(f"{name} must be {allowed}; got {shown}. Give a value in that range.")
+
+
+def check(tree: Any) -> None:
+    """Check every module of a tree again: `eqx.tree_at` and `jax.tree.map` make modules that were never checked."""
+    for module in _modules(tree):
+        for cls in type(module).__mro__:
+            if "__check_init__" in cls.__dict__:
+                cls.__dict__["__check_init__"](module)
+
+
+def _modules(tree: Any) -> Iterator[Checked]:
+    if isinstance(tree, Checked):
+        yield tree
+        for field in dataclasses.fields(tree):
+            yield from _modules(getattr(tree, field.name))
+    elif isinstance(tree, tuple):
+        for item in tree:
+            yield from _modules(item)
+
+
+def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclasses.Field]]:
+    """Yield every number, vector and colour of a tree of modules: its dotted path, its value and its field.
+
+    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none.
+    """
+    if isinstance(tree, tuple):
+        for i, item in enumerate(tree):
+            yield from quantities(item, f"{path}.{i}")
+    elif isinstance(tree, Checked):
+        for field in dataclasses.fields(tree):
+            inner = f"{path}.{field.name}".lstrip(".")
+            if field.metadata.get("converter") in _KINDS:
+                yield inner, getattr(tree, field.name), field
+            else:
+                yield from quantities(getattr(tree, field.name), inner)
+
+
+def did_you_mean(word: str, options: Iterable[str]) -> str:
+    """Return the sentence that follows a wrong name: the nearest right one, or all of them."""
+    options = sorted(set(options))
+    near = difflib.get_close_matches(word, options, n=1, cutoff=0.5)
+    return f"Did you mean '{near[0]}'?" if near else f"Known names: {', '.join(options)}."

@@ -1,0 +1,224 @@
+"""Image formats: bytes to numbers and back. The only module that knows imageio, Pillow and OpenEXR.
+
+Pillow reads and writes whatever has 8 bits; OpenCV the rest, since Pillow drops the low byte of 16-bit RGB without a
+word, and OpenCV premultiplies the alpha of 8-bit TIFF and gives grey + alpha as RGBA. A file is checked before it is
+decoded: the decoders accept some files that are cut off, and report others on the terminal.
+"""
+
+import io
+import struct
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+_OPENCV_LOG = threading.Lock()
+
+
+class Format(NamedTuple):
+    """How files of a suffix are read and written."""
+
+    name: str
+    decode: Callable[[Path, bytes], np.ndarray]
+    dtypes: tuple[type, ...]  # what can be written, the default first
+
+
+def format_of(path: Path) -> Format:
+    """Return the format of a path by its suffix; ValueError for an unknown one."""
+    try:
+        return FORMATS[path.suffix.lower()]
+    except KeyError:
+        known = ", ".join(FORMATS)
+        raise ValueError(f"{path} has the suffix '{path.suffix}', which is no known image. Use {known}.") from None
+
+
+class UnsupportedError(ValueError):
+    """The file is sound, but of a kind that is not read. The message goes on after the name of the file."""
+
+
+def _decode_png(path: Path, data: bytes) -> np.ndarray:
+    _check_png(data)
+    depth, colour_type = data[24:26]
+    if depth < 16:
+        return _decode_with_pillow("PNG", path, data)
+    pixels = _decode_with_opencv(path)
+    return pixels[..., [0, 3]] if colour_type == 4 else pixels  # grey + alpha, which OpenCV gives as RGBA
+
+
+def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
+    tags = _check_tiff(data)
+    bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
+    if bits <= 8:
+        return _decode_with_pillow("TIFF", path, data)
+    # OpenCV gives wrong pixels for other layouts, without a word.
+    if (bits, number) in ((16, 1), (32, 3)) and channels in (1, 3, 4) and photometric in (1, 2) and planar == 1:
+        return _decode_with_opencv(path)
+    raise UnsupportedError(
+        f"is a TIFF with BitsPerSample {bits}, SampleFormat {number}, SamplesPerPixel {channels}, Photometric "
+        f"{photometric}, PlanarConfiguration {planar}. Save it as 16-bit unsigned or 32-bit float, grey, RGB or RGBA."
+    )
+
+
+def _decode_exr(path: Path, data: bytes) -> np.ndarray:
+    import OpenEXR
+
+    _check_exr(data)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header, channels = file.header(), file.channels()
+        if not np.array_equal(header["dataWindow"], header["displayWindow"]):
+            raise UnsupportedError("holds a part of a picture (dataWindow is not displayWindow). Save the whole.")
+        for names in ("RGBA", "RGB", "YA", "Y"):
+            if set(names) <= set(channels) and "RY" not in channels:  # beside RY and BY, Y is the luminance of a colour
+                return np.stack([channels[name].pixels for name in names], axis=-1)
+        raise UnsupportedError(f"has the channels {', '.join(channels)}. Save R, G, B or Y, with or without A.")
+
+
+def _decode_npy(path: Path, data: bytes) -> np.ndarray:
+    if data.startswith(b"\x93NUMPY") and b"'descr': '|O'" in data[:128]:
+        raise UnsupportedError("holds Python objects. Save an array of numbers.")
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+
+
+def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
+    import imageio.v3 as iio
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data), formats=(name,)) as image:
+            mode, alpha = image.mode, "A" if image.has_transparency_data else ""
+    except Image.DecompressionBombError:
+        raise UnsupportedError("has more than 178 million pixels. Save it smaller, or with 16 bits.") from None
+    if mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
+        raise UnsupportedError(f"has pixels of the kind {mode}. Save it as grey or RGB.")
+    mode = ("L" if mode in ("1", "L", "LA") else "RGB") + alpha
+    return iio.imread(path, plugin="pillow", index=0, mode=mode, rotate=True)
+
+
+def _decode_with_opencv(path: Path) -> np.ndarray:
+    import imageio.v3 as iio
+
+    with _quiet_opencv():
+        return iio.imread(path, plugin="opencv", index=0, flags=-1)  # without the flag it gives 8 bits
+
+
+@contextmanager
+def _quiet_opencv() -> Iterator[None]:
+    """Keep OpenCV from printing what it thinks of a TIFF's tags. Its log level is the process's, hence the lock."""
+    import cv2
+
+    log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5 has it there, OpenCV 4 at the top
+    with _OPENCV_LOG:
+        level = log.getLogLevel()
+        log.setLogLevel(0)
+        try:
+            yield
+        finally:
+            log.setLogLevel(level)
+
+
+def _check_png(data: bytes) -> None:
+    """Raise where a chunk is cut off or does not have its checksum (PNG specification, section 5)."""
+    at, kind = 8, b""
+    while kind != b"IEND":
+        length, kind = struct.unpack_from(">I4s", data, at)
+        (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
+        if zlib.crc32(data[at + 4 : at + 8 + length]) != checksum:
+            raise ValueError
+        at += 12 + length
+
+
+def _check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
+    """Give the whole-number tags (TIFF 6.0, section 2); raise where pixels are cut off or cannot be inflated."""
+    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
+    (directory,) = struct.unpack_from(f"{order}I", data, 4)
+    (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
+    end = directory + 2 + 12 * n_tags
+    tags = {}
+    for entry in range(directory + 2, end, 12):
+        tag, kind, count, place = struct.unpack_from(f"{order}HHII", data, entry)
+        if kind in (3, 4):
+            numbers = struct.Struct(f"{order}{count}{'H' if kind == 3 else 'I'}")
+            tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
+    if struct.unpack_from(f"{order}I", data, end) != (0,):
+        raise UnsupportedError("has more than one page. Save each to a file of its own.")
+    offsets, sizes = (tags[273], tags[279]) if 273 in tags else (tags[324], tags[325])  # of strips, of tiles
+    for offset, size in zip(offsets, sizes, strict=True):
+        if offset + size > len(data):
+            raise ValueError
+        if tags.get(259) in ((8,), (32946,)):
+            zlib.decompress(data[offset : offset + size])  # OpenCV ignores the checksum and gives what it can
+    return tags
+
+
+def _check_exr(data: bytes) -> None:
+    """Raise where pixels are cut off (OpenEXR File Layout); the library would only print that they are."""
+    magic, flags = struct.unpack_from("<4sI", data)
+    if magic != b"v/1\x01":
+        raise ValueError
+    if flags & 0x1800:
+        raise UnsupportedError("has several parts, or deep pixels. Save it as one flat part.")
+    table = 8
+    while data[table]:  # an attribute is name, type, size, value; an empty name ends them
+        size = data.index(0, data.index(0, table) + 1) + 1
+        table = size + 4 + struct.unpack_from("<I", data, size)[0]
+    table += 1
+    at, nearest, furthest = table, len(data), 0
+    while at < nearest:  # the table holds the offset of every chunk of pixels, and the nearest chunk follows it
+        (offset,) = struct.unpack_from("<Q", data, at)
+        at, nearest, furthest = at + 8, min(nearest, offset), max(furthest, offset)
+    pixels = furthest + (20 if flags & 0x200 else 8)  # a tile's coordinates or a line's, and last the size in bytes
+    if not at <= nearest < len(data) or pixels + struct.unpack_from("<I", data, pixels - 4)[0] > len(data):
+        raise ValueError
+
+
+def save(path: Path, pixels: np.ndarray) -> None:
+    """Write numbers, shape (H, W, C), as they are to be stored."""
+    suffix = path.suffix.lower()
+    if suffix == ".exr":
+        _save_exr(path, pixels)
+        return
+    if pixels.shape[-1] == 1:
+        pixels = pixels[..., 0]
+    if suffix == ".npy":
+        with path.open("wb") as file:
+            np.save(file, pixels)
+    else:
+        path.write_bytes(_encode(format_of(path).name, suffix, pixels))
+
+
+def _save_exr(path: Path, pixels: np.ndarray) -> None:
+    import OpenEXR
+
+    names = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[-1]]
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {name: np.ascontiguousarray(pixels[..., i]) for i, name in enumerate(names)}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+def _encode(name: str, suffix: str, pixels: np.ndarray) -> bytes:
+    import imageio.v3 as iio
+
+    if pixels.dtype == np.uint8:
+        jpeg, tiff = {"quality": 95, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}
+        options = {"plugin": "pillow", "is_batch": False} | {"JPEG": jpeg, "TIFF": tiff}.get(name, {})
+    else:
+        options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
+    return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
+
+
+FORMATS = {
+    ".png": Format("PNG", _decode_png, (np.uint8, np.uint16)),
+    ".jpg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
+    ".jpeg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
+    ".tif": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32)),
+    ".tiff": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32)),
+    ".tga": Format("TGA", partial(_decode_with_pillow, "TGA"), (np.uint8,)),
+    ".exr": Format("EXR", _decode_exr, (np.float32, np.float16)),
+    ".npy": Format("NPY", _decode_npy, (np.float64,)),
+}

@@ -1,0 +1,116 @@
+"""Lights: what arrives at a point. A light knows no material."""
+
+import abc
+
+import equinox as eqx
+import numpy as np
+
+from .attenuation import RadialAttenuation, angular_attenuation
+from .fields import Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
+from .vectors import Vec3, dot, length, normalize
+
+
+class AbstractLight(Checked):
+    """A light is one function of the point it shines on."""
+
+    @property
+    @abc.abstractmethod
+    def is_local(self) -> bool:
+        """Whether the light stands somewhere, so that it must know where the point is."""
+
+    @abc.abstractmethod
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there.
+
+        `p` may be None, position unknown, for a light that is not local.
+        """
+
+
+class PointLight(AbstractLight):
+    """A light at a position that shines equally to all sides, attenuated with distance (E2).
+
+    `position`: scene units. `intensity`: RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it
+    gives nothing.
+    """
+
+    position: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l = (position - p)/d and f_rad(d) I_l."""
+        assert p is not None
+        to_light = Vec3.of(self.position) - p
+        return normalize(to_light), Vec3.of(self.intensity) * self.attenuation(length(to_light))
+
+
+class DirectionalLight(AbstractLight):
+    """A light at infinity, so that l = -direction/|direction| everywhere.
+
+    `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
+    """
+
+    direction: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+
+    def __check_init__(self) -> None:
+        check_direction("DirectionalLight.direction", self.direction)
+
+    @property
+    def is_local(self) -> bool:
+        """False."""
+        return False
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l = -direction and I_l, the same at every point."""
+        return -normalize(Vec3.of(self.direction)), Vec3.of(self.intensity)
+
+
+class SpotLight(AbstractLight):
+    """A point light that shines into a cone about `direction` (E3), attenuated with distance (E2).
+
+    `cutoff`: half angle of the cone, 0 to 90 degrees. `exponent`: of cos^exponent phi off the axis, at least 0.
+    `softness`: width in degrees of the smooth edge inside the cutoff, 0 (the hard edge) to `cutoff`; the cutoff can be
+    fitted only if it is above 0.
+    """
+
+    position: Vector = eqx.field(converter=as_vector)
+    direction: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    cutoff: Scalar = eqx.field(converter=as_scalar, default=45.0, metadata={"lower": 0, "upper": 90})
+    exponent: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    softness: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 90})
+
+    def __check_init__(self) -> None:
+        check_direction("SpotLight.direction", self.direction)
+        if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
+            raise ValueError(
+                f"SpotLight.softness must be at most cutoff; got {self.softness} with cutoff {self.cutoff}. "
+                "Make softness smaller or the cutoff larger."
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) f_ang(phi) I_l, with cos phi = -l . direction."""
+        assert p is not None
+        to_light = Vec3.of(self.position) - p
+        l = normalize(to_light)
+        cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
+        f_ang = angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness)
+        return l, Vec3.of(self.intensity) * (self.attenuation(length(to_light)) * f_ang)
+
+
+def check_direction(name: str, direction: Vector) -> None:
+    """Refuse a direction of length 0."""
+    if is_concrete(direction) and not np.any(direction):
+        raise ValueError(f"{name} must not be the zero vector; got [0, 0, 0]. Give the way the light travels.")

@@ -1,0 +1,116 @@
+"""Rendering: from a scene and a camera to an image of linear radiance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from .backend import check_backend
+from .cameras import AbstractCamera, Projection, Rays
+from .fields import Array, check
+from .lights import AbstractLight
+from .reflection import reflection
+from .scenes import Object, Scene, StackedScene, check_seen_by, stack_scene
+from .surfaces import GBuffer, Hit
+from .vectors import Vec3, where
+
+
+def render(scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | None = None) -> Float[Array, "height width 3"]:
+    """Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
+
+    `lit`: the indices of the lights that are on; all of them by default. Ambient light is never switched. Compiled once
+    for each structure and shape; differentiable in every number of the scene and the camera except at silhouettes and
+    gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
+
+    Raises ValueError for a scene, camera or GBuffer that does not fit together.
+    """
+    check((scene, camera))
+    check_seen_by(camera, scene)
+    check_backend()
+    return _render(stack_scene(eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))), camera)
+
+
+def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+    """Shade a G-buffer with the material of the scene's only object, whatever that object's own shape (E9).
+
+    Otherwise as `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer, material)`.
+    """
+    if len(scene.objects) != 1:
+        raise ValueError(
+            f"shade needs a scene of one object, whose material it uses; got {len(scene.objects)} objects. "
+            "Use render with Object(gbuffer, material) for each."
+        )
+    return render(eqx.tree_at(lambda s: s.objects[0].surface, scene, gbuffer), camera)
+
+
+def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
+    """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points."""
+    check((scene, camera))
+    check_backend()
+    return GBuffer(*_intersect(scene.objects, camera))
+
+
+def select(scene: Scene, lit: Sequence[int] | None) -> tuple[AbstractLight, ...]:
+    """Return the lights that are on."""
+    if lit is None:
+        return scene.lights
+    for i in lit:
+        if not 0 <= i < len(scene.lights):
+            raise ValueError(
+                f"lit must hold indices of the scene's {len(scene.lights)} lights, from 0; got {i}. "
+                "Count the lights, or add the missing one to the scene."
+            )
+    return tuple(scene.lights[i] for i in lit)
+
+
+def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
+    """Return the ray of every pixel of a picture."""
+    row, column = jnp.meshgrid(jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float), indexing="ij")
+    return projection.rays(row, column)
+
+
+def nearest(hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
+    """Return for each object the rays on which it is the nearest hit."""
+    first = jnp.full(hits[0].distance.shape, jnp.inf)
+    for hit in hits:
+        first = jnp.where(hit.inside & (hit.distance < first), hit.distance, first)
+    return [hit.inside & (hit.distance == first) for hit in hits]
+
+
+def radiance(scene: StackedScene, rays: Rays, projection: Projection) -> Vec3:
+    """Return the radiance that arrives along each ray: that of the nearest object, else the background (E9)."""
+    hits = [item.surface.intersect(rays) for item in scene.objects]
+    image = Vec3.of(scene.background) * jnp.ones_like(rays.direction.x)
+    for item, hit, seen in zip(scene.objects, hits, nearest(hits), strict=True):
+        image = where(seen, reflected(scene, item, hit, projection), image)
+    return image
+
+
+def reflected(scene: StackedScene, item: Object, hit: Hit, projection: Projection) -> Vec3:
+    """Return the radiance that an object's points reflect towards the camera (E9)."""
+    v = projection.viewer(hit.p)
+    return reflection(item.material, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
+
+
+@jax.jit
+def _render(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+    projection = camera.projection()
+    return radiance(scene, pixel_rays(projection, camera.shape), projection).stack()
+
+
+@jax.jit
+def _intersect(
+    objects: tuple[Object, ...], camera: AbstractCamera
+) -> tuple[Float[Array, "h w 3"], Float[Array, "h w 3"] | None, Bool[Array, "h w"]]:
+    rays = pixel_rays(camera.projection(), camera.shape)
+    hits = [item.surface.intersect(rays) for item in objects]
+    n = p = Vec3.of(jnp.zeros((*camera.shape, 3)))
+    for hit, seen in zip(hits, nearest(hits), strict=True):
+        n = where(seen, hit.n, n)
+        p = None if hit.p is None or p is None else where(seen, hit.p, p)
+    inside = jnp.any(jnp.stack([hit.inside for hit in hits]), 0)
+    return n.stack(), None if p is None else p.stack(), inside

@@ -1,0 +1,140 @@
+"""Scene files: a scene and its camera as TOML that people read and write."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from .attenuation import RadialAttenuation
+from .cameras import AbstractCamera, Camera, OrthographicCamera
+from .fields import did_you_mean
+from .files import replacing
+from .lights import DirectionalLight, PointLight, SpotLight
+from .materials import Blinn, Material, Phong
+from .scenes import Object, Scene
+from .surfaces import Sphere
+
+# What a table may be, by the key that holds it; where there is a choice, `type` makes it, the first by default.
+_TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
+    "camera": (Camera, OrthographicCamera),
+    "objects": (Object,),
+    "surface": (Sphere,),
+    "material": (Material,),
+    "lobe": (Phong, Blinn),
+    "lights": (PointLight, DirectionalLight, SpotLight),
+    "attenuation": (RadialAttenuation,),
+}
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read the scene of a TOML file: `ambient`, `background`, `[[objects]]`, `[[lights]]`; names as in the classes.
+
+    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    """
+    document = _load(path)
+    document.pop("camera", None)
+    return _build(Scene, document, f"{path}")
+
+
+def read_camera(path: str | Path) -> AbstractCamera:
+    """Read the camera of a TOML scene file, its table `[camera]`; `type` is "Camera" (default) or "OrthographicCamera".
+
+    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    """
+    document = _load(path)
+    if "camera" not in document:
+        raise ValueError(f"{path} has no table [camera]. Add one, for example with eye = [0, 0, 4] and fov = 35.")
+    return _value("camera", document["camera"], f"{path}: camera")
+
+
+def write_scene(path: str | Path, scene: Scene, camera: AbstractCamera | None = None) -> None:
+    """Write a scene, and a camera where one is given, as TOML that `read_scene` and `read_camera` read back exactly.
+
+    Raises ValueError for a scene that has no such form: a G-buffer's points are no text.
+    """
+    import tomli_w
+
+    document = _table(scene)
+    if camera is not None:
+        document["camera"] = _table(camera)
+    text = tomli_w.dumps(document)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _load(path: str | Path) -> dict[str, Any]:
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no scene file {path}. Give the path of a TOML file.")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
+
+
+def _build(cls: type, table: Any, where: str) -> Any:
+    """Make a `cls` of a table whose keys are its fields."""
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    if not isinstance(table, dict):
+        raise ValueError(f"{where} must be a table of {', '.join(fields)}; got {table!r}. Write it as [table].")
+    for key in table:
+        if key not in fields:
+            raise ValueError(f"{where} has no key '{key}'. {did_you_mean(key, fields)}")
+    values = {}
+    for key, field in fields.items():
+        if key in table:
+            values[key] = _value(key, table[key], f"{where}: {key}" if cls is Scene else f"{where}.{key}")
+            if field.type == "bool" and not isinstance(values[key], bool):
+                raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise ValueError(f"{where} needs the key '{key}' of a {cls.__name__}. Add it.")
+    try:
+        return cls(**values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _value(key: str, value: Any, where: str) -> Any:
+    """Make what stands under a key: a module, several, or a plain value."""
+    if key not in _TYPES:
+        return value
+    if isinstance(value, list):
+        return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
+    types = {cls.__name__: cls for cls in _TYPES[key]}
+    if isinstance(value, str):
+        value = {"type": value}
+    name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
+    if name not in types:
+        raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}")
+    table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
+    return _build(types[name], table, where)
+
+
+def _table(module: eqx.Module) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for field in dataclasses.fields(module):
+        table[field.name] = _plain(field.name, getattr(module, field.name))
+    return table
+
+
+def _plain(key: str, value: Any) -> Any:
+    if isinstance(value, tuple) and key in _TYPES:
+        return [_plain(key, item) for item in value]
+    if isinstance(value, eqx.Module):
+        name = type(value).__name__
+        if type(value) not in _TYPES.get(key, ()):
+            raise ValueError(
+                f"a {name} has no form in TOML. Write its arrays with numpy.save, and the rest as a scene."
+            )
+        fields = _table(value)
+        if not fields:
+            return name
+        return {"type": name, **fields} if len(_TYPES[key]) > 1 or key == "surface" else fields
+    if isinstance(value, bool):
+        return value
+    return np.asarray(value).tolist()

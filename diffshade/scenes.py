@@ -1,0 +1,122 @@
+"""Scenes: objects and lights together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Shaped
+
+from .cameras import AbstractCamera
+from .fields import Array, Checked, Colour, as_colour
+from .lights import AbstractLight
+from .materials import Material
+from .surfaces import AbstractSurface, GBuffer
+
+
+class Object(Checked):
+    """A surface and what it is made of."""
+
+    surface: AbstractSurface
+    material: Material = eqx.field(default_factory=Material)
+
+
+def as_tuple(value: Any) -> tuple:
+    """Make a tuple of one thing or several."""
+    return tuple(value) if isinstance(value, Iterable) else (value,)
+
+
+class Scene(Checked):
+    """Objects, the lights that shine on them, and what surrounds them.
+
+    `objects`: one or several, opaque; the nearest is seen. `lights`: any number of any kind. A light reaches every
+    point that faces it: there are no shadows and no interreflection. `ambient`: I_a, RGB or grey, at least 0, never
+    attenuated (E1). `background`: what a ray that meets nothing sees.
+    """
+
+    objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
+    lights: tuple[AbstractLight, ...] = eqx.field(converter=as_tuple, default=())
+    ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
+
+    def __check_init__(self) -> None:
+        for field, kind, items in (("objects", Object, self.objects), ("lights", AbstractLight, self.lights)):
+            for i, item in enumerate(items):
+                if not isinstance(item, kind):
+                    raise TypeError(
+                        f"Scene.{field}[{i}] must be {_article(kind.__name__)}; got {type(item).__name__}. "
+                        f"Give {_EXAMPLES[field]}."
+                    )
+        if not self.objects:
+            raise ValueError(
+                f"Scene.objects must hold at least one Object; got none. Give one, for example {_EXAMPLES['objects']}."
+            )
+        if len(self.objects) > 1 and any(
+            isinstance(o.surface, GBuffer) and o.surface.position is None for o in self.objects
+        ):
+            raise ValueError(
+                "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
+                "Give GBuffer.position, or make it the only object."
+            )
+
+
+_EXAMPLES = {"objects": "Object(Sphere(), Material(k_d=0.7))", "lights": "PointLight((2, 3, 4))"}
+
+
+def _article(name: str) -> str:
+    return "a light" if name == "AbstractLight" else f"an {name}"
+
+
+def check_seen_by(camera: AbstractCamera, scene: Scene) -> None:
+    """Refuse a G-buffer that is not of the camera's shape, or lacks the positions that something needs."""
+    needing = ["a camera with local_viewer=True"] * camera.local_viewer
+    needing += [f"a {type(light).__name__}" for light in scene.lights if light.is_local]
+    for i, item in enumerate(scene.objects):
+        if not isinstance(item.surface, GBuffer):
+            continue
+        if item.surface.mask.shape != camera.shape:
+            raise ValueError(
+                f"objects[{i}].surface must have one normal a pixel; got a GBuffer of shape {item.surface.mask.shape} "
+                f"for a camera of shape {camera.shape}. Make the two the same."
+            )
+        if needing and item.surface.position is None:
+            raise ValueError(
+                f"{needing[0]} needs to know where the surface is; got a GBuffer without positions. Give "
+                "GBuffer.position, or use directional lights and a camera with local_viewer=False."
+            )
+
+
+class StackedScene(eqx.Module):
+    """A scene as compiled programs take it: the lights of one kind stacked along a leading axis.
+
+    A hundred lights then compile as one. Two lights are of one kind when their tree structures are equal: the same
+    class and the same static fields.
+    """
+
+    objects: tuple[Object, ...]
+    lights: tuple[AbstractLight, ...]
+    ambient: Shaped[Array, "3"]
+    background: Shaped[Array, "3"]
+
+
+def stack_scene(scene: Scene) -> StackedScene:
+    """Stack the lights of a scene by kind, kinds in the order of their first lights."""
+    kinds = [[scene.lights[i] for i in members] for members in light_kinds(scene.lights)]
+    lights = tuple(jax.tree.map(_stack, *kind) for kind in kinds)
+    return StackedScene(scene.objects, lights, scene.ambient, scene.background)
+
+
+def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:
+    """Return the indices of the lights of each kind."""
+    kinds: dict[Any, list[int]] = {}
+    for i, light in enumerate(lights):
+        kinds.setdefault(jax.tree.structure(light), []).append(i)
+    return list(kinds.values())
+
+
+def _stack(*leaves: Any) -> Any:
+    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).stack(leaves)
