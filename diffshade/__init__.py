@@ -1,0 +1,30 @@
+"""diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards."""
+
+from .attenuation import RadialAttenuation as RadialAttenuation
+from .cameras import Camera as Camera
+from .cameras import OrthographicCamera as OrthographicCamera
+from .images import read_image as read_image
+from .images import read_mask as read_mask
+from .images import write_image as write_image
+from .inverse.fitting import Fit as Fit
+from .inverse.fitting import Prediction as Prediction
+from .inverse.fitting import fit as fit
+from .inverse.photographs import read_photographs as read_photographs
+from .inverse.views import View as View
+from .lights import DirectionalLight as DirectionalLight
+from .lights import PointLight as PointLight
+from .lights import SpotLight as SpotLight
+from .materials import Blinn as Blinn
+from .materials import Material as Material
+from .materials import Phong as Phong
+from .rendering import intersect as intersect
+from .rendering import render as render
+from .rendering import shade as shade
+from .report.comparison import write_comparison as write_comparison
+from .scene_files import read_camera as read_camera
+from .scene_files import read_scene as read_scene
+from .scene_files import write_scene as write_scene
+from .scenes import Object as Object
+from .scenes import Scene as Scene
+from .surfaces import GBuffer as GBuffer
+from .surfaces import Sphere as Sphere

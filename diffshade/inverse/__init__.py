@@ -1,0 +1,1 @@
+"""Inverse rendering: from photographs to the parameters of a scene. The only code that knows optimistix."""

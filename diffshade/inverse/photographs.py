@@ -1,0 +1,102 @@
+"""Photographs: a folder of them, in the layout of the DiLiGenT benchmark, as a scene and its views."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..cameras import OrthographicCamera
+from ..images import read_image, read_mask
+from ..lights import DirectionalLight
+from ..materials import Material
+from ..scenes import Object, Scene
+from ..surfaces import GBuffer
+from .views import View
+
+NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
+
+
+def read_photographs(folder: str | Path) -> tuple[Scene, tuple[View, ...]]:
+    """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
+
+    The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph a line; `light_directions.txt`,
+    three numbers a line, *towards* the light, x right, y up, z to the camera; `light_intensities.txt`, R G B a line, or
+    one number; `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row
+    by row). The photographs are linear and the camera is far away on +z. Light i is on in photograph i alone.
+
+    Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs with a filenames.txt.")
+    names = [line.strip() for line in _text(folder / "filenames.txt").splitlines() if line.strip()]
+    if not names:
+        raise ValueError(f"{folder / 'filenames.txt'} names no photograph. Write one file name a line.")
+    directions = _numbers(folder / "light_directions.txt", names, (3,))
+    intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
+    mask = read_mask(_existing(folder / "mask.png"))
+    camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
+    surface = GBuffer(_normals(folder, mask.shape), mask=mask)
+    lights = [DirectionalLight(-to_light, i) for to_light, i in zip(directions, intensities, strict=True)]
+    views = []
+    for i, name in enumerate(names):
+        try:
+            views.append(View(read_image(_existing(folder / name), srgb=False), camera, mask, lit=(i,)))
+        except ValueError as error:
+            raise ValueError(f"{folder / name}: {error}") from None
+    return Scene(Object(surface, Material()), lights), tuple(views)
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}. Add it, or correct the folder.")
+    return path
+
+
+def _text(path: Path) -> str:
+    try:
+        return _existing(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text: {error}. Write it as UTF-8.") from None
+
+
+def _numbers(path: Path, names: list[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:
+    """Read one line of numbers for each photograph."""
+    rows = [line.replace(",", " ").split() for line in _text(path).splitlines() if line.strip()]
+    if len(rows) != len(names):
+        raise ValueError(
+            f"{path} must have one line for each of the {len(names)} photographs in filenames.txt; got {len(rows)}. "
+            "Make the two lists match."
+        )
+    for number, row in enumerate(rows, 1):
+        if len(row) not in widths or len(row) != len(rows[0]):
+            raise ValueError(
+                f"{path} must have {' or '.join(map(str, widths))} numbers a line; got {len(row)} on line {number}. "
+                "Correct that line."
+            )
+    try:
+        return np.array(rows, np.float64)
+    except ValueError as error:
+        raise ValueError(f"{path} must hold numbers only: {error}. Correct that line.") from None
+
+
+def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]:
+    path = next((folder / name for name in NORMALS if (folder / name).is_file()), None)
+    if path is None:
+        raise FileNotFoundError(f"{folder} has no normals. Add one of {', '.join(NORMALS)}.")
+    try:
+        if path.suffix == ".npy":
+            normals = np.load(path, allow_pickle=False)
+        elif path.suffix == ".mat":
+            from scipy.io import loadmat
+
+            normals = loadmat(path)["Normal_gt"]
+        else:
+            normals = np.loadtxt(path).reshape(*shape, 3)
+    except (ValueError, KeyError, NotImplementedError, OSError) as error:
+        raise ValueError(f"{path} holds no normals of shape {(*shape, 3)}: {error}. Write them again.") from None
+    if normals.shape != (*shape, 3):
+        raise ValueError(f"{path} must have the mask's shape {(*shape, 3)}; got {normals.shape}. Crop both alike.")
+    return np.asarray(normals, np.float64)

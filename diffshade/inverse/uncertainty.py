@@ -1,0 +1,165 @@
+"""Uncertainty: error bars, and in words what these images cannot tell. p x p matrices in NumPy float64."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .parameters import Unknown
+
+SINGULAR = 1e-6  # smallest singular value of J, columns of unit length, below which unknowns are not determined
+
+Vector = Float[np.ndarray, " p"]
+Matrix = Float[np.ndarray, "p p"]
+
+
+def scaled(H: Matrix) -> tuple[Matrix, Vector]:
+    """Return J^T J with the columns of J scaled to unit length, and their lengths; a zero column stays zero."""
+    lengths = np.sqrt(np.diag(H))
+    inverse = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
+    return H * np.outer(inverse, inverse), lengths
+
+
+def condition_number(H: Matrix) -> float:
+    """Return the condition number of J with columns of unit length; infinite where J is singular."""
+    if not len(H):
+        return 1.0
+    w = np.linalg.eigvalsh(scaled(H)[0])
+    return float(np.sqrt(w[-1] / w[0])) if w[0] > SINGULAR**2 * max(w[-1], 1e-300) else np.inf
+
+
+def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]:
+    """Return the unknowns of zero columns, and directions along which no residual changes, as sparse as they come.
+
+    A direction belongs to the null space where the singular value of the scaled J is below 1e-6 of the largest. The
+    basis is brought to reduced row echelon form, so that each direction names as few unknowns as it can.
+    """
+    A, lengths = scaled(H)
+    largest = lengths.max(initial=0.0)
+    zero = lengths <= 1e-12 * largest if largest > 0 else np.ones(len(H), bool)
+    live = np.flatnonzero(~zero)
+    if not len(live):
+        return zero, np.zeros((0, len(H)))
+    w, V = np.linalg.eigh(A[np.ix_(live, live)])
+    basis = V[:, w < SINGULAR**2 * w[-1]].T
+    for i in range(len(basis)):
+        row, column = divmod(int(np.argmax(np.abs(basis[i:]))), basis.shape[1])
+        basis[[i, i + row]] = basis[[i + row, i]]
+        basis[i] /= basis[i, column]
+        others = np.arange(len(basis)) != i
+        basis[others] -= np.outer(basis[others, column], basis[i])
+    directions = np.zeros((len(basis), len(H)))
+    directions[:, live] = np.where(np.abs(basis) > 1e-4, basis, 0.0) / lengths[live]
+    return zero, directions
+
+
+def inverse(H: Matrix) -> Matrix:
+    """Return (J^T J)^-1 through the scaled matrix, null directions left out (they do not touch what is determined)."""
+    A, lengths = scaled(H)
+    w, V = np.linalg.eigh(A)
+    regular = w > SINGULAR**2 * w.max(initial=0.0)
+    unit = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
+    return (V[:, regular] / w[regular]) @ V[:, regular].T * np.outer(unit, unit)
+
+
+def plain_covariance(H: Matrix, sigma2: float) -> Matrix:
+    """Return sigma^2 (J^T J)^-1, the covariance for independent noise of equal variance sigma^2."""
+    return sigma2 * inverse(H)
+
+
+def jackknife_covariance(H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p"]) -> Matrix:
+    """Return the covariance by deleting one view at a time, from the Gram of each view; t has views - 1 degrees.
+
+    Without view v the optimum moves, to first order, by -(H - H_v)^-1 (g - g_v); the covariance is (G-1)/G times the
+    sum of squared deviations of these moves from their mean (Tukey 1958; Efron and Tibshirani 1993, ch. 11).
+    """
+    G = len(H)
+    moves = np.array([-inverse(H.sum(0) - H_v) @ (g.sum(0) - g_v) for H_v, g_v in zip(H, g, strict=True)])
+    deviations = moves - moves.mean(0)
+    return (G - 1) / G * deviations.T @ deviations
+
+
+def deciding_view(H: Float[np.ndarray, "views p p"]) -> int | None:
+    """Return a view without which less is determined than with it, so that there is no jackknife; or None."""
+
+    def rank(H: Matrix) -> int:
+        w = np.linalg.eigvalsh(scaled(H)[0])
+        return int(np.sum(w > SINGULAR**2 * w.max(initial=0.0)))
+
+    everything = H.sum(0)
+    return next((v for v in range(len(H)) if rank(everything - H[v]) < rank(everything)), None)
+
+
+def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_bound: Bool[np.ndarray, " p"]) -> Vector:
+    """Return the standard errors, given the covariance of any subset of the unknowns.
+
+    Unknowns at a bound do not move, so the others' errors are without them; the error of one at a bound is what it
+    would be if it alone were free to pass.
+    """
+    inside = ~at_bound
+    errors = np.zeros(len(at_bound))
+    errors[inside] = np.sqrt(np.diag(covariance(inside)))
+    for j in np.flatnonzero(at_bound):
+        which = inside.copy()
+        which[j] = True
+        errors[j] = np.sqrt(np.diag(covariance(which))[np.flatnonzero(which) == j][0])
+    return errors
+
+
+def sentences(
+    zero: Bool[np.ndarray, " p"], directions: Float[np.ndarray, "m p"], unknowns: Sequence[Unknown], values: Vector
+) -> list[str]:
+    """Say which unknowns these views do not determine, and what to do about it."""
+    said = []
+    if zero.any():
+        names = listing(_quantities(unknowns, np.flatnonzero(zero)))
+        said.append(
+            f"these views do not determine {names}: no pixel changes with it. Fix it, or add a view that shows it."
+        )
+    for direction in directions:
+        sentence = _sentence(direction, unknowns, values)
+        if sentence not in said:
+            said.append(sentence)
+    return said
+
+
+def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
+    involved = np.flatnonzero(direction)
+    logarithmic = np.array([unknown.logarithmic for unknown in unknowns])
+    units = np.where(logarithmic | (values == 0), 1.0, values)
+    relative = (direction / units)[involved]
+    relative = relative / relative[np.argmax(np.abs(relative))]
+    scaling = bool(np.all(np.abs(np.abs(relative) - 1.0) < 1e-3)) and not np.any(logarithmic[involved])
+    names = _quantities(unknowns, involved)
+    fix = next((n for key in ("constant", "intensity", "ambient") for n in names if n.split(".")[-1] == key), names[-1])
+    if not scaling:
+        return (
+            f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
+            f"Fix one, for example {fix}, or add views from other distances or directions."
+        )
+    up = _quantities(unknowns, involved[relative > 0])
+    down = _quantities(unknowns, involved[relative < 0])
+    if up and down:
+        return (
+            f"these views cannot separate {listing(up)} from {listing(down)}: scaling the former up and the latter "
+            f"down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
+        )
+    faders = [n for n in names if n.split(".")[-1] in ("constant", "linear", "quadratic")]
+    rest = [n for n in names if n not in faders]
+    pair = f"{listing(rest)} from {listing(faders)}" if rest and faders else listing(names)
+    return (
+        f"these views cannot separate {pair}: scaling all of them together leaves every pixel unchanged. "
+        f"Fix one, for example {fix}."
+    )
+
+
+def _quantities(unknowns: Sequence[Unknown], which: Iterable[int]) -> list[str]:
+    """Return the names without their channels, each once."""
+    return list(dict.fromkeys(unknowns[j].quantity for j in which))
+
+
+def listing(names: Sequence[str]) -> str:
+    """Return names as a phrase: a, b and c."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

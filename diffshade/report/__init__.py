@@ -1,0 +1,1 @@
+"""Reports: pictures and pages that a person looks at. The only code that knows matplotlib."""

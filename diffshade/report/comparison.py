@@ -1,0 +1,56 @@
+"""Comparison: photograph, fit and difference side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..files import replacing
+from ..images import srgb_encode
+from ..inverse.fitting import Fit, Prediction
+from ..inverse.views import View
+
+
+def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> None:
+    """Draw photograph | fit | difference, a row a view, and write it as PNG, PDF or SVG by the suffix.
+
+    Photograph and fit share one exposure, that which brings the brightest 0.5 % of the photographs to white, and the
+    sRGB curve. The difference is the mean over the channels of fit - photograph, in the photograph's units, blue where
+    the fit is darker and red where it is brighter; what does not count is left white. `titles`: one for each view.
+    Raises ValueError for a view that does not fit the scene, FileNotFoundError for a missing folder.
+    """
+    from matplotlib.figure import Figure
+
+    views = (views,) if isinstance(views, View) else tuple(views)
+    titles = titles or [f"view {i}" for i in range(len(views))]
+    predictions = [fit.predict(view) for view in views]
+    white = max(float(np.quantile(p.target[p.counts], 0.995)) for p in predictions) or 1.0
+    limit = max(float(np.quantile(np.abs(_signed(p).compressed()), 0.99)) for p in predictions) or 1e-12
+
+    figure = Figure(figsize=(9.6, 3.1 * len(views) + 0.3), layout="constrained")
+    rows = figure.subplots(len(views), 3, squeeze=False)
+    for row, p, title in zip(rows, predictions, titles, strict=True):
+        row[0].imshow(_display(p.target, p, white))
+        row[1].imshow(_display(p.image, p, white))
+        difference = row[2].imshow(_signed(p), cmap="RdBu_r", vmin=-limit, vmax=limit)
+        figure.colorbar(difference, ax=row[2], shrink=0.85)
+        for axes, name in zip(row, (title, "fit", f"fit - photograph, RMSE {p.rmse:.2g}"), strict=True):
+            axes.set_title(name, fontsize=10)
+            axes.set_axis_off()
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def _display(image: Float[np.ndarray, "h w c"], p: Prediction, white: float) -> Float[np.ndarray, "h w 3"]:
+    """Return what the eye should see of linear radiance; what does not show the object is white."""
+    inside = p.counts.any(-1, keepdims=True)
+    shown = srgb_encode(np.clip(np.where(inside, image, white) / white, 0.0, 1.0))
+    return np.broadcast_to(shown, (*shown.shape[:2], 3))
+
+
+def _signed(p: Prediction) -> np.ma.MaskedArray:
+    counted = p.counts.sum(-1)
+    return np.ma.masked_where(counted == 0, p.difference.sum(-1) / np.maximum(counted, 1))
