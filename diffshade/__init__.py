@@ -5,6 +5,8 @@ from .cameras import Camera as Camera
 from .cameras import OrthographicCamera as OrthographicCamera
 from .images import read_image as read_image
 from .images import read_mask as read_mask
+from .images import srgb_decode as srgb_decode
+from .images import srgb_encode as srgb_encode
 from .images import write_image as write_image
 from .inverse.fitting import Fit as Fit
 from .inverse.fitting import Prediction as Prediction
@@ -20,6 +22,7 @@ from .materials import Phong as Phong
 from .rendering import intersect as intersect
 from .rendering import render as render
 from .rendering import shade as shade
+from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
 from .scene_files import read_camera as read_camera
 from .scene_files import read_scene as read_scene

@@ -1,6 +1,8 @@
 """Cameras: from a pixel to its ray, and from a point to its viewer (E8). Right-handed, y up, looking along -z."""
 
 import abc
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -63,7 +65,7 @@ class AbstractCamera(Checked):
         """Return the camera's rays as affine functions of column and row."""
 
 
-def as_shape(value: tuple[int, int]) -> tuple[int, int]:
+def as_shape(value: Sequence[int]) -> Any:
     """Make (height, width); what is not two whole numbers is handed on for the check to refuse."""
     try:
         height, width = value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -13,24 +14,39 @@ from ..images import srgb_encode
 from ..inverse.fitting import Fit, Prediction
 from ..inverse.views import View
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> None:
-    """Draw photograph | fit | difference, a row a view, and write it as PNG, PDF or SVG by the suffix.
+    """Write what `draw_comparison` draws, as PNG, PDF or SVG by the suffix.
+
+    Raises ValueError for a view that does not fit the scene or an unknown suffix, FileNotFoundError without the folder.
+    """
+    figure = draw_comparison(fit, views, titles=titles)
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=110)
+
+
+def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> Figure:
+    """Draw photograph | fit | difference, a row a view; in a notebook the figure shows itself.
 
     Photograph and fit share one exposure, that which brings the brightest 0.5 % of the photographs to white, and the
     sRGB curve. The difference is the mean over the channels of fit - photograph, in the photograph's units, blue where
     the fit is darker and red where it is brighter; what does not count is left white. `titles`: one for each view.
-    Raises ValueError for a view that does not fit the scene, FileNotFoundError for a missing folder.
+    Raises ValueError for a view that does not fit the scene, or another number of titles.
     """
-    from matplotlib.figure import Figure
+    import matplotlib.figure
 
     views = (views,) if isinstance(views, View) else tuple(views)
     titles = titles or [f"view {i}" for i in range(len(views))]
+    if len(titles) != len(views):
+        raise ValueError(f"titles must be one for each of {len(views)} views; got {len(titles)}. Leave them out.")
     predictions = [fit.predict(view) for view in views]
     white = max(float(np.quantile(p.target[p.counts], 0.995)) for p in predictions) or 1.0
     limit = max(float(np.quantile(np.abs(_signed(p).compressed()), 0.99)) for p in predictions) or 1e-12
 
-    figure = Figure(figsize=(9.6, 3.1 * len(views) + 0.3), layout="constrained")
+    figure = matplotlib.figure.Figure(figsize=(9.6, 3.1 * len(views) + 0.3), layout="constrained")
     rows = figure.subplots(len(views), 3, squeeze=False)
     for row, p, title in zip(rows, predictions, titles, strict=True):
         row[0].imshow(_display(p.target, p, white))
@@ -40,8 +56,7 @@ def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *
         for axes, name in zip(row, (title, "fit", f"fit - photograph, RMSE {p.rmse:.2g}"), strict=True):
             axes.set_title(name, fontsize=10)
             axes.set_axis_off()
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+    return figure
 
 
 def _display(image: Float[np.ndarray, "h w c"], p: Prediction, white: float) -> Float[np.ndarray, "h w 3"]:
