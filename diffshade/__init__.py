@@ -8,9 +8,9 @@ from .images import read_mask as read_mask
 from .images import srgb_decode as srgb_decode
 from .images import srgb_encode as srgb_encode
 from .images import write_image as write_image
-from .inverse.fitting import Fit as Fit
-from .inverse.fitting import Prediction as Prediction
 from .inverse.fitting import fit as fit
+from .inverse.outcome import Fit as Fit
+from .inverse.outcome import Prediction as Prediction
 from .inverse.photographs import read_photographs as read_photographs
 from .inverse.views import View as View
 from .lights import DirectionalLight as DirectionalLight

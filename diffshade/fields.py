@@ -87,13 +87,16 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
     if value.shape != shape:
         raise ValueError(f"{name} must be {noun}; got shape {tuple(value.shape)}. {remedy}")
     numbers = np.asarray(value)
-    shown = np.array2string(numbers, separator=", ")
     if not np.isfinite(numbers).all():
-        raise ValueError(f"{name} must be finite; got {shown}. {remedy}")
+        raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
     lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
     if (numbers < lower).any() or (numbers > upper).any():
         allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
-        raise ValueError(f"{name} must be {allowed}; got {shown}. Give a value in that range.")
+        raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}. Give a value in that range.")
+
+
+def _shown(numbers: np.ndarray) -> str:
+    return np.array2string(numbers, separator=", ")
 
 
 def check(tree: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import time
+import threading
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -39,13 +39,11 @@ def showing(title: str) -> Iterator[np.ndarray]:
         disable=not console.is_terminal,
     ) as bar:
         task = bar.add_task(title, visible=False, total=None)
-        begin = time.monotonic()
-
-        def listen(step: int, cost: float) -> None:
-            bar.update(task, description=f"{title}: step {step}, cost {cost:.6g}", visible=time.monotonic() - begin > 2)
-
-        _listeners[number] = listen
+        appear = threading.Timer(2.0, lambda: bar.update(task, visible=True))  # compiling may come before any step
+        appear.start()
+        _listeners[number] = lambda step, cost: bar.update(task, description=f"{title}: step {step}, cost {cost:.6g}")
         try:
             yield np.asarray(number)
         finally:
+            appear.cancel()
             del _listeners[number]

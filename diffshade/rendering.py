@@ -51,7 +51,7 @@ def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points."""
     check((scene, camera))
     check_backend()
-    return GBuffer(*_intersect(scene.objects, camera))
+    return GBuffer(*visible_points(scene.objects, camera))
 
 
 def select(scene: Scene, lit: Sequence[int] | None) -> tuple[AbstractLight, ...]:
@@ -103,9 +103,10 @@ def _render(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height
 
 
 @jax.jit
-def _intersect(
+def visible_points(
     objects: tuple[Object, ...], camera: AbstractCamera
 ) -> tuple[Float[Array, "h w 3"], Float[Array, "h w 3"] | None, Bool[Array, "h w"]]:
+    """Return the normals and positions of the nearest objects' points, and the pixels that show one."""
     rays = pixel_rays(camera.projection(), camera.shape)
     hits = [item.surface.intersect(rays) for item in objects]
     n = p = Vec3.of(jnp.zeros((*camera.shape, 3)))

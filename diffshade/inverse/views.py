@@ -10,7 +10,7 @@ from jaxtyping import ArrayLike, Bool, Float
 
 from ..cameras import AbstractCamera
 from ..fields import Checked, Scalar, as_scalar, is_concrete
-from ..rendering import intersect, select
+from ..rendering import select, visible_points
 from ..scenes import Scene, check_seen_by
 
 
@@ -101,7 +101,7 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     if alpha:
         inside = inside & (view.image[..., -1] >= 0.5)
     if not moving:
-        inside = inside & intersect(scene, view.camera).mask
+        inside = inside & np.asarray(visible_points(scene.objects, view.camera)[2])
     elif alpha or view.mask is not None:
         inside = _erode(inside)
     else:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..files import replacing
 from ..images import srgb_encode
-from ..inverse.fitting import Fit, Prediction
+from ..inverse.outcome import Fit, Prediction
 from ..inverse.views import View
 
 if TYPE_CHECKING:
