@@ -25,7 +25,7 @@ class RadialAttenuation(Checked):
     quadratic: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
     clamp: bool = eqx.field(static=True, default=False)
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         if is_concrete(self.constant, self.linear, self.quadratic) and not np.any(
             [self.constant, self.linear, self.quadratic]
         ):
@@ -51,13 +51,18 @@ def angular_attenuation(
     angle) and `softness` are in degrees, 0 <= softness <= cutoff <= 90. With softness 0 the edge is a jump, which no
     derivative sees.
     """
-    edge = jnp.maximum(jnp.cos(jnp.deg2rad(cutoff)), 0.0)
+    edge = jnp.maximum(_cos_degrees(cutoff), 0.0)
+    width = _cos_degrees(cutoff - softness) - edge
+    soft = width > 0  # not of a softness so small that rounding takes it away
     lit = cos_phi >= edge
     inside = cos_phi > 0
     at_90_degrees = jnp.where(exponent == 0, 1.0, 0.0)
     lobe = jnp.where(inside, jnp.exp(exponent * jnp.log(jnp.where(inside, cos_phi, 1.0))), at_90_degrees)
-    soft = softness > 0
-    width = jnp.where(soft, jnp.cos(jnp.deg2rad(cutoff - softness)) - edge, 1.0)
-    t = jnp.where(soft, (cos_phi - edge) / width, 1.0)
+    t = jnp.where(soft, (cos_phi - edge) / jnp.where(soft, width, 1.0), 1.0)
     t = jnp.where(t < 1.0, t, 1.0)
     return jnp.where(lit, lobe * t * t * (3.0 - 2.0 * t), 0.0)
+
+
+def _cos_degrees(angle: Scalar) -> Scalar:
+    """Return cos angle, which is exactly 0 at 90 degrees."""
+    return jnp.sin(jnp.deg2rad(90.0 - angle))

@@ -70,7 +70,7 @@ def as_shape(value: Sequence[int]) -> Any:
     try:
         height, width = value
         return (int(height), int(width)) if (height, width) == (int(height), int(width)) else value
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return value
 
 
@@ -89,7 +89,7 @@ class Camera(AbstractCamera):
     shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
     local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         check_camera(self)
         if is_concrete(self.fov) and not 0 < self.fov < 180:
             raise ValueError(f"Camera.fov must be above 0 and below 180 degrees; got {self.fov}. Give the full angle.")
@@ -120,7 +120,7 @@ class OrthographicCamera(AbstractCamera):
     shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
     local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         check_camera(self)
         if is_concrete(self.height) and not self.height > 0:
             raise ValueError(f"OrthographicCamera.height must be above 0; got {self.height}. Give it in scene units.")

@@ -26,7 +26,7 @@ def as_array(value: Numbers) -> Any:
     `jnp.asarray` would round 0.1 to float32, keep 40 an integer that `grad` refuses, and start a backend. What is no
     array of numbers is handed on as it is, for the check, which knows the field's name, to refuse.
     """
-    if isinstance(value, jax.Array):
+    if value is None or isinstance(value, jax.Array):
         return value
     try:
         return np.array(value, np.float64)  # a copy: a caller's later edits must not reach a frozen scene
@@ -71,6 +71,10 @@ class Checked(eqx.Module):
             kind = _KINDS.get(field.metadata.get("converter"))
             if kind is not None:
                 _check_field(f"{type(self).__name__}.{field.name}", getattr(self, field.name), kind, field.metadata)
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Check what no single field can tell, after each field for itself; classes say what."""
 
 
 def is_concrete(*values: Any) -> bool:
@@ -82,10 +86,11 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
     shape, noun, remedy = kind
     if isinstance(value, Tracer):
         return
-    if not isinstance(value, np.ndarray | jax.Array) or not np.issubdtype(value.dtype, np.number):
+    # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
+    if not isinstance(value, Array | np.number | int | float) or not np.issubdtype(np.asarray(value).dtype, np.number):
         raise TypeError(f"{name} must be {noun}; got {value!r}. {remedy}")
-    if value.shape != shape:
-        raise ValueError(f"{name} must be {noun}; got shape {tuple(value.shape)}. {remedy}")
+    if np.shape(value) != shape:
+        raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
     numbers = np.asarray(value)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
@@ -96,15 +101,23 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
 
 
 def _shown(numbers: np.ndarray) -> str:
-    return np.array2string(numbers, separator=", ")
+    shown = ", ".join(f"{number:g}" for number in np.ravel(numbers))
+    return f"({shown})" if np.ndim(numbers) else shown
+
+
+def check_kind(name: str, value: Any, kind: type, example: str) -> None:
+    """Refuse what is not of a kind: a material where a surface should be."""
+    if not isinstance(value, kind):
+        noun = kind.__name__.removeprefix("Abstract")
+        article = "an" if noun[0] in "AEIOU" else "a"
+        got = f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
+        raise TypeError(f"{name} must be {article} {noun}; got {got}. Give for example {example}.")
 
 
 def check(tree: Any) -> None:
     """Check every module of a tree again: `eqx.tree_at` and `jax.tree.map` make modules that were never checked."""
     for module in _modules(tree):
-        for cls in type(module).__mro__:
-            if "__check_init__" in cls.__dict__:
-                cls.__dict__["__check_init__"](module)
+        module.__check_init__()
 
 
 def _modules(tree: Any) -> Iterator[Checked]:

@@ -6,7 +6,7 @@ import equinox as eqx
 import numpy as np
 
 from .attenuation import RadialAttenuation, angular_attenuation
-from .fields import Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
+from .fields import Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete
 from .vectors import Vec3, dot, length, normalize
 
 
@@ -37,6 +37,9 @@ class PointLight(AbstractLight):
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
 
+    def check_together(self) -> None:
+        check_kind("PointLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+
     @property
     def is_local(self) -> bool:
         """True."""
@@ -58,7 +61,7 @@ class DirectionalLight(AbstractLight):
     direction: Vector = eqx.field(converter=as_vector)
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         check_direction("DirectionalLight.direction", self.direction)
 
     @property
@@ -87,8 +90,9 @@ class SpotLight(AbstractLight):
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
     softness: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 90})
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         check_direction("SpotLight.direction", self.direction)
+        check_kind("SpotLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
         if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
             raise ValueError(
                 f"SpotLight.softness must be at most cutoff; got {self.softness} with cutoff {self.cutoff}. "

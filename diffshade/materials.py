@@ -7,7 +7,7 @@ import abc
 import equinox as eqx
 from jaxtyping import Float
 
-from .fields import Array, Checked, Colour, Scalar, as_colour, as_scalar
+from .fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, check_kind
 from .vectors import Vec3, dot, halfway, reflect
 
 
@@ -47,3 +47,6 @@ class Material(Checked):
     k_s: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
     n_s: Scalar = eqx.field(converter=as_scalar, default=10.0, metadata={"lower": 0})
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
+
+    def check_together(self) -> None:
+        check_kind("Material.lobe", self.lobe, AbstractLobe, "Phong()")

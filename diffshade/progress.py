@@ -9,11 +9,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from .fields import Array
+
 _listeners: dict[int, Callable[[int, float], None]] = {}
 _numbers = itertools.count()
 
 
-def report_step(listener: np.ndarray, step: np.ndarray, cost: np.ndarray) -> None:
+def report_step(listener: Array, step: Array, cost: Array) -> None:
     """Tell a listener of a step. Compiled programs call this one function, so that a new listener compiles nothing."""
     with contextlib.suppress(KeyError):
         _listeners[int(listener)](int(step), float(cost))

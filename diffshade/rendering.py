@@ -14,7 +14,7 @@ from .cameras import AbstractCamera, Projection, Rays
 from .fields import Array, check
 from .lights import AbstractLight
 from .reflection import reflection
-from .scenes import Object, Scene, StackedScene, check_seen_by, stack_scene
+from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
 from .surfaces import GBuffer, Hit
 from .vectors import Vec3, where
 
@@ -29,7 +29,8 @@ def render(scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | None = 
     Raises ValueError for a scene, camera or GBuffer that does not fit together.
     """
     check((scene, camera))
-    check_seen_by(camera, scene)
+    check_shapes(scene, camera)
+    check_positions(scene, camera)
     check_backend()
     return _render(stack_scene(eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))), camera)
 
@@ -50,6 +51,7 @@ def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array
 def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points."""
     check((scene, camera))
+    check_shapes(scene, camera)
     check_backend()
     return GBuffer(*visible_points(scene.objects, camera))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "lights": (PointLight, DirectionalLight, SpotLight),
     "attenuation": (RadialAttenuation,),
 }
+_SEVERAL = ("objects", "lights")
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -61,7 +63,7 @@ def write_scene(path: str | Path, scene: Scene, camera: AbstractCamera | None = 
 
     document = _table(scene)
     if camera is not None:
-        document["camera"] = _table(camera)
+        document["camera"] = _plain("camera", camera)
     text = tomli_w.dumps(document)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -72,9 +74,17 @@ def _load(path: str | Path) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(f"there is no scene file {path}. Give the path of a TOML file.")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
+    _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
+    return document
+
+
+def _check_keys(table: dict[str, Any], known: Collection[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where} has no key '{key}'. {did_you_mean(key, known)}")
 
 
 def _build(cls: type, table: Any, where: str) -> Any:
@@ -82,14 +92,12 @@ def _build(cls: type, table: Any, where: str) -> Any:
     fields = {field.name: field for field in dataclasses.fields(cls)}
     if not isinstance(table, dict):
         raise ValueError(f"{where} must be a table of {', '.join(fields)}; got {table!r}. Write it as [table].")
-    for key in table:
-        if key not in fields:
-            raise ValueError(f"{where} has no key '{key}'. {did_you_mean(key, fields)}")
+    _check_keys(table, fields, where)
     values = {}
     for key, field in fields.items():
         if key in table:
             values[key] = _value(key, table[key], f"{where}: {key}" if cls is Scene else f"{where}.{key}")
-            if field.type == "bool" and not isinstance(values[key], bool):
+            if field.type in (bool, "bool") and not isinstance(values[key], bool):
                 raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
             raise ValueError(f"{where} needs the key '{key}' of a {cls.__name__}. Add it.")
@@ -103,13 +111,13 @@ def _value(key: str, value: Any, where: str) -> Any:
     """Make what stands under a key: a module, several, or a plain value."""
     if key not in _TYPES:
         return value
-    if isinstance(value, list):
+    if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
     types = {cls.__name__: cls for cls in _TYPES[key]}
     if isinstance(value, str):
         value = {"type": value}
     name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
-    if name not in types:
+    if not isinstance(name, str) or name not in types:
         raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}")
     table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
     return _build(types[name], table, where)

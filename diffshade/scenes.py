@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Shaped
 
 from .cameras import AbstractCamera
-from .fields import Array, Checked, Colour, as_colour
+from .fields import Array, Checked, Colour, as_colour, check_kind
 from .lights import AbstractLight
 from .materials import Material
 from .surfaces import AbstractSurface, GBuffer
@@ -23,6 +23,10 @@ class Object(Checked):
 
     surface: AbstractSurface
     material: Material = eqx.field(default_factory=Material)
+
+    def check_together(self) -> None:
+        check_kind("Object.surface", self.surface, AbstractSurface, "Sphere(radius=1)")
+        check_kind("Object.material", self.material, Material, "Material(k_d=0.7)")
 
 
 def as_tuple(value: Any) -> tuple:
@@ -43,51 +47,41 @@ class Scene(Checked):
     ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
     background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
 
-    def __check_init__(self) -> None:
-        for field, kind, items in (("objects", Object, self.objects), ("lights", AbstractLight, self.lights)):
-            for i, item in enumerate(items):
-                if not isinstance(item, kind):
-                    raise TypeError(
-                        f"Scene.{field}[{i}] must be {_article(kind.__name__)}; got {type(item).__name__}. "
-                        f"Give {_EXAMPLES[field]}."
-                    )
+    def check_together(self) -> None:
+        for i, item in enumerate(self.objects):
+            check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
+        for i, light in enumerate(self.lights):
+            check_kind(f"Scene.lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
         if not self.objects:
-            raise ValueError(
-                f"Scene.objects must hold at least one Object; got none. Give one, for example {_EXAMPLES['objects']}."
-            )
-        if len(self.objects) > 1 and any(
-            isinstance(o.surface, GBuffer) and o.surface.position is None for o in self.objects
-        ):
+            raise ValueError("Scene.objects must hold at least one Object; got none. Give one: Object(Sphere()).")
+        buffers = [item.surface for item in self.objects if isinstance(item.surface, GBuffer)]
+        if len(self.objects) > 1 and any(buffer.position is None for buffer in buffers):
             raise ValueError(
                 "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
                 "Give GBuffer.position, or make it the only object."
             )
 
 
-_EXAMPLES = {"objects": "Object(Sphere(), Material(k_d=0.7))", "lights": "PointLight((2, 3, 4))"}
-
-
-def _article(name: str) -> str:
-    return "a light" if name == "AbstractLight" else f"an {name}"
-
-
-def check_seen_by(camera: AbstractCamera, scene: Scene) -> None:
-    """Refuse a G-buffer that is not of the camera's shape, or lacks the positions that something needs."""
-    needing = ["a camera with local_viewer=True"] * camera.local_viewer
-    needing += [f"a {type(light).__name__}" for light in scene.lights if light.is_local]
+def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
+    """Refuse a G-buffer that is not of the camera's shape."""
     for i, item in enumerate(scene.objects):
-        if not isinstance(item.surface, GBuffer):
-            continue
-        if item.surface.mask.shape != camera.shape:
+        if isinstance(item.surface, GBuffer) and item.surface.mask.shape != camera.shape:
             raise ValueError(
                 f"objects[{i}].surface must have one normal a pixel; got a GBuffer of shape {item.surface.mask.shape} "
                 f"for a camera of shape {camera.shape}. Make the two the same."
             )
-        if needing and item.surface.position is None:
-            raise ValueError(
-                f"{needing[0]} needs to know where the surface is; got a GBuffer without positions. Give "
-                "GBuffer.position, or use directional lights and a camera with local_viewer=False."
-            )
+
+
+def check_positions(scene: Scene, camera: AbstractCamera) -> None:
+    """Refuse a G-buffer without positions where something needs them."""
+    needing = ["a camera with local_viewer=True"] * camera.local_viewer
+    needing += [f"a {type(light).__name__}" for light in scene.lights if light.is_local]
+    buffers = [item.surface for item in scene.objects if isinstance(item.surface, GBuffer)]
+    if needing and any(buffer.position is None for buffer in buffers):
+        raise ValueError(
+            f"{needing[0]} needs to know where the surface is; got a GBuffer without positions. Give GBuffer.position, "
+            "or use directional lights and a camera with local_viewer=False."
+        )
 
 
 class StackedScene(eqx.Module):
@@ -119,4 +113,4 @@ def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:
 
 
 def _stack(*leaves: Any) -> Any:
-    return (np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp).stack(leaves)
+    return (jnp if any(isinstance(leaf, jax.Array) for leaf in leaves) else np).stack(leaves)

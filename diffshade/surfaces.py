@@ -5,9 +5,10 @@ from __future__ import annotations
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import ArrayLike, Bool, Float
 
 from .cameras import Rays
 from .fields import Array, Checked, Scalar, Vector, as_array, as_scalar, as_vector, is_concrete
@@ -44,7 +45,7 @@ class Sphere(AbstractSurface):
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
     radius: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         if is_concrete(self.radius) and not self.radius > 0:
             raise ValueError(f"Sphere.radius must be above 0; got {self.radius}. Give the radius in scene units.")
 
@@ -63,6 +64,12 @@ class Sphere(AbstractSurface):
         return Hit(t, center + n * self.radius, facing, (half_chord2 > 0) & (t > 0))
 
 
+def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
+    """Make a mask boolean: at least half is inside."""
+    mask = mask if isinstance(mask, jax.Array) else np.asarray(mask)
+    return mask if mask.dtype == bool else mask >= 0.5
+
+
 class GBuffer(AbstractSurface):
     """A surface as one camera sees it: any shape, from a normal map, a mesh or another renderer.
 
@@ -76,10 +83,10 @@ class GBuffer(AbstractSurface):
     position: Float[Array, "h w 3"] | None
     mask: Bool[Array, "h w"]
 
-    def __init__(self, normal: Array, position: Array | None = None, mask: Array | None = None):
+    def __init__(self, normal: Array, position: Array | None = None, mask: ArrayLike | None = None):
         normal = as_array(normal)
         position = None if position is None else as_array(position)
-        inside = (normal != 0).any(-1) if mask is None else np.asarray(mask) >= 0.5
+        inside = (normal != 0).any(-1) if mask is None else as_mask(mask)
         for name, array in (("normal", normal), ("position", position)):
             if array is not None and array.shape != (*inside.shape[:2], 3):
                 raise ValueError(
@@ -91,7 +98,7 @@ class GBuffer(AbstractSurface):
         self.position = None if position is None else keep(inside[..., None], position, 0.0)
         self.mask = inside
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
         if not is_concrete(self.normal, self.mask):
             return
         squared = np.sum(np.square(self.normal), -1)

@@ -51,7 +51,8 @@ def main() -> None:
     for name, known, value, error in zip(fit.names, fit.values_in(truth), fit.values, fit.errors, strict=True):
         print(f"{name:<10} {known:>10.5f} {value:>10.5f} {error:>10.5f} {(value - known) / error:>29.2f}")
     print(f"RMSE {fit.rmse:.5f} after {fit.steps} steps; the noise was {arguments.sigma}")
-    print("\n".join(fit.notes))
+    for note in fit.notes:
+        print(note)
 
     arguments.out.mkdir(parents=True, exist_ok=True)
     picture = arguments.out / "recover_sphere.png"

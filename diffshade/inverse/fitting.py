@@ -68,7 +68,7 @@ def fit(
                 "Free fewer parameters or add views."
             )
         with showing("fit") if progress else contextlib.nullcontext() as number:
-            solution, gram = solve(
+            solution = solve(
                 jnp.asarray(_log(start, logarithmic)),
                 problem,
                 jnp.asarray(_log(lower, logarithmic)),
@@ -77,7 +77,7 @@ def fit(
                 None if number is None else jnp.asarray(number),
             )
             theta, result = np.asarray(solution.value), optx.RESULTS[solution.result]
-            gram = jax.tree.map(np.asarray, gram)
+            gram = jax.tree.map(np.asarray, solution.aux)
         steps = int(solution.stats["steps"])
     if not (np.isfinite(theta).all() and np.isfinite(gram.cost).all()):
         raise FloatingPointError(

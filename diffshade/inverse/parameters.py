@@ -97,12 +97,19 @@ def find_unknowns(
         for c, number in enumerate(np.ravel(np.asarray(value, np.float64))):
             one_for_all = not channels or (grey and colour)
             name = quantity if one_for_all else f"{quantity}.{channels[c]}"
-            start = float(np.clip(STARTS.get(last, number), lower, upper))
             unknown = unknowns.setdefault(
                 (quantity, 0 if one_for_all else c),
-                Unknown(name, quantity, lower, upper, start, last in LOGARITHMIC),
+                Unknown(name, quantity, lower, upper, _start(path, number, known), last in LOGARITHMIC),
             )
+            unknown.lower, unknown.upper = max(unknown.lower, lower), min(unknown.upper, upper)
             unknown.places.append((path, c))
+    for unknown in unknowns.values():
+        if not unknown.lower < unknown.upper:
+            raise ValueError(
+                f"the bounds of the tied '{unknown.quantity}' leave nothing between {unknown.lower:g} and "
+                f"{unknown.upper:g}. Widen one of them."
+            )
+        unknown.start = float(np.clip(unknown.start, unknown.lower, unknown.upper))
     _shorten(list(unknowns.values()), list(known))
     return list(unknowns.values())
 
@@ -193,6 +200,13 @@ def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, tuple[fl
             raise ValueError(f"bounds of '{name}' must lie in {allowed}; got ({low:g}, {high:g}). Stay inside it.")
         return low, high
     return lower, upper
+
+
+def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
+    head, _, last = path.rpartition(".")
+    if last in ("linear", "quadratic") and not known[f"{head}.constant"][0] > 0:
+        return 1.0  # with all three at 0 there is no attenuation to speak of
+    return float(STARTS.get(last, number))
 
 
 def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:

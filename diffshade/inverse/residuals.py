@@ -42,7 +42,7 @@ class Problem(eqx.Module):
     blocks: Block
     projections: Projection
     exposures: Float[Array, " views"]
-    lit: tuple[tuple[Int[Array, "views lit"], Float[Array, "views lit"]], ...]
+    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
     """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
     grey: Float[Array, " views"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -42,10 +43,10 @@ def gram_by_view(theta: Float[Array, " p"], problem: Problem) -> Gram:
     return jax.lax.scan(add, zero, problem.blocks)[0]
 
 
-def cost_and_gram(theta: Float[Array, " p"], problem: Problem) -> tuple[Scalar, tuple[Array, Array]]:
-    """Return 1/2 |r|^2, and J^T r and J^T J beside it, of all views."""
-    total = jax.tree.map(lambda leaf: leaf.sum(0), gram_by_view(theta, problem))
-    return total.cost, (total.gradient, total.hessian)
+def cost_and_gram(theta: Float[Array, " p"], problem: Problem) -> tuple[Scalar, Gram]:
+    """Return 1/2 |r|^2 over all views and, beside it, the Gram of each view."""
+    gram = gram_by_view(theta, problem)
+    return gram.cost.sum(), gram
 
 
 class BoxNewton(optx.AbstractDescent):
@@ -128,19 +129,19 @@ class GainRatio(optx.AbstractSearch):
 
 class _State(eqx.Module):
     first: Bool[Array, ""]
-    y_eval: Array
+    y_eval: Array  # where to evaluate next
+    cost: Scalar  # of the last accepted point, and its Gram
+    gram: Gram
     search: Any
-    f_info: Any
-    aux: Any
     descent: Any
     done: Bool[Array, ""]
     result: Any
-    rejected: Int[Array, ""]
+    rejected: Int[Array, ""]  # steps since the last accepted one
     steps: Int[Array, ""]
 
 
 class GramLevenbergMarquardt(optx.AbstractMinimiser):
-    """Levenberg-Marquardt for a function that returns its cost and, beside it, J^T r and J^T J: one pass a step.
+    """Levenberg-Marquardt for a function that returns its cost and, beside it, the Gram of each view: one pass a step.
 
     optimistix's own keeps the whole Jacobian. Stops when the decrease that a Newton step predicts is below `rtol` of
     the cost (plus `atol`), or when rounding leaves no step that lowers it.
@@ -154,21 +155,15 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     atol: float = 0.0
     norm: Callable[[Any], Any] = optx.max_norm
 
-    def _info(self, f: Array, aux: tuple[Array, Array]) -> Any:
-        gradient, hessian = aux
-        return optx.FunctionInfo.EvalGradHessian(
-            f, gradient, lx.MatrixLinearOperator(hessian, lx.positive_semidefinite_tag)
-        )
-
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
-        zeros = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), (f_struct, aux_struct))
-        info = self._info(*zeros)
+        cost, gram = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), (f_struct, aux_struct))
+        info = _info(cost, gram)
         return _State(
             first=jnp.array(True),
             y_eval=y,
+            cost=cost,
+            gram=gram,
             search=self.search.init(y, info),
-            f_info=info,
-            aux=zeros[1],
             descent=self.descent.init(y, info),
             done=jnp.array(False),
             result=optx.RESULTS.successful,
@@ -177,31 +172,48 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         )
 
     def step(self, fn, y, args, options, state, tags) -> tuple[Array, _State, Any]:
-        f, aux = fn(state.y_eval, args)
-        tried = self._info(f, aux)
-        step_size, accept, _, search = self.search.step(state.first, y, state.y_eval, state.f_info, tried, state.search)
-        keep = lambda new, old: jax.tree.map(lambda a, b: jnp.where(accept, a, b), new, old)  # noqa: E731
+        tried = fn(state.y_eval, args)
+        finite = jnp.isfinite(tried[0]) | ~state.first  # later, the search refuses a step to a cost that is not finite
+        step_size, accept, _, search = self.search.step(
+            state.first, y, state.y_eval, _info(state.cost, state.gram), _info(*tried), state.search
+        )
+        keep = partial(jax.tree.map, lambda new, old: jnp.where(accept, new, old))
         y = keep(state.y_eval, y)
-        info, aux = keep(tried, state.f_info), keep(aux, state.aux)
+        cost, gram = keep(tried, (state.cost, state.gram))
+        info = _info(cost, gram)
         descent = keep(self.descent.query(y, info, state.descent), state.descent)
         dy, result = self.descent.step(step_size, descent)
-        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
         rejected = jnp.where(accept, 0, state.rejected + 1)
-        rounding = 8 * jnp.finfo(f.dtype).eps * info.f
-        small = (predicted <= self.rtol * info.f + self.atol) & (step_size >= 1.0)
-        done = small | ((rejected > 0) & (predicted <= rounding)) | (rejected > 40)
-        finite = jnp.isfinite(f) | ~state.first
-        result = optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite)
-        if self.listener is not None:
-            jax.debug.callback(report_step, self.listener, state.steps, info.f)
-        state = _State(jnp.array(False), y + dy, search, info, aux, descent, done, result, rejected, state.steps + 1)
-        return y, state, aux
 
-    def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
+        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
+        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0)
+        rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
+        if self.listener is not None:
+            jax.debug.callback(report_step, self.listener, state.steps, cost)
+        state = _State(
+            first=jnp.array(False),
+            y_eval=y + dy,
+            cost=cost,
+            gram=gram,
+            search=search,
+            descent=descent,
+            done=small | rounding | (rejected > 40),
+            result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
+            rejected=rejected,
+            steps=state.steps + 1,
+        )
+        return y, state, gram
+
+    def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
         return state.done, state.result
 
-    def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Any, dict]:
-        return y, state.aux, {"steps": state.steps, "cost": state.f_info.f}
+    def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Gram, dict]:
+        return y, state.gram, {"steps": state.steps, "cost": state.cost}
+
+
+def _info(cost: Scalar, gram: Gram) -> Any:
+    hessian = lx.MatrixLinearOperator(gram.hessian.sum(0), lx.positive_semidefinite_tag)
+    return optx.FunctionInfo.EvalGradHessian(cost, gram.gradient.sum(0), hessian)
 
 
 @eqx.filter_jit
@@ -212,8 +224,7 @@ def solve(
     upper: Float[Array, " p"],
     max_steps: int,
     listener: Int[Array, ""] | None,
-) -> tuple[optx.Solution, Gram]:
-    """Minimise the sum of squared residuals from `start` within bounds; return it and each view's Gram."""
+) -> optx.Solution:
+    """Minimise the sum of squared residuals from `start` within bounds; `aux` of the solution is each view's Gram."""
     solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper), search=GainRatio(), listener=listener)
-    solution = optx.minimise(cost_and_gram, solver, start, problem, has_aux=True, max_steps=max_steps, throw=False)
-    return solution, gram_by_view(solution.value, problem)
+    return optx.minimise(cost_and_gram, solver, start, problem, has_aux=True, max_steps=max_steps, throw=False)

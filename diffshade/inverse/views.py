@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ..cameras import AbstractCamera
-from ..fields import Checked, Scalar, as_scalar, is_concrete
+from ..fields import Checked, Scalar, as_scalar, check_kind, is_concrete
 from ..rendering import select, visible_points
-from ..scenes import Scene, check_seen_by
+from ..scenes import Scene, check_positions, check_shapes
 
 
-def as_image(image: ArrayLike) -> Float[np.ndarray, "h w c"]:
+def as_image(image: ArrayLike) -> Any:
     """Make an image a NumPy array with its channels last; anything else is handed on for the check to refuse."""
     array = np.asarray(image)
     return array[..., None] if array.ndim == 2 else array
@@ -44,7 +45,8 @@ class View(Checked):
     exposure: Scalar = eqx.field(converter=as_scalar, default=1.0)
     saturation: float | None = eqx.field(static=True, default=None)
 
-    def __check_init__(self) -> None:
+    def check_together(self) -> None:
+        check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
         image, shape = self.image, self.camera.shape
         if not np.issubdtype(image.dtype, np.floating):
             raise ValueError(
@@ -94,7 +96,8 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
     """
     select(scene, view.lit)
-    check_seen_by(view.camera, scene)
+    check_shapes(scene, view.camera)
+    check_positions(scene, view.camera)
     alpha = view.image.shape[2] in (2, 4)
     values = view.image[..., :-1] if alpha else view.image
     inside = np.ones(values.shape[:2], bool) if view.mask is None else view.mask >= 0.5
