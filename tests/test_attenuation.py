@@ -1,0 +1,121 @@
+"""E2 and E3 at values that can be worked out by hand."""
+
+from re import escape
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.attenuation import NEAREST, angular_attenuation
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "values"),
+    [
+        ((1, 0, 0), (1, 1, 1)),
+        ((0, 1, 0), (2, 1, 0.25)),
+        ((0, 0, 1), (4, 1, 0.0625)),
+        ((0.5, 0, 0.125), (1 / 0.53125, 1.6, 0.4)),
+        ((1, 0.5, 0.25), (1 / 1.3125, 1 / 1.75, 1 / 7)),
+    ],
+)
+def test_radial(coefficients, values):
+    """f_rad at d = 1/2, 1 and 4, and never above 1 when clamped."""
+    d = jnp.array([0.5, 1, 4])
+    np.testing.assert_allclose(ds.RadialAttenuation(*coefficients)(d), values, rtol=1e-14)
+    clamped = ds.RadialAttenuation(*coefficients, clamp=True)(d)
+    np.testing.assert_allclose(clamped, np.minimum(values, 1), rtol=1e-14)
+
+
+def test_none_is_the_default():
+    f = ds.RadialAttenuation()
+    assert (f.constant, f.linear, f.quadratic, f.clamp) == (1, 0, 0, False)
+
+
+def test_nearer_than_the_nearest():
+    f = ds.RadialAttenuation(0, 0, 1)
+    for d in (0.0, 1e-9, NEAREST):
+        np.testing.assert_allclose(jax.value_and_grad(f)(d), (1e12, 0), rtol=1e-12)
+    value, slope = jax.value_and_grad(f)(2 * NEAREST)
+    np.testing.assert_allclose((value, slope), (0.25e12, -0.25e18), rtol=1e-12)
+
+
+def test_no_derivative_where_it_is_clamped():
+    f = ds.RadialAttenuation(0, 0, 1, clamp=True)
+    assert jax.grad(f)(0.5) == 0
+    assert jax.grad(f)(1.0) == 0
+    np.testing.assert_allclose(jax.grad(f)(2.0), -0.25, rtol=1e-14)
+
+
+def test_all_three_zero_is_an_error():
+    message = (
+        "RadialAttenuation needs one of constant, linear and quadratic above 0; got 0, 0 and 0. "
+        "Give constant=1 for no attenuation."
+    )
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.RadialAttenuation(0, 0, 0)
+
+
+def spot(cos_phi, cutoff, exponent, softness=0.0):
+    cos_phi, cutoff, exponent, softness = (jnp.array(float(x)) for x in (cos_phi, cutoff, exponent, softness))
+    return float(angular_attenuation(cos_phi, cutoff, exponent, softness))
+
+
+@pytest.mark.parametrize(
+    ("phi", "cutoff", "exponent", "value"),
+    [
+        (0, 30, 5, 1),
+        (20, 30, 0, 1),
+        (29.999, 30, 0, 1),
+        (30.001, 30, 0, 0),
+        (60, 90, 1, 0.5),
+        (60, 90, 3, 0.125),
+        (45, 50, 2, 0.5),
+        (89, 90, 0, 1),
+        (91, 90, 0, 0),
+        (120, 90, 2, 0),  # not (-1/2)^2
+        (180, 90, 0, 0),
+    ],
+)
+def test_angular(phi, cutoff, exponent, value):
+    np.testing.assert_allclose(spot(np.cos(np.deg2rad(phi)), cutoff, exponent), value, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("cos_phi", "cutoff", "exponent", "value"),
+    [(1, 0, 3, 1), (1 - 1e-12, 0, 0, 0), (0, 90, 0, 1), (0, 90, 1, 0), (-1e-12, 90, 0, 0)],
+)
+def test_angular_at_the_ends_of_the_range(cos_phi, cutoff, exponent, value):
+    """cos phi >= max(cos cutoff, 0) is the lit side, where 0^0 = 1."""
+    assert spot(cos_phi, cutoff, exponent) == value
+
+
+def test_softness_is_smoothstep_in_the_cosine():
+    """0 at the cutoff, 1 from cutoff - softness on, and 1/2 with slope 3/2 over the width half way in the cosine."""
+    outer, inner = np.cos(np.deg2rad([40, 25]))
+    assert spot(outer - 1e-12, 40, 0, 15) == 0
+    np.testing.assert_allclose(spot(inner, 40, 0, 15), 1, rtol=1e-14)
+    np.testing.assert_allclose(spot((inner + 1) / 2, 40, 0, 15), 1, rtol=1e-14)
+    middle = (outer + inner) / 2
+    np.testing.assert_allclose(spot(middle, 40, 0, 15), 0.5, rtol=1e-13)
+    np.testing.assert_allclose(spot(middle, 40, 3, 15), 0.5 * middle**3, rtol=1e-13)
+    step = 1e-6
+    slope = (spot(middle + step, 40, 0, 15) - spot(middle - step, 40, 0, 15)) / (2 * step)
+    np.testing.assert_allclose(slope, 1.5 / (inner - outer), rtol=1e-6)
+
+
+@pytest.mark.parametrize("softness", [1e-300, 1e-16, 1e-12, 1e-6])
+def test_hardly_any_softness_is_a_hard_edge(softness):
+    for cos_phi, value in ((1, 1), (0.9, 0.9**2), (np.cos(np.deg2rad(41)), 0)):
+        np.testing.assert_allclose(spot(cos_phi, 40, 2, softness), value, rtol=1e-14)
+
+
+def test_the_cutoff_has_a_derivative_where_the_edge_is_soft():
+    def f(cutoff):
+        return angular_attenuation(jnp.array(0.85), cutoff, jnp.array(2.0), jnp.array(15.0))
+
+    slope = (f(jnp.array(40.0001)) - f(jnp.array(39.9999))) / 2e-4
+    assert slope > 0.01
+    np.testing.assert_allclose(jax.grad(f)(40.0), slope, rtol=1e-6)

@@ -1,0 +1,92 @@
+"""The house rules of the design: who may import whom, and the grammar of the public names."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import pytest
+
+import diffshade as ds
+
+ROOT = Path(inspect.getfile(ds)).parent
+FILES = sorted(ROOT.rglob("*.py"))
+
+# Each row may import from the rows above it and from its own. What a folder holds counts as the folder.
+LAYERS = (
+    "backend fields files progress",
+    "image_formats images",
+    "vectors",
+    "attenuation materials surfaces cameras",
+    "lights",
+    "reflection transmission",
+    "scenes",
+    "rendering scene_files",
+    "inverse",
+    "exchange",
+    "report",
+    "cli",
+)
+LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row.split()}
+STRANGERS = {("lights", "materials")}  # a light never knows a material, though it stands below
+# Packages that one place alone knows.
+ONLY_IN = {"optimistix": "inverse", "lineax": "inverse", "imageio": "image_formats", "matplotlib": "report"}
+
+PUBLIC = {name: value for name, value in vars(ds).items() if not name.startswith("_") and not inspect.ismodule(value)}
+
+
+def place(file: Path) -> str:
+    """The module or folder of diffshade that a file belongs to; `__init__` for the package itself."""
+    return file.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def imports(file: Path) -> set[tuple[str, ...]]:
+    """The dotted names a file imports, those of diffshade itself as ('diffshade', module, ...)."""
+    package = ("diffshade", *file.relative_to(ROOT).parts[:-1])
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {tuple(alias.name.split(".")) for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else ()
+            module = (*base, *(node.module or "").split(".")) if node.module else base
+            # `from . import x` names a module by what it imports
+            found |= {(*module, alias.name) if module == ("diffshade",) else module for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
+def test_imports_point_downwards(file):
+    here = place(file)
+    for name in imports(file):
+        if name[0] in ONLY_IN:
+            assert here == ONLY_IN[name[0]], f"only {ONLY_IN[name[0]]} may import {name[0]}"
+        if name[0] == "diffshade" and here != "__init__":
+            assert LEVEL[name[1]] <= LEVEL[here], f"{here} may not import {name[1]}"
+            assert (here, name[1]) not in STRANGERS, f"{here} may not know {name[1]}"
+
+
+def test_the_imports_are_found():
+    """So that the test above cannot pass because it sees nothing."""
+    assert ("optimistix",) in imports(ROOT / "inverse" / "solvers.py")
+    assert ("diffshade", "scenes") in imports(ROOT / "rendering.py")
+    assert ("diffshade", "scenes") in imports(ROOT / "inverse" / "fitting.py")
+    assert any(name[:1] == ("matplotlib",) for file in FILES if place(file) == "report" for name in imports(file))
+
+
+def test_no_module_has_the_name_of_a_public_name():
+    """`import diffshade.render` would shadow `diffshade.render`."""
+    assert not {place(file) for file in FILES} & set(PUBLIC)
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_has_a_docstring_of_its_own(name):
+    doc = vars(PUBLIC[name]).get("__doc__") if inspect.isclass(PUBLIC[name]) else PUBLIC[name].__doc__
+    assert doc
+    assert not doc.startswith(f"{name}(")  # what a dataclass without one is given
+
+
+@pytest.mark.parametrize("name", [name for name, value in PUBLIC.items() if inspect.isfunction(value)])
+def test_optional_arguments_are_keyword_only(name):
+    parameters = inspect.signature(PUBLIC[name]).parameters.values()
+    optional = [p.name for p in parameters if p.default is not p.empty and p.kind is not p.KEYWORD_ONLY]
+    assert optional == []

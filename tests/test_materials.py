@@ -1,0 +1,80 @@
+"""Materials and the cosine of each highlight."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.reflection import reflectance
+from diffshade.vectors import Vec3
+
+
+def degrees(angle):
+    """A unit vector in the x-z plane, so many degrees off z, towards x."""
+    return Vec3(jnp.sin(jnp.deg2rad(angle)), jnp.array(0.0), jnp.cos(jnp.deg2rad(angle)))
+
+
+N = degrees(0.0)
+
+
+def test_what_is_not_given_is_not_there():
+    material = ds.Material()
+    for k in (material.k_a, material.k_d, material.k_s):
+        np.testing.assert_array_equal(k, [0, 0, 0])
+    assert material.n_s == 10
+    assert isinstance(material.lobe, ds.Phong)
+
+
+def test_grey_and_coloured():
+    material = ds.Material(k_d=0.7, k_s=(0.1, 0.2, 0.3), n_s=40, lobe=ds.Blinn())
+    np.testing.assert_array_equal(material.k_d, [0.7, 0.7, 0.7])
+    np.testing.assert_array_equal(material.k_s, [0.1, 0.2, 0.3])
+    assert material.n_s.dtype == np.float64
+
+
+def test_the_cosines_of_the_highlights():
+    l, v = degrees(50.0), degrees(-20.0)
+    np.testing.assert_allclose(ds.Phong().cosine(N, l, v), np.cos(np.deg2rad(30)), rtol=1e-14)
+    np.testing.assert_allclose(ds.Blinn().cosine(N, l, v), np.cos(np.deg2rad(15)), rtol=1e-14)
+
+
+# cos^n of the angle between v and r, as every lecture's table has it
+@pytest.mark.parametrize(
+    ("angle", "n_s", "value"),
+    [
+        (0, 27, 1),
+        (60, 1, 0.5),
+        (60, 2, 0.25),
+        (60, 10, 2**-10),
+        (45, 4, 0.25),
+        (45, 8, 0.0625),
+        (30, 2, 0.75),
+        (30, 200, 0.75**100),
+        (100, 3, 0),
+        (100, 0, 0),
+        (60, 0, 1),
+    ],
+)
+def test_the_highlight_is_a_power_of_a_cosine(angle, n_s, value):
+    l = degrees(40.0)
+    v = degrees(-40.0 + angle)  # r is at -40
+    found = reflectance(ds.Material(k_s=(1, 0.5, 0), n_s=n_s), N, l, v)
+    np.testing.assert_allclose(found.stack(), [value, 0.5 * value, 0], rtol=1e-12, atol=1e-15)
+    # about the halfway vector the angle is half as large
+    v = degrees(-40.0 + 2 * angle)
+    found = reflectance(ds.Material(k_s=(1, 0.5, 0), n_s=n_s, lobe=ds.Blinn()), N, l, v)
+    if angle < 90:
+        np.testing.assert_allclose(found.stack(), [value, 0.5 * value, 0], rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("lobe", [ds.Phong(), ds.Blinn()])
+def test_no_highlight_without_light_from_the_front(lobe):
+    material = ds.Material(k_d=0.5, k_s=1, n_s=1, lobe=lobe)
+    found = reflectance(material, N, degrees(100.0), degrees(-80.0))  # v.r = cos 0 = 1, n.h = cos 80
+    np.testing.assert_array_equal(found.stack(), [0, 0, 0])
+    assert (reflectance(material, N, degrees(89.0), degrees(-80.0)).stack() > 0.01).all()
+
+
+def test_the_diffuse_term_is_the_cosine():
+    found = reflectance(ds.Material(k_d=(0.8, 0.4, 0.2)), N, degrees(60.0), degrees(10.0))
+    np.testing.assert_allclose(found.stack(), [0.4, 0.2, 0.1], rtol=1e-14)

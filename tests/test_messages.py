@@ -1,0 +1,192 @@
+"""Bad input ends in one clear sentence that names the thing, the value and the remedy."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+import diffshade as ds
+
+CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
+SCENE = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4)), ds.PointLight((-2, 3, 4))])
+IMAGE = np.full((10, 12, 3), 0.5)
+VIEW = ds.View(IMAGE, CAMERA)
+
+
+def only(*pixels: tuple[int, int]) -> np.ndarray:
+    mask = np.zeros((10, 12), bool)
+    for pixel in pixels:
+        mask[pixel] = True
+    return mask
+
+
+def with_nan() -> np.ndarray:
+    image = IMAGE.copy()
+    image[4, 7, 1] = np.nan
+    return image
+
+
+def fit(*views: ds.View, free: Any = ("k_d", "n_s"), scene: ds.Scene = SCENE, **options: Any) -> Callable[[], object]:
+    return lambda: ds.fit(scene, views, free=free, **options)
+
+
+def gbuffer_scene(height: int, width: int) -> ds.Scene:
+    normal = np.zeros((height, width, 3))
+    normal[..., 2] = 1.0
+    return ds.Scene(ds.Object(ds.GBuffer(normal)), ds.DirectionalLight((0, 0, -1)))
+
+
+PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
+
+CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] = {
+    # what was done: the call, the error, and what its message must hold: the thing, the value, the remedy
+    "image and camera of different size": (
+        lambda: ds.View(np.zeros((12, 10, 3)), CAMERA),
+        ValueError,
+        ("View.image", "(12, 10)", "(10, 12)", "Give the camera shape=(12, 10)."),
+    ),
+    "image of integers": (
+        lambda: ds.View(np.zeros((10, 12, 3), np.uint8), CAMERA),
+        ValueError,
+        ("View.image", "uint8", "ds.read_image"),
+    ),
+    "mask of another size": (
+        lambda: ds.View(IMAGE, CAMERA, mask=np.ones((12, 10), bool)),
+        ValueError,
+        ("View.mask", "(12, 10)", "Resize it."),
+    ),
+    "exposure of 0": (
+        lambda: ds.View(IMAGE, CAMERA, exposure=0.0),
+        ValueError,
+        ("View.exposure", "0.0", "Give 1 if it is not known."),
+    ),
+    "NaN pixel": (
+        fit(VIEW, ds.View(with_nan(), CAMERA)),
+        ValueError,
+        ("views[1]", "nan", "row 4, column 7", "Mask them out."),
+    ),
+    "all pixels masked": (
+        fit(VIEW, ds.View(IMAGE, CAMERA, mask=only())),
+        ValueError,
+        ("views[1]", "no pixel is left to fit", "Check that the mask is white on the object"),
+    ),
+    "mask beside the object": (fit(ds.View(IMAGE, CAMERA, mask=only((0, 0)))), ValueError, ("views[0]", "no pixel")),
+    "all pixels saturated": (
+        fit(ds.View(np.ones((10, 12, 3)), CAMERA)),
+        ValueError,
+        ("views[0]", "saturated", "at least 1", "Give a shorter exposure."),
+    ),
+    "lit beyond the lights": (
+        fit(VIEW, ds.View(IMAGE, CAMERA, lit=2)),
+        ValueError,
+        ("views[1]", "lit", "2 lights", "got 2", "Count the lights"),
+    ),
+    "negative lit": (fit(ds.View(IMAGE, CAMERA, lit=-1)), ValueError, ("views[0]", "lit", "got -1")),
+    "unknown parameter": (
+        fit(VIEW, free=("kd",)),
+        ValueError,
+        ("no parameter is named 'kd'", "Did you mean 'k_d'?"),
+    ),
+    "unknown parameter, tied": (
+        fit(VIEW, tied=("atenuation",)),
+        ValueError,
+        ("no parameter is named 'atenuation'", "Did you mean 'attenuation'?"),
+    ),
+    "tied but not free": (fit(VIEW, tied=("k_s",)), ValueError, ("tied", "'k_s'", "not free", "Add it to free")),
+    "bounds the wrong way round": (
+        fit(VIEW, bounds={"k_d": (1.0, 0.0)}),
+        ValueError,
+        ("bounds of 'k_d'", "(1, 0)", "Swap or widen them."),
+    ),
+    "no views": (fit(), ValueError, ("at least one view", "got none", "Give a View for each photograph.")),
+    "nothing free": (fit(VIEW, free=()), ValueError, ("free", "got none", "Give for example")),
+    "fewer samples than unknowns": (
+        fit(ds.View(IMAGE, CAMERA, mask=only((4, 6))), free=("k_a", "k_d", "n_s")),
+        ValueError,
+        ("fewer samples", "3 for 7", "Free fewer parameters or add views."),
+    ),
+    "a moving surface without a mask": (
+        fit(VIEW, free=("radius",)),
+        ValueError,
+        ("views[0]", "needs a mask", "got none", "Give View.mask."),
+    ),
+    "a hard edge's cutoff": (
+        fit(VIEW, free="cutoff", scene=ds.Scene(ds.Object(ds.Sphere()), ds.SpotLight((0, 0, 4), (0, 0, -1)))),
+        ValueError,
+        ("lights.0.cutoff", "softness is 0", "Give lights.0.softness"),
+    ),
+    "G-buffer of another size than the photograph": (
+        fit(ds.View(IMAGE, PARALLEL), scene=gbuffer_scene(9, 12)),
+        ValueError,
+        ("views[0]", "objects[0].surface", "(9, 12)", "(10, 12)", "Make the two the same."),
+    ),
+    "G-buffer without positions": (
+        fit(VIEW, scene=gbuffer_scene(10, 12)),
+        ValueError,
+        ("views[0]", "GBuffer without positions", "Give GBuffer.position"),
+    ),
+    "negative n_s": (lambda: ds.Material(n_s=-1.0), ValueError, ("Material.n_s", "at least 0", "-1", "Give")),
+    "negative n_s by tree_at": (
+        fit(VIEW, scene=eqx.tree_at(lambda s: s.objects[0].material.n_s, SCENE, np.array(-1.0))),
+        ValueError,
+        ("Material.n_s", "at least 0", "-1"),
+    ),
+    "colour of two numbers": (
+        lambda: ds.Material(k_d=(0.1, 0.2)),
+        ValueError,
+        ("Material.k_d", "shape (2,)", "Give one number (grey) or three (R, G, B)."),
+    ),
+    "colour that is not finite": (lambda: ds.Material(k_d=float("nan")), ValueError, ("Material.k_d", "finite", "nan")),
+    "colour that is no number": (lambda: ds.Material(k_d="red"), TypeError, ("Material.k_d", "'red'", "Give")),
+    "scene without objects": (lambda: ds.Scene(()), ValueError, ("Scene.objects", "got none", "Give one")),
+    "surface for an object": (
+        lambda: ds.Scene(ds.Sphere()),  # pyright: ignore[reportArgumentType]
+        TypeError,
+        ("Scene.objects[0]", "Sphere", "Object("),
+    ),
+    "object for a light": (
+        lambda: ds.Scene(ds.Object(ds.Sphere()), ds.Object(ds.Sphere())),  # pyright: ignore[reportArgumentType]
+        TypeError,
+        ("Scene.lights[0]", "Object", "PointLight("),
+    ),
+}
+
+
+def assert_one_clear_sentence(message: str) -> None:
+    assert "\n" not in message
+    assert message.endswith((".", "?"))
+    assert ".." not in message  # such as a number's own point before the full stop
+    assert len(message) < 300
+    assert "Traceback" not in message
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_bad_input_ends_in_a_sentence(name):
+    call, error, parts = CASES[name]
+    with pytest.raises(error) as refusal:
+        call()
+    message = str(refusal.value)
+    assert_one_clear_sentence(message)
+    for part in parts:
+        assert part in message
+
+
+def test_a_file_that_is_missing(tmp_path: Path):
+    with pytest.raises(FileNotFoundError) as refusal:
+        ds.read_image(tmp_path / "ball.png")
+    assert_one_clear_sentence(str(refusal.value))
+    assert str(tmp_path / "ball.png") in str(refusal.value)
+
+
+@pytest.mark.parametrize("kept", [0, 20, 0.5, 0.99])
+def test_a_png_that_is_cut_off(tmp_path: Path, kept):
+    path = tmp_path / "ball.png"
+    ds.write_image(path, np.random.default_rng(0).uniform(0.0, 1.0, (10, 12, 3)))
+    data = path.read_bytes()
+    path.write_bytes(data[: kept if kept in (0, 20) else int(kept * len(data))])
+    with pytest.raises(OSError, match=r"ball\.png") as refusal:
+        ds.read_image(path)
+    assert_one_clear_sentence(str(refusal.value))

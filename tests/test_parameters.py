@@ -1,0 +1,295 @@
+"""Names become unknowns: which numbers a name frees, what they are called, where they start and what they may be."""
+
+import jax
+import numpy as np
+import pytest
+from synthetic import light_positions, standard_scene
+
+import diffshade as ds
+from diffshade.inverse.parameters import find_unknowns, natural, put_back, slots_of
+from diffshade.scenes import stack_scene
+
+SPOT = ds.SpotLight((0, 3, 3), (0, -1, -1), 2.0, 40.0, 3.0, ds.RadialAttenuation(1.0, 0.3, 0.2), softness=5.0)
+MANY_KINDS = ds.Scene(
+    [
+        ds.Object(ds.Sphere(), ds.Material(0.1, (0.6, 0.4, 0.2), 0.3, 20)),
+        ds.Object(ds.Sphere((1, 2, 3), 0.5), ds.Material(0.2, 0.5, (0.1, 0.2, 0.3), 80, lobe=ds.Blinn())),
+    ],
+    [
+        ds.PointLight((2, 3, 4), (1, 2, 3), ds.RadialAttenuation(1.0, 0.1, 0.05)),
+        ds.DirectionalLight((1, -1, -1), 0.3),
+        SPOT,
+        ds.PointLight((-2, 3, 4), 5.0, ds.RadialAttenuation(2.0, 0.2, 0.1)),
+    ],
+    ambient=(0.9, 0.8, 0.7),
+)
+ONE = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.6, 0.3, 20)), [ds.PointLight((2, 3, 4), 5.0)])
+
+
+def names(scene, free, tied=(), **options):
+    return [unknown.name for unknown in find_unknowns(scene, free, tied, **options)]
+
+
+def unknown(scene, name, free, **options):
+    return next(u for u in find_unknowns(scene, free, **options) if u.name == name)
+
+
+@pytest.mark.parametrize("name", ["k_d", "material.k_d", "0.material.k_d", "objects.0.material.k_d"])
+def test_any_run_of_whole_segments_names_a_parameter(name):
+    assert names(ONE, (name,)) == ["k_d.r", "k_d.g", "k_d.b"]
+
+
+def test_a_single_name_needs_no_tuple():
+    assert names(ONE, "k_d") == ["k_d.r", "k_d.g", "k_d.b"]
+
+
+@pytest.mark.parametrize("name", ["d", "_d", "k_d.material", "objects.material", "material.k", "k_d."])
+def test_a_part_of_a_segment_or_a_run_with_a_hole_names_nothing(name):
+    with pytest.raises(ValueError, match="no parameter is named"):
+        find_unknowns(ONE, (name,))
+
+
+def test_a_run_in_the_middle_frees_all_that_lies_below_it():
+    assert names(ONE, ("material",)) == [*(f"{k}.{c}" for k in ("k_a", "k_d", "k_s") for c in "rgb"), "n_s"]
+
+
+def test_a_name_frees_every_path_that_holds_it_in_the_order_of_the_scene():
+    assert names(MANY_KINDS, ("n_s", "lights.2.exponent")) == [
+        "objects.0.material.n_s",
+        "objects.1.material.n_s",
+        "exponent",
+    ]
+    assert names(MANY_KINDS, ("lights.2.exponent", "n_s")) == names(MANY_KINDS, ("n_s", "lights.2.exponent"))
+
+
+def test_naming_a_number_twice_frees_it_once():
+    assert names(ONE, ("k_d", "material.k_d", "k_d")) == ["k_d.r", "k_d.g", "k_d.b"]
+
+
+def test_attenuation_frees_linear_and_quadratic_but_not_the_gauge():
+    assert names(ONE, ("attenuation",)) == ["linear", "quadratic"]
+    assert "constant" not in names(ONE, ("lights",))
+
+
+@pytest.mark.parametrize("name", ["constant", "attenuation.constant", "lights.0.attenuation.constant"])
+def test_constant_is_freed_by_its_own_name_only(name):
+    assert names(ONE, (name,)) == ["constant"]
+
+
+def test_names_are_as_short_as_tells_them_apart():
+    assert names(MANY_KINDS, ("objects.1.material.k_s",)) == [f"objects.1.material.k_s.{c}" for c in "rgb"]
+    assert names(MANY_KINDS, ("cutoff", "exponent")) == ["cutoff", "exponent"]
+    assert names(MANY_KINDS, ("lights.0.position",)) == [f"lights.0.position.{c}" for c in "xyz"]
+    everything = names(MANY_KINDS, ("objects", "lights", "ambient", "background", "constant"))
+    assert len(set(everything)) == len(everything)
+
+
+def test_a_short_name_names_its_own_unknown_and_no_other():
+    scene = MANY_KINDS
+    for u in find_unknowns(scene, ("objects", "lights", "ambient", "constant")):
+        again = find_unknowns(scene, (u.quantity,))
+        assert {path for v in again for path, _ in v.places} == {path for path, _ in u.places}
+
+
+def test_tied_makes_one_unknown_of_paths_that_are_equal_after_the_run():
+    scene = MANY_KINDS
+    tied = find_unknowns(scene, ("attenuation",), ("attenuation",))
+    assert [u.name for u in tied] == ["linear", "quadratic"]
+    assert [[path for path, _ in u.places] for u in tied] == [
+        [f"lights.{i}.attenuation.{name}" for i in (0, 2, 3)] for name in ("linear", "quadratic")
+    ]
+
+
+def test_tied_colours_share_channel_by_channel():
+    tied = find_unknowns(MANY_KINDS, ("k_d", "k_s"), ("k_d",))
+    assert [u.places for u in tied if u.name.startswith("k_d")] == [
+        [("objects.0.material.k_d", c), ("objects.1.material.k_d", c)] for c in range(3)
+    ]
+    assert len(tied) == 3 + 6  # k_s is not tied
+
+
+def test_tied_ties_only_what_is_free():
+    (linear,) = find_unknowns(MANY_KINDS, ("lights.0.attenuation.linear",), ("attenuation",))
+    assert linear.places == [("lights.0.attenuation.linear", 0)]
+
+
+def test_in_a_grey_fit_a_colour_is_one_unknown_and_a_position_three():
+    grey = find_unknowns(ONE, ("k_d", "position"), grey=True)
+    assert [u.name for u in grey] == ["k_d", "position.x", "position.y", "position.z"]
+    assert grey[0].places == [("objects.0.material.k_d", c) for c in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("k_a.r", 0.3), ("k_d.g", 0.3), ("k_s.b", 0.3), ("n_s", 10.0), ("linear", 0.0)]
+)
+def test_a_material_and_an_attenuation_start_at_fixed_values_whatever_the_scene_says(name, start):
+    scene = standard_scene(lights=[ds.PointLight((2, 3, 4), 5.0, ds.RadialAttenuation(1.0, 0.4, 0.4))])
+    assert unknown(scene, name, ("k_a", "k_d", "k_s", "n_s", "attenuation")).start == start
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("intensity.g", 2.0), ("position.z", 4.0), ("radius", 1.0), ("ambient.b", 0.7), ("exponent", 3)]
+)
+def test_anything_else_starts_at_the_scenes_value(name, start):
+    light = ds.PointLight((2, 3, 4), (1, 2, 3))
+    spot = ds.SpotLight((0, 3, 3), (0, -1, -1), exponent=3)
+    scene = ds.Scene(ds.Object(ds.Sphere()), [spot] if name == "exponent" else [light], ambient=(0.9, 0.8, 0.7))
+    assert unknown(scene, name, (name.split(".")[0],)).start == start
+
+
+def test_an_attenuation_whose_constant_is_zero_does_not_start_at_zero():
+    """1/d^2 is `RadialAttenuation(0, 0, 1)`; with linear = quadratic = 0 it would divide by zero."""
+    light = ds.PointLight((2, 3, 4), 1.0, ds.RadialAttenuation(0.0, 0.0, 1.0))
+    assert max(u.start for u in find_unknowns(standard_scene(lights=[light]), ("attenuation",))) > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("k_d.r", (0.0, np.inf)),
+        ("n_s", (0.1, 1e4)),
+        ("linear", (0.0, np.inf)),
+        ("quadratic", (0.0, np.inf)),
+        ("constant", (0.0, np.inf)),
+        ("intensity.b", (0.0, np.inf)),
+        ("position.x", (-np.inf, np.inf)),
+        ("cutoff", (0.0, 90.0)),
+        ("exponent", (0.0, np.inf)),
+        ("radius", (0.0, np.inf)),
+    ],
+)
+def test_default_bounds(name, expected):
+    scene = ds.Scene(ds.Object(ds.Sphere()), [SPOT])
+    found = unknown(scene, name, (name.split(".")[0],))
+    assert (found.lower, found.upper) == expected
+
+
+@pytest.mark.parametrize("name", ["k_d", "material.k_d", "material"])
+def test_bounds_are_named_by_any_run_too(name):
+    low, high = (0.2, 0.8)
+    for u in find_unknowns(ONE, ("k_d",), bounds={name: (low, high)}):
+        assert (u.lower, u.upper) == (low, high)
+
+
+def test_bounds_of_one_object_leave_the_other_alone():
+    unknowns = find_unknowns(MANY_KINDS, ("n_s",), bounds={"objects.1.material.n_s": (5.0, 50.0)})
+    assert [(u.lower, u.upper) for u in unknowns] == [(0.1, 1e4), (5.0, 50.0)]
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_bounds_of_any_one_place_bind_what_is_tied_to_it(place):
+    bounds = {f"objects.{place}.material.n_s": (5.0, 50.0)}
+    (n_s,) = find_unknowns(MANY_KINDS, ("n_s",), ("n_s",), bounds)
+    assert (n_s.lower, n_s.upper) == (5.0, 50.0)
+
+
+def test_a_start_is_clipped_into_the_bounds():
+    bounds = {"k_d": (0.4, 0.9), "n_s": (0.1, 5.0), "linear": (0.01, 1.0)}
+    starts = {u.name: u.start for u in find_unknowns(ONE, ("k_d", "n_s", "linear"), bounds=bounds)}
+    assert starts == {"k_d.r": 0.4, "k_d.g": 0.4, "k_d.b": 0.4, "n_s": 5.0, "linear": 0.01}
+
+
+def test_only_n_s_is_solved_for_as_its_logarithm():
+    logarithmic = {u.name for u in find_unknowns(MANY_KINDS, ("objects", "lights")) if u.logarithmic}
+    assert logarithmic == {"objects.0.material.n_s", "objects.1.material.n_s"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [("kd", "k_d"), ("ns", "n_s"), ("attenuations", "attenuation"), ("lights.0.intensty", "lights.0.intensity")],
+)
+def test_a_misspelt_name_gets_the_nearest_right_one(wrong, right):
+    with pytest.raises(ValueError, match=rf"^no parameter is named '{wrong}'\. Did you mean '{right}'\?$"):
+        find_unknowns(ONE, (wrong,))
+
+
+def test_names_to_tie_and_to_bound_are_checked_as_well():
+    with pytest.raises(ValueError, match="no parameter is named 'kd'"):
+        find_unknowns(ONE, ("k_d",), ("kd",))
+    with pytest.raises(ValueError, match="no parameter is named 'kd'"):
+        find_unknowns(ONE, ("k_d",), bounds={"kd": (0.0, 1.0)})
+
+
+@pytest.mark.parametrize("number", ["0", "0.0"])
+def test_a_number_alone_names_nothing(number):
+    with pytest.raises(ValueError, match=f"^free names '{number}', a number alone. Name what it counts"):
+        find_unknowns(ONE, (number,))
+
+
+def test_tied_must_name_something_free():
+    with pytest.raises(ValueError, match=r"^tied names 'k_s', which is not free\. Add it to free"):
+        find_unknowns(ONE, ("k_d",), ("k_s",))
+
+
+def test_bounds_must_name_something_free():
+    with pytest.raises(ValueError, match=r"^bounds names 'k_s', which is not free\. Add it to free"):
+        find_unknowns(ONE, ("k_d",), bounds={"k_s": (0.0, 1.0)})
+
+
+@pytest.mark.parametrize(
+    ("pair", "sentence"),
+    [
+        ((1.0, 0.5), r"must be lower < upper; got \(1, 0.5\). Swap or widen them."),
+        ((0.5, 0.5), r"must be lower < upper; got \(0.5, 0.5\)."),
+        ((float("nan"), 1.0), "must be lower < upper; got"),
+        ((-1.0, 1.0), r"must lie in \[0, inf\]; got \(-1, 1\). Stay inside it."),
+    ],
+)
+def test_bounds_must_be_an_interval_inside_the_allowed_one(pair, sentence):
+    with pytest.raises(ValueError, match=f"^bounds of 'k_d' {sentence}"):
+        find_unknowns(ONE, ("k_d",), bounds={"k_d": pair})
+
+
+def test_the_cutoff_of_a_hard_edge_cannot_be_freed():
+    hard = ds.Scene(ds.Object(ds.Sphere()), [ds.SpotLight((0, 3, 3), (0, -1, -1))])
+    with pytest.raises(
+        ValueError, match=r"^lights\.0\.cutoff cannot be freed while softness is 0.*lights\.0\.softness"
+    ):
+        find_unknowns(hard, ("cutoff",))
+    assert names(ds.Scene(ds.Object(ds.Sphere()), [SPOT]), ("cutoff",)) == ["cutoff"]
+
+
+@pytest.mark.parametrize("tied", [(), ("attenuation", "k_d")])
+def test_what_is_put_back_is_what_the_solver_inserts(tied):
+    """`insert`, on stacked lights inside jit, and `put_back`, on the user's scene, must mean the same places."""
+    free = ("objects", "lights.0.position", "lights.2", "intensity", "attenuation", "constant", "ambient")
+    unknowns = find_unknowns(MANY_KINDS, free, tied)
+    values = np.random.default_rng(0).uniform(1.0, 2.0, len(unknowns))
+    changed = put_back(MANY_KINDS, unknowns, values)
+    logarithmic = np.array([u.logarithmic for u in unknowns])
+    theta = np.where(logarithmic, np.log(values), values)
+    with jax.enable_x64(True):
+        inserted = slots_of(MANY_KINDS, unknowns).insert(theta, stack_scene(MANY_KINDS))
+        for a, b in zip(jax.tree.leaves(inserted), jax.tree.leaves(stack_scene(changed)), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-15)
+
+
+def test_put_back_keeps_the_kinds_of_lights_lobes_and_float64():
+    unknowns = find_unknowns(MANY_KINDS, ("k_d",))
+    changed = put_back(MANY_KINDS, unknowns, np.linspace(0.1, 0.6, 6))
+    assert jax.tree.structure(changed) == jax.tree.structure(MANY_KINDS)
+    assert all(isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 for leaf in jax.tree.leaves(changed))
+    np.testing.assert_array_equal(changed.objects[1].material.k_d, [0.4, 0.5, 0.6])
+    np.testing.assert_array_equal(MANY_KINDS.objects[1].material.k_d, [0.5, 0.5, 0.5])  # the original is untouched
+
+
+def test_a_known_leaf_is_not_differentiated_through():
+    slots = slots_of(ONE, find_unknowns(ONE, ("k_d",)))
+    assert [np.asarray(i).tolist() for i in jax.tree.leaves(slots.indices)] == [[0, 1, 2]]
+
+
+def test_natural_undoes_the_logarithm():
+    theta = np.array([0.5, np.log(40.0)])
+    with jax.enable_x64(True):
+        np.testing.assert_allclose(natural(theta, np.array([False, True])), [0.5, 40.0], rtol=1e-15)
+
+
+def test_lights_keep_their_indices_when_kinds_are_stacked():
+    """The light positions of an interleaved scene must reach the right light."""
+    positions = light_positions(4)
+    lights = [ds.PointLight(positions[0]), SPOT, ds.PointLight(positions[1]), ds.DirectionalLight((0, 0, -1))]
+    scene = standard_scene(lights=lights)
+    unknowns = find_unknowns(scene, ("lights.2.position",))
+    moved = put_back(scene, unknowns, np.array([7.0, 8.0, 9.0]))
+    np.testing.assert_array_equal(moved.lights[0].position, positions[0])  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_array_equal(moved.lights[2].position, [7, 8, 9])  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,0 +1,211 @@
+"""What must hold for every scene: linearity, invariances, and images without a NaN."""
+
+import dataclasses
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+from hypothesis import given, settings
+
+import diffshade as ds
+
+quick = settings(derandomize=True, deadline=None, max_examples=15, database=None)
+
+LOBES = (ds.Phong(), ds.Blinn())
+CAMERA = ds.Camera((0.4, 0.5, 4), fov=36, shape=(8, 9))  # one shape for all, so that little is compiled
+
+lobes = st.sampled_from(LOBES)
+colours = st.tuples(*[st.floats(0.01, 2)] * 3)
+factors = st.floats(0, 10)
+lengths = st.floats(0.1, 10)
+coordinates = st.floats(-5, 5)
+points = st.tuples(coordinates, coordinates, coordinates)
+directions = points.filter(lambda d: np.linalg.norm(d) > 0.1)
+sphere_points = directions.map(lambda d: np.divide(d, np.linalg.norm(d)))
+positions = st.builds(np.multiply, sphere_points, st.floats(1.5, 6))  # outside the sphere, where lights do something
+eyes = st.builds(np.multiply, sphere_points, st.just(4)).filter(lambda e: np.hypot(e[0], e[2]) > 1)
+materials = st.builds(ds.Material, colours, colours, colours, st.floats(0, 200), lobes)
+attenuations = st.builds(ds.RadialAttenuation, st.floats(0.1, 2), st.floats(0, 1), st.floats(0, 1))
+point_lights = st.builds(ds.PointLight, positions, colours, attenuations)
+directional_lights = st.builds(ds.DirectionalLight, directions, colours)
+spot_lights = st.builds(
+    ds.SpotLight, positions, directions, colours, st.floats(20, 90), st.floats(0, 30), attenuations, st.floats(0, 20)
+)
+lights = st.tuples(point_lights, directional_lights, spot_lights)
+
+
+def scene_of(material, lights, ambient=(0.9, 1.0, 0.8), background=(0.0, 0.0, 0.0)):
+    return ds.Scene(ds.Object(ds.Sphere((0.1, -0.1, 0.2), 1.1), material), lights, ambient, background)
+
+
+def render(scene, camera=CAMERA, **options):
+    return np.asarray(ds.render(scene, camera, **options))
+
+
+def assert_close(a, b, tolerance=1e-12):
+    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance * max(1.0, np.abs(b).max()))
+
+
+@quick
+@given(materials, lights, factors)
+def test_linear_in_each_coefficient(material, lights, factor):
+    nothing = dataclasses.replace(material, k_a=0, k_d=0, k_s=0)
+    terms = {k: dataclasses.replace(nothing, **{k: getattr(material, k)}) for k in ("k_a", "k_d", "k_s")}
+    images = {k: render(scene_of(term, lights)) for k, term in terms.items()}
+    assert_close(render(scene_of(material, lights)), sum(images.values()))
+    for k, term in terms.items():
+        scaled = dataclasses.replace(term, **{k: factor * getattr(term, k)})
+        assert_close(render(scene_of(scaled, lights)), factor * images[k])
+
+
+@quick
+@given(materials, lights, factors)
+def test_linear_in_intensity_and_ambient(material, lights, factor):
+    brighter = [dataclasses.replace(light, intensity=factor * light.intensity) for light in lights]
+    image = render(scene_of(material, lights))
+    assert_close(render(scene_of(material, brighter, ambient=factor * np.array([0.9, 1, 0.8]))), factor * image)
+
+
+@quick
+@given(materials, lights)
+def test_additive_over_lights(material, lights):
+    scene = scene_of(material, lights)
+    dark = render(scene, lit=())
+    alone = [render(scene, lit=(i,)) - dark for i in range(3)]
+    assert_close(render(scene), dark + sum(alone))
+
+
+@quick
+@given(
+    materials,
+    st.tuples(point_lights, point_lights, directional_lights, spot_lights),
+    st.sampled_from([(1, 0, 2, 3), (3, 2, 1, 0)]),
+)
+def test_the_order_of_lights_does_not_matter(material, lights, order):
+    image = render(scene_of(material, lights))
+    assert_close(render(scene_of(material, [lights[i] for i in order])), image)
+
+
+@quick
+@given(materials, lights, factors.filter(lambda s: s > 0.1))
+def test_k_and_intensity_are_one_scale(material, lights, scale):
+    dimmer = [dataclasses.replace(light, intensity=light.intensity / scale) for light in lights]
+    stronger = dataclasses.replace(material, k_d=scale * material.k_d, k_s=scale * material.k_s)
+    assert_close(render(scene_of(stronger, dimmer)), render(scene_of(material, lights)))
+
+
+def rotation(axis, angle):
+    """Rodrigues' formula."""
+    x, y, z = np.divide(axis, np.linalg.norm(axis))
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def moved(tree, turn, shift):
+    """Every point of a scene or camera turned and shifted, every direction turned."""
+
+    def move(path, leaf):
+        name = path[-1].name
+        if name in ("position", "center", "eye", "target"):
+            return turn @ leaf + shift
+        return turn @ leaf if name in ("direction", "up") else leaf
+
+    return jax.tree.map_with_path(move, tree)
+
+
+@quick
+@given(materials, lights, directions, st.floats(-np.pi, np.pi), points, eyes)
+def test_moving_everything_leaves_the_image(material, lights, axis, angle, shift, eye):
+    scene, camera = scene_of(material, lights), dataclasses.replace(CAMERA, eye=eye)
+    turn = rotation(axis, angle)
+    # n_s up to 200 and, near the silhouette, the square root of what is left magnify the rounding
+    assert_close(render(moved(scene, turn, shift), moved(camera, turn, shift)), render(scene, camera), 1e-9)
+
+
+@quick
+@given(materials, st.tuples(point_lights, spot_lights), lengths)
+def test_the_unit_of_length_does_not_matter(material, lights, unit):
+    scene = scene_of(material, lights)
+
+    def in_units(path, leaf):
+        name = path[-1].name
+        power = {"position": 1, "center": 1, "radius": 1, "eye": 1, "target": 1, "linear": -1, "quadratic": -2}
+        return np.asarray(leaf * unit ** power.get(name, 0))
+
+    scaled, camera = jax.tree.map_with_path(in_units, (scene, CAMERA))
+    assert_close(render(scaled, camera), render(scene), 1e-9)
+
+
+@quick
+@given(attenuations, lengths, st.floats(1.001, 10), st.booleans())
+def test_attenuation_falls_with_distance(attenuation, d, factor, clamp):
+    f = dataclasses.replace(attenuation, clamp=clamp)
+    near, far = float(f(np.array(d))), float(f(np.array(factor * d)))
+    assert 0 < far <= near
+    if attenuation.linear + attenuation.quadratic > 0.01 and near < 1:
+        assert far < near
+    assert not clamp or near <= 1
+
+
+@quick
+@given(materials, lights, eyes, st.booleans())
+def test_what_intersect_finds_shade_renders(material, lights, eye, local_viewer):
+    scene = scene_of(material, lights, background=(0.1, 0.2, 0.3))
+    camera = dataclasses.replace(CAMERA, eye=eye, local_viewer=local_viewer)
+    gbuffer = ds.intersect(scene, camera)
+    image = render(scene, camera)
+    assert_close(np.asarray(ds.shade(scene, gbuffer, camera)), image)
+    np.testing.assert_array_equal(image[~np.asarray(gbuffer.mask)] - [0.1, 0.2, 0.3], 0)
+
+
+@quick
+@given(materials, colours, directions)
+def test_a_light_far_away_is_directional(material, intensity, towards):
+    far = ds.PointLight(1e9 * np.array(towards), intensity)
+    infinitely_far = ds.DirectionalLight(-np.array(towards), intensity)
+    assert_close(render(scene_of(material, [far])), render(scene_of(material, [infinitely_far])), 1e-5)
+
+
+# Lights on the surface, in its tangent plane, behind it, far away; highlights as sharp as they come.
+extreme_positions = st.builds(np.multiply, sphere_points, st.sampled_from([0, 0.5, 1 - 1e-9, 1, 1 + 1e-9, 3, 1e6]))
+extreme_exponents = st.sampled_from([0, 1e-6, 0.5, 1, 1e3, 1e4])
+extreme_attenuations = st.sampled_from(
+    [ds.RadialAttenuation(*a) for a in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1e-3, 0, 1e3), (1e6, 0, 1e-6))]
+)
+extreme_lights = st.tuples(
+    st.builds(ds.PointLight, extreme_positions, st.sampled_from([0, 1, 1e6]), extreme_attenuations),
+    st.builds(ds.DirectionalLight, sphere_points, st.sampled_from([0, 1, 1e6])),
+    st.builds(
+        ds.SpotLight,
+        extreme_positions,
+        sphere_points,
+        st.just(1),
+        st.sampled_from([0.01, 45, 90]),
+        extreme_exponents,
+        extreme_attenuations,
+        st.sampled_from([0, 0.01]),
+    ),
+)
+extreme_materials = st.builds(ds.Material, colours, colours, st.sampled_from([0, 1, 1e3]), extreme_exponents, lobes)
+extreme_eyes = st.sampled_from([(0, 0, 4), (0, 0, 1), (0, 0, 1.0000001), (0, 0.5, 0), (0, 0, 1e5), (1, 0, 1)])
+
+
+@settings(quick, max_examples=40)
+@given(extreme_materials, extreme_lights, extreme_eyes)
+def test_extreme_scenes_are_finite_with_their_gradients(material, lights, eye):
+    scene = ds.Scene(ds.Object(ds.Sphere(), material), lights)
+    camera = ds.Camera(eye, target=(0.1, 0.2, -0.3), shape=(8, 9))
+    image, gradient = value_and_gradient((scene, camera))
+    assert np.isfinite(image).all()
+    for path, leaf in jax.tree.leaves_with_path(gradient):
+        assert np.isfinite(leaf).all(), jax.tree_util.keystr(path)
+
+
+@jax.jit
+def value_and_gradient(both):
+    def total(both):
+        image = ds.render(*both)
+        return image.sum(), image
+
+    (_, image), gradient = jax.value_and_grad(total, has_aux=True)(both)
+    return image, gradient

@@ -1,0 +1,209 @@
+"""Rendering: what is compiled when, what a hundred lights cost, and what does not fit together."""
+
+import contextlib
+import dataclasses
+from re import escape
+
+import equinox as eqx
+import jax
+import jax.monitoring
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.rendering import _render
+from diffshade.scenes import stack_scene
+
+BALL = ds.Object(ds.Sphere(), ds.Material(k_a=0.1, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40))
+CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(8, 10))
+
+
+def lights(count: int, seed: int = 0) -> list[ds.PointLight]:
+    random = np.random.default_rng(seed)
+    return [ds.PointLight(p, i) for p, i in zip(3 * random.normal(size=(count, 3)), random.random(count), strict=True)]
+
+
+@contextlib.contextmanager
+def counting_traces():
+    """Count what JAX traces inside the block."""
+    traced = []
+
+    def listen(event: str, duration_secs: float, **_: str | int) -> None:
+        if event == "/jax/core/compile/jaxpr_trace_duration":
+            traced.append(duration_secs)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield traced
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def test_an_image_is_linear_radiance_and_row_0_is_on_top():
+    """A bright lamp above the ball: unclamped values, in the upper half of the picture."""
+    image = np.asarray(ds.render(ds.Scene(BALL, ds.PointLight((0, 3, 1), 50)), CAMERA))
+    assert image.shape == (8, 10, 3)
+    assert image.dtype == np.float64
+    assert image.max() > 10
+    assert image[:4].sum() > 3 * image[4:].sum()
+
+
+def test_only_a_new_shape_is_traced():
+    scene = ds.Scene(BALL, [*lights(2), ds.DirectionalLight((1, -1, -1))])
+    with counting_traces() as traced:
+        ds.render(scene, CAMERA)
+    assert traced  # the count counts
+    values = jax.tree.map(lambda leaf: np.asarray(leaf * 1.25), scene)
+    with counting_traces() as traced:
+        ds.render(values, dataclasses.replace(CAMERA, eye=(1, 2, 3), fov=50))
+        ds.render(ds.Scene(BALL, [*lights(2, 1), ds.DirectionalLight((0, -1, 0), 2)]), CAMERA)
+        ds.render(scene, CAMERA, lit=(1, 2, 0))
+    assert not traced
+    with counting_traces() as traced:
+        ds.render(scene, dataclasses.replace(CAMERA, shape=(8, 11)))
+    assert traced
+    with counting_traces() as traced:
+        ds.render(ds.Scene(BALL, [*lights(3), ds.DirectionalLight((1, -1, -1))]), CAMERA)
+    assert traced
+
+
+def test_only_a_new_shape_of_gbuffer_is_traced():
+    normal = np.full((8, 10, 3), (0.0, 0, 1))
+    scene = ds.Scene(BALL, lights(1))
+    ds.shade(scene, ds.GBuffer(normal, normal), CAMERA)
+    with counting_traces() as traced:
+        ds.shade(scene, ds.GBuffer(-normal, 2 * normal, normal[..., 0] > 2), CAMERA)
+    assert not traced
+
+
+def test_what_is_compiled_does_not_grow_with_the_number_of_lights():
+    def loss(scene, camera):
+        return jnp.sum(_render(scene, camera))
+
+    def size(function, count):
+        return len(jax.jit(function).lower(stack_scene(ds.Scene(BALL, lights(count))), CAMERA).as_text())
+
+    for function in (_render, jax.grad(loss)):
+        assert size(function, 100) == pytest.approx(size(function, 10), rel=0.01)  # "10x3" is written "100x3"
+
+
+def test_a_hundred_lights_and_their_gradient():
+    """The light of an image is linear in the intensities, so that they times the gradient give it back (Euler)."""
+    lamps = lights(100)
+
+    def total(lamps):
+        return jnp.sum(ds.render(ds.Scene(BALL, lamps), CAMERA))
+
+    value, slope = jax.value_and_grad(total)(lamps)
+    given = [np.sum(light.intensity * by.intensity) for light, by in zip(lamps, slope, strict=True)]
+    assert np.count_nonzero(given) > 30  # the others stand behind the ball or in it
+    np.testing.assert_allclose(sum(given), value - dark(ds.Scene(BALL, lamps)).sum(), rtol=1e-12)
+
+
+def dark(scene):
+    return ds.render(scene, CAMERA, lit=())
+
+
+def test_intersect():
+    scene = ds.Scene([BALL, ds.Object(ds.Sphere((0, 0, -2), 3))])
+    gbuffer = ds.intersect(scene, dataclasses.replace(CAMERA, shape=(9, 9)))
+    assert gbuffer.position is not None
+    np.testing.assert_allclose(gbuffer.position[4, 4], [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(gbuffer.normal[4, 4], [0, 0, 1], atol=1e-15)
+    behind = gbuffer.position[0, 0] - np.array([0, 0, -2])
+    np.testing.assert_allclose(np.linalg.norm(behind), 3, rtol=1e-14)
+    assert np.asarray(gbuffer.mask).all()
+    alone = ds.intersect(ds.Scene(BALL), CAMERA)
+    outside = ~np.asarray(alone.mask)
+    assert outside.any()
+    assert not np.asarray(alone.normal)[outside].any()
+    assert not np.asarray(alone.position)[outside].any()
+
+
+def test_intersect_works_in_a_callers_jit_and_grad():
+    """The position nearest to the camera is z = radius."""
+
+    def nearest(radius):
+        scene = ds.Scene(ds.Object(ds.Sphere(radius=radius)))
+        gbuffer = ds.intersect(scene, ds.Camera((0, 0, 4), shape=(3, 3)))
+        assert gbuffer.position is not None
+        return gbuffer.position[1, 1, 2]
+
+    np.testing.assert_allclose(jax.jit(nearest)(1.5), 1.5, rtol=1e-14)
+    np.testing.assert_allclose(jax.jit(jax.grad(nearest))(1.5), 1, rtol=1e-14)
+
+
+def test_render_works_in_a_callers_jit_and_vmap():
+    def image(k_d):
+        scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=k_d)), ds.PointLight((1, 2, 3)))
+        return ds.render(scene, CAMERA)
+
+    one = image(0.5)
+    np.testing.assert_allclose(jax.jit(image)(0.5), one, rtol=1e-14)
+    np.testing.assert_allclose(jax.vmap(image)(jnp.array([0.5, 1])), [one, 2 * one], rtol=1e-14)
+
+
+def test_arithmetic_on_a_scene_gives_a_scene():
+    scene = ds.Scene(BALL, lights(1), ambient=0.5)
+    twice = jax.tree.map(lambda leaf: 2 * leaf, scene.lights)
+    brighter = eqx.tree_at(lambda s: s.lights[0].attenuation, scene, twice[0].attenuation)
+    half = ds.render(brighter, CAMERA) - dark(scene)
+    np.testing.assert_allclose(2 * half, ds.render(scene, CAMERA) - dark(scene), rtol=1e-12, atol=1e-15)
+
+
+def test_float32_unless_told_otherwise():
+    with jax.enable_x64(False):
+        image = ds.render(ds.Scene(BALL, lights(1)), CAMERA)
+        assert image.dtype == np.float32
+        gbuffer = ds.intersect(ds.Scene(BALL), CAMERA)
+        again = ds.shade(ds.Scene(BALL, lights(1)), gbuffer, CAMERA)
+        np.testing.assert_allclose(again, image, rtol=1e-4, atol=1e-6)
+
+
+NORMAL = np.full((4, 5, 3), (0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: ds.render(ds.Scene(ds.Object(ds.GBuffer(NORMAL, NORMAL))), CAMERA),
+            "objects[0].surface must have one normal a pixel; got a GBuffer of shape (4, 5) for a camera of shape "
+            "(8, 10). Make the two the same.",
+        ),
+        (
+            lambda: ds.render(ds.Scene([BALL, ds.Object(ds.GBuffer(NORMAL, NORMAL))]), CAMERA),
+            "objects[1].surface must have one normal a pixel; got a GBuffer of shape (4, 5) for a camera of shape "
+            "(8, 10). Make the two the same.",
+        ),
+        (
+            lambda: ds.shade(ds.Scene(BALL), ds.GBuffer(NORMAL, NORMAL), CAMERA),
+            "objects[0].surface must have one normal a pixel; got a GBuffer of shape (4, 5) for a camera of shape "
+            "(8, 10). Make the two the same.",
+        ),
+        (
+            lambda: ds.intersect(ds.Scene(ds.Object(ds.GBuffer(NORMAL, NORMAL))), CAMERA),
+            "objects[0].surface must have one normal a pixel; got a GBuffer of shape (4, 5) for a camera of shape "
+            "(8, 10). Make the two the same.",
+        ),
+        (
+            lambda: ds.shade(ds.Scene([BALL, BALL]), ds.GBuffer(NORMAL, NORMAL), CAMERA),
+            "shade needs a scene of one object, whose material it uses; got 2 objects. "
+            "Use render with Object(gbuffer, material) for each.",
+        ),
+        (
+            lambda: ds.render(ds.Scene(BALL, lights(2)), CAMERA, lit=(0, 2)),
+            "lit must hold indices of the scene's 2 lights, from 0; got 2. "
+            "Count the lights, or add the missing one to the scene.",
+        ),
+        (
+            lambda: ds.render(ds.Scene(BALL, lights(2)), CAMERA, lit=(-1,)),
+            "lit must hold indices of the scene's 2 lights, from 0; got -1. "
+            "Count the lights, or add the missing one to the scene.",
+        ),
+    ],
+)
+def test_what_does_not_fit_together(make, message):
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        make()

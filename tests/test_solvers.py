@@ -1,0 +1,366 @@
+"""The engine: it finds what optimistix's and SciPy's own least squares find, within bounds, in any units."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+import pytest
+import scipy.optimize
+from synthetic import (
+    ATTENUATION,
+    CAMERA,
+    FREE,
+    MATERIAL,
+    TIED,
+    noisy,
+    one_light_each,
+    photographs,
+    point_lights,
+    standard_scene,
+)
+
+import diffshade as ds
+from diffshade.inverse import residuals
+from diffshade.inverse.parameters import Unknown, find_unknowns, slots_of
+from diffshade.inverse.residuals import Problem, prepare
+from diffshade.inverse.solvers import BoxNewton, GainRatio, Gram, GramLevenbergMarquardt, at_bound, solve
+from diffshade.inverse.views import find_samples
+
+
+@pytest.fixture(autouse=True)
+def _float64_in_small_blocks(monkeypatch):
+    """Blocks of 384 pixels hold one 24 x 24 view each: the dense witnesses then have few rows of padding."""
+    monkeypatch.setattr(residuals, "BLOCK", 384)
+    with jax.enable_x64(True):
+        yield
+
+
+class Solver(NamedTuple):
+    """A fit's unknowns and residuals as numbers, in the solver's coordinates (log n_s)."""
+
+    unknowns: list[Unknown]
+    problem: Problem
+    start: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def run(self) -> tuple[np.ndarray, Gram, optx.Solution]:
+        """Return the optimum and the Gram of all views there."""
+        theta, lower, upper = map(jnp.asarray, (self.start, self.lower, self.upper))
+        solution = solve(theta, self.problem, lower, upper, 200, None)
+        return np.asarray(solution.value), jax.tree.map(lambda leaf: leaf.sum(0), solution.aux), solution
+
+
+def three_views(material=MATERIAL, attenuation=ATTENUATION, bounds=None, sigma=0.005, seed=0) -> Solver:
+    scene = standard_scene(material, point_lights(attenuation))
+    views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
+    unknowns = find_unknowns(scene, FREE, TIED, bounds)
+    problem, _ = prepare(scene, views, slots_of(scene, unknowns), moving=False)
+    log = np.array([u.logarithmic for u in unknowns])
+    coordinates = (np.array([getattr(u, name) for u in unknowns]) for name in ("start", "lower", "upper"))
+    return Solver(unknowns, problem, *(np.where(log, np.log(np.where(log, x, 1.0)), x) for x in coordinates))
+
+
+def all_residuals(theta, problem):
+    """Every residual of every block in one vector."""
+    return jnp.ravel(jnp.stack(jax.vmap(lambda block: problem.residuals(theta, block))(problem.blocks)))
+
+
+dense_residuals = eqx.filter_jit(all_residuals)
+dense_jacobian = eqx.filter_jit(jax.jacfwd(all_residuals))
+
+
+def cost(theta, problem) -> float:
+    r = np.asarray(dense_residuals(theta, problem))
+    return 0.5 * float(r @ r)
+
+
+def scipy_optimum(solver: Solver) -> scipy.optimize.OptimizeResult:
+    options: dict[str, Any] = {"x_scale": "jac", "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": 1000}
+    options["jac"] = lambda theta: np.asarray(dense_jacobian(theta, solver.problem))
+    return scipy.optimize.least_squares(
+        lambda theta: np.asarray(dense_residuals(theta, solver.problem)),
+        np.clip(solver.start, solver.lower + 1e-9, solver.upper - 1e-9),
+        bounds=(solver.lower, solver.upper),
+        **options,
+    )
+
+
+def assert_is_a_minimum_within_bounds(theta, gram: Gram, solver: Solver) -> None:
+    """Karush-Kuhn-Tucker: no slope along what is free, a slope out of the box along what stands at a bound.
+
+    The slope is measured in the lengths of the Jacobian's columns and of the residual: it is their cosine.
+    """
+    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian)
+    lengths = np.sqrt(np.diag(H) * 2.0 * float(gram.cost))
+    slope = np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
+    low, high = theta <= solver.lower, theta >= solver.upper
+    assert np.all((solver.lower <= theta) & (theta <= solver.upper))
+    np.testing.assert_allclose(slope[~low & ~high], 0.0, atol=1e-6)
+    assert np.all(slope[low] >= 0.0)
+    assert np.all(slope[high] <= 0.0)
+
+
+# --- the same optimum as the witnesses
+
+
+def test_the_optimum_is_that_of_optimistix_levenberg_marquardt():
+    """The witness keeps the whole Jacobian and knows no bounds; here none is reached."""
+    solver = three_views()
+    theta, gram, solution = solver.run()
+    assert solution.result == optx.RESULTS.successful
+    witness = optx.least_squares(
+        all_residuals,
+        optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10, norm=optx.rms_norm),
+        jnp.asarray(solver.start),
+        solver.problem,
+        max_steps=300,
+    )
+    np.testing.assert_allclose(theta, witness.value, rtol=1e-8)
+    np.testing.assert_allclose(float(gram.cost), cost(witness.value, solver.problem), rtol=1e-12)
+    np.testing.assert_allclose(float(gram.cost), cost(theta, solver.problem), rtol=1e-12)
+
+
+K_S_BELOW_TRUTH, N_S_BELOW_TRUTH, N_S_ABOVE_TRUTH = {"k_s": (0.0, 0.3)}, {"n_s": (0.1, 30.0)}, {"n_s": (80.0, 1e3)}
+K_A = ds.Material(k_a=0.0, k_d=MATERIAL.k_d, k_s=MATERIAL.k_s, n_s=50)
+K_S_GREEN = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=(0.5, 0.0, 0.45), n_s=50)
+
+
+@pytest.mark.parametrize(
+    ("options", "at_a_bound"),
+    [
+        pytest.param({}, set(), id="interior"),
+        pytest.param({"material": K_A, "seed": 1}, {"k_a.b"}, id="k_a=0"),
+        pytest.param({"material": K_S_GREEN, "seed": 1}, {"k_s.g"}, id="one channel of k_s=0"),
+        pytest.param({"bounds": K_S_BELOW_TRUTH}, {"k_s.r", "k_s.g", "k_s.b"}, id="upper bound on k_s"),
+        pytest.param({"bounds": N_S_BELOW_TRUTH}, {"n_s"}, id="upper bound on n_s"),
+        pytest.param({"bounds": N_S_ABOVE_TRUTH}, {"n_s"}, id="lower bound on n_s"),
+        pytest.param({"attenuation": ds.RadialAttenuation(), "seed": 1}, {"linear", "quadratic"}, id="no attenuation"),
+        pytest.param({"bounds": {"k_d": (0.3, 0.5), "k_a": (0.07, 0.09)}}, {"k_d.r", "k_d.b"}, id="boxes"),
+    ],
+)
+def test_within_bounds_the_optimum_is_that_of_scipy(options, at_a_bound):
+    solver = three_views(**options)
+    theta, gram, solution = solver.run()
+    assert solution.result == optx.RESULTS.successful
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    bound = (theta <= solver.lower) | (theta >= solver.upper)
+    assert at_a_bound <= {u.name for u, there in zip(solver.unknowns, bound, strict=True) if there}
+    witness = scipy_optimum(solver)
+    np.testing.assert_allclose(theta, witness.x, atol=1e-6)
+    np.testing.assert_allclose(float(gram.cost), witness.cost, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed):
+    """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
+    matte = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=0.0, n_s=10)
+    solver = three_views(matte, seed=seed)
+    theta, gram, _ = solver.run()
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    truth = np.concatenate([*(np.asarray(k) for k in (matte.k_a, matte.k_d, matte.k_s)), [np.log(10), 0.09, 0.032]])
+    assert float(gram.cost) <= cost(truth, solver.problem)
+
+
+# --- independent of the start and of units
+
+
+@pytest.mark.parametrize("n_s", [2.0, 1000.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.005])
+def test_a_broad_and_a_sharp_highlight_are_found_from_the_default_start(n_s, sigma):
+    """The fit starts at n_s = 10, whose lobe barely overlaps with that of n_s = 1000."""
+    camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(64, 64))
+    scene = standard_scene(ds.Material(MATERIAL.k_a, MATERIAL.k_d, MATERIAL.k_s, n_s))
+    clean = photographs(scene, camera)[:3]
+    views = one_light_each(noisy(clean, sigma, 0), camera)
+    fit = ds.fit(scene, views, free=FREE, tied=TIED)
+    noise = [(v.image - c)[find_samples(scene, v).counts] for v, c in zip(views, clean, strict=True)]
+    rmse_of_truth = np.sqrt(np.mean(np.concatenate(noise) ** 2))
+    assert fit.converged
+    assert fit.rmse <= rmse_of_truth * (1 + 1e-9) + 1e-15
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_the_unit_of_the_residuals_changes_neither_steps_nor_values(scale):
+    """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
+    scene = standard_scene()
+    images = noisy(photographs(scene), 0.005, 0)[:3]
+    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
+    exposed = one_light_each([scale * image for image in images], exposure=scale)
+    other = ds.fit(scene, exposed, free=FREE, tied=TIED)
+    assert abs(one.steps - other.steps) <= 1
+    np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
+    np.testing.assert_allclose(other.plain_errors, one.plain_errors, rtol=1e-6)
+    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e2, 1e4])
+def test_photographs_in_other_units_give_the_same_material_times_that_unit(scale):
+    """The start, k = 0.3, is then far from the answer: n_s and the attenuation must not run away from it."""
+    scene = standard_scene()
+    images = noisy(photographs(scene), 0.005, 0)[:3]
+    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
+    other = ds.fit(scene, one_light_each([scale * image for image in images]), free=FREE, tied=TIED)
+    factor = np.array([scale if "k_" in name else 1.0 for name in one.names])
+    np.testing.assert_allclose(other.values, factor * one.values, rtol=1e-6)
+    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
+
+
+# --- the step
+
+
+@jax.jit
+def step(y, g, H, lower, upper, step_size):
+    descent = BoxNewton(lower, upper)
+    hessian = lx.MatrixLinearOperator(jnp.asarray(H), lx.positive_semidefinite_tag)
+    here = optx.FunctionInfo.EvalGradHessian(jnp.asarray(0.0), jnp.asarray(g), hessian)
+    return descent.step(step_size, descent.query(y, here, descent.init(y, here)))[0]
+
+
+def random_problem(random: np.random.Generator, p: int = 6):
+    """A correlated quadratic at 0 inside a box, at whose edge about a third of the unknowns stand."""
+    A = random.standard_normal((p + 2, p)) @ (np.eye(p) + random.standard_normal((p, p)))
+    lower = np.where(random.random(p) < 0.3, 0.0, -random.exponential(1.0, p))
+    return np.zeros(p), A.T @ A @ random.standard_normal(p), A.T @ A, lower, random.exponential(1.0, p)
+
+
+def test_a_step_stays_in_the_box_exactly():
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        y, g, H, lower, upper = random_problem(random)
+        dy = np.asarray(step(y, g, H, lower, upper, 10.0 ** random.uniform(-3, 6)))
+        assert np.all((lower <= y + dy) & (y + dy <= upper))
+
+
+def test_without_a_bound_in_the_way_it_is_newtons_step():
+    random = np.random.default_rng(1)
+    far = np.full(6, 1e6)
+    y, g, H, _, _ = random_problem(random)
+    np.testing.assert_allclose(step(y, g, H, -far, far, 1e14), -np.linalg.solve(H, g), rtol=1e-8)
+
+
+def test_damping_shortens_it_towards_the_scaled_gradient():
+    y, g, H, _, _ = random_problem(np.random.default_rng(2))
+    far = np.full(6, 1e6)
+    np.testing.assert_allclose(step(y, g, H, -far, far, 1e-8), -1e-8 * g / np.diag(H), rtol=1e-6)
+
+
+def test_it_does_not_depend_on_the_unit_of_an_unknown():
+    y, g, H, lower, upper = random_problem(np.random.default_rng(3))
+    unit = 10.0 ** np.arange(-3.0, 3.0)
+    dy = step(y, g, H, lower, upper, 10.0)
+    scaled = step(y, g / unit, H / np.outer(unit, unit), lower * unit, upper * unit, 10.0)
+    np.testing.assert_allclose(scaled, dy * unit, rtol=1e-9, atol=1e-12)
+
+
+def test_an_unknown_at_a_bound_stays_while_its_slope_points_out_and_leaves_when_it_points_in():
+    H = np.array([[2.0, 0.5], [0.5, 1.0]])
+    lower, upper = np.zeros(2), np.ones(2)
+    y = np.array([0.0, 0.5])
+    out = np.asarray(step(y, np.array([1.0, 0.2]), H, lower, upper, 1e14))
+    np.testing.assert_allclose(out, [0.0, -0.2], atol=1e-12)  # the other solves its own equation alone
+    assert step(y, np.array([-1.0, 0.2]), H, lower, upper, 1e14)[0] > 0
+    for slope, there in ((1.0, True), (-1.0, False)):
+        pinned = at_bound(*map(jnp.asarray, (y, np.array([slope, 0.2]), lower, upper)))
+        assert np.asarray(pinned).tolist() == [there, False]
+
+
+def test_what_would_cross_ends_on_the_bound_and_the_others_are_solved_for_given_that():
+    H = np.array([[2.0, 0.9], [0.9, 1.0]])
+    g = np.array([-4.0, -1.0])
+    dy = np.asarray(step(np.zeros(2), g, H, np.full(2, -9.0), np.array([0.5, 9.0]), 1e14))
+    np.testing.assert_allclose(dy, [0.5, 1.0 - 0.9 * 0.5], rtol=1e-10)
+
+
+@pytest.mark.parametrize("H", [np.zeros((2, 2)), np.array([[1.0, 1.0], [1.0, 1.0]]), np.diag([1.0, 0.0])])
+def test_a_singular_hessian_gives_a_finite_step(H):
+    g = H @ np.array([1.0, -3.0])
+    for damping in (1e-3, 1.0):
+        assert np.isfinite(step(np.zeros(2), g, H, np.full(2, -9.0), np.full(2, 9.0), 1.0 / damping)).all()
+
+
+# --- the whole solver on functions whose answer is known
+
+
+def one_view(cost, gradient, hessian):
+    """What the solver wants of a function: its cost, and the Gram of each view, here of a single one."""
+    return cost, Gram(*(leaf[None] for leaf in (cost, gradient, hessian)))
+
+
+def linear_least_squares(y, args):
+    A, b = args
+    r = A @ y - b
+    return one_view(0.5 * r @ r, A.T @ r, A.T @ A)
+
+
+@jax.jit
+def minimise(y, args, lower, upper):
+    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper), search=GainRatio())
+    return optx.minimise(linear_least_squares, solver, y, args, has_aux=True, max_steps=200, throw=False).value
+
+
+def test_bounded_linear_problems_are_solved_whatever_their_correlations():
+    """Correlated columns send the first active sets astray: a step may not lower the model, and is no convergence."""
+    random = np.random.default_rng(0)
+    for _ in range(400):
+        p = 8
+        A = random.standard_normal((p + 8, p)) @ (np.eye(p) + random.standard_normal((p, p)))
+        b = A @ random.standard_normal(p) + 0.5 * random.standard_normal(p + 8)
+        lower = np.where(random.random(p) < 0.5, 0.0, -np.inf)
+        upper = np.where(random.random(p) < 0.3, 0.5, np.inf)
+        y = np.asarray(minimise(np.full(p, 0.3), (A, b), lower, upper))
+        best = scipy.optimize.lsq_linear(A, b, (lower, upper), method="bvls", tol=1e-14)
+        assert 0.5 * np.sum((A @ y - b) ** 2) <= best.cost * (1 + 1e-8)
+
+
+def quartic(y, args):
+    """((y0 + y1)^2 - 1)^2 / 2; from far away each step halves the way, and y0 - y1 is never seen."""
+    s = jnp.sum(y)
+    r, slope = s**2 - 1.0, 2.0 * s * jnp.ones(2)
+    return one_view(0.5 * r**2, r * slope, jnp.outer(slope, slope))
+
+
+FAR = np.full(2, 1e300)
+
+
+def test_a_singular_problem_that_takes_dozens_of_steps_is_solved_all_the_same():
+    """Damping shrinks with every step that succeeds, and with it what keeps the matrix regular."""
+    solver = GramLevenbergMarquardt(descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR)), search=GainRatio())
+    solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=200, throw=False)
+    assert solution.result == optx.RESULTS.successful
+    np.testing.assert_allclose(jnp.sum(solution.value), 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("wall", [jnp.nan, jnp.inf])
+def test_a_step_onto_something_that_is_not_finite_is_taken_back(wall):
+    def walled(y, args):
+        """A parabola about 0.9 that says it is flatter than it is, and a wall at 1."""
+        inside = y[0] <= 1.0
+        terms = 0.5 * (y[0] - 0.9) ** 2, y - 0.9, 0.1 * jnp.eye(1)
+        return one_view(*(jnp.where(inside, term, wall) for term in terms))
+
+    far = jnp.full(1, 1e6)
+    solver = GramLevenbergMarquardt(descent=BoxNewton(-far, far), search=GainRatio())
+    solution = optx.minimise(walled, solver, jnp.zeros(1), has_aux=True, max_steps=200, throw=False)
+    assert solution.result == optx.RESULTS.successful
+    np.testing.assert_allclose(solution.value, 0.9, rtol=1e-4)
+
+
+def test_a_start_that_is_not_finite_is_an_error_in_one_sentence():
+    scene = standard_scene(lights=[ds.PointLight((2, 3, 4), 1e200)] * 8)
+    views = one_light_each([np.full((*CAMERA.shape, 3), 0.5)] * 3)
+    with pytest.raises(FloatingPointError) as refusal:
+        ds.fit(scene, views, free=FREE, tied=TIED)
+    message = str(refusal.value)
+    assert message.startswith("the fit met a number that is not finite")
+    assert "\n" not in message
+
+
+def test_a_solver_that_runs_out_of_steps_says_so():
+    solver = GramLevenbergMarquardt(descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR)), search=GainRatio())
+    solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=3, throw=False)
+    assert solution.result == optx.RESULTS.nonlinear_max_steps_reached
