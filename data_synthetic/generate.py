@@ -24,7 +24,7 @@ def generate(scene_file: Path, folder: Path) -> None:
     scene, camera = ds.read_scene(scene_file), ds.read_camera(scene_file)
     noise = np.random.default_rng([SEED, *scene_file.stem.encode()])
     folder.mkdir(parents=True, exist_ok=True)
-    ds.write_scene(folder / "truth.toml", scene, camera)
+    ds.write_scene(folder / "truth.toml", scene, camera=camera)
     for i in range(len(scene.lights)):
         with jax.enable_x64(True):
             clean = np.asarray(ds.render(scene, camera, lit=(i,)))

@@ -54,7 +54,7 @@ def read_camera(path: str | Path) -> AbstractCamera:
     return _value("camera", document["camera"], f"{path}: camera")
 
 
-def write_scene(path: str | Path, scene: Scene, camera: AbstractCamera | None = None) -> None:
+def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> None:
     """Write a scene, and a camera where one is given, as TOML that `read_scene` and `read_camera` read back exactly.
 
     Raises ValueError for a scene that has no such form: a G-buffer's points are no text.

@@ -57,11 +57,11 @@ class Sphere(AbstractSurface):
         miss = o + d * nearest
         half_chord2 = self.radius * self.radius - dot(miss, miss)
         half_chord = safe_sqrt(half_chord2)
-        enters = nearest > half_chord
-        t = jnp.where(enters, nearest - half_chord, nearest + half_chord)
-        n = normalize(where(half_chord2 > 0, o + d * t, miss))
-        facing = where(dot(n, d) > 0, -n, n)
-        return Hit(t, center + n * self.radius, facing, (half_chord2 > 0) & (t > 0))
+        hit, outside = half_chord2 > 0, nearest > half_chord
+        t = jnp.where(outside, nearest - half_chord, nearest + half_chord)
+        n = normalize(where(hit, o + d * t, miss))
+        facing = where(hit & ~outside, -n, n)
+        return Hit(t, center + n * self.radius, facing, hit & (t > 0))
 
 
 def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
@@ -88,7 +88,7 @@ class GBuffer(AbstractSurface):
         position = None if position is None else as_array(position)
         inside = (normal != 0).any(-1) if mask is None else as_mask(mask)
         for name, array in (("normal", normal), ("position", position)):
-            if array is not None and array.shape != (*inside.shape[:2], 3):
+            if array is not None and (inside.ndim != 2 or array.shape != (*inside.shape, 3)):
                 raise ValueError(
                     f"GBuffer.{name} must have shape (H, W, 3), with the mask's H and W; got {array.shape} with a mask "
                     f"of shape {inside.shape}. Give one vector a pixel."

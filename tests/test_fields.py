@@ -87,7 +87,7 @@ def test_one_number_is_grey(grey):
         (
             lambda: ds.Sphere((0, np.nan, 0)),
             ValueError,
-            "Sphere.center must be finite; got [ 0., nan,  0.]. Give three numbers (x, y, z).",
+            "Sphere.center must be finite; got (0, nan, 0). Give three numbers (x, y, z).",
         ),
         (
             lambda: ds.Material(n_s=np.inf),
@@ -97,22 +97,22 @@ def test_one_number_is_grey(grey):
         (
             lambda: ds.Material(n_s=-1),
             ValueError,
-            "Material.n_s must be at least 0; got -1.. Give a value in that range.",
+            "Material.n_s must be at least 0; got -1. Give a value in that range.",
         ),
         (
             lambda: ds.Material(k_s=(0.5, -0.1, 0)),
             ValueError,
-            "Material.k_s must be at least 0; got [ 0.5, -0.1,  0. ]. Give a value in that range.",
+            "Material.k_s must be at least 0; got (0.5, -0.1, 0). Give a value in that range.",
         ),
         (
             lambda: ds.SpotLight((0, 0, 1), (0, 0, -1), cutoff=91),
             ValueError,
-            "SpotLight.cutoff must be between 0 and 90; got 91.. Give a value in that range.",
+            "SpotLight.cutoff must be between 0 and 90; got 91. Give a value in that range.",
         ),
         (
             lambda: ds.Material(k_d=jnp.array([0.1, -0.2, 0.3])),
             ValueError,
-            "Material.k_d must be at least 0; got [ 0.1, -0.2,  0.3]. Give a value in that range.",
+            "Material.k_d must be at least 0; got (0.1, -0.2, 0.3). Give a value in that range.",
         ),
     ],
 )

@@ -176,6 +176,12 @@ def test_bounds_of_one_object_leave_the_other_alone():
     assert [(u.lower, u.upper) for u in unknowns] == [(0.1, 1e4), (5.0, 50.0)]
 
 
+def test_two_bounds_of_one_number_both_hold():
+    bounds = {"n_s": (5.0, 500.0), "material.n_s": (1.0, 50.0)}
+    (n_s,) = find_unknowns(ONE, ("n_s",), bounds=bounds)
+    assert (n_s.lower, n_s.upper) == (5.0, 50.0)
+
+
 @pytest.mark.parametrize("place", [0, 1])
 def test_bounds_of_any_one_place_bind_what_is_tied_to_it(place):
     bounds = {f"objects.{place}.material.n_s": (5.0, 50.0)}

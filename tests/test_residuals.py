@@ -49,6 +49,12 @@ def test_one_light_may_be_given_as_a_number(lit):
     assert ds.View(DARK, SMALL, lit=lit).lit == (2,)
 
 
+def test_switches_are_no_indices():
+    """(True, False) would silently mean lights 1 and 0."""
+    with pytest.raises((TypeError, ValueError), match=r"lit"):
+        ds.View(DARK, SMALL, lit=(True, False))
+
+
 def test_all_lights_are_on_by_default_and_none_with_an_empty_lit():
     assert ds.View(DARK, SMALL).lit is None
     assert ds.View(DARK, SMALL, lit=()).lit == ()

@@ -38,11 +38,11 @@ def assert_same(a, b):
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: type(camera).__name__)
 def test_it_comes_back_exactly(tmp_path, camera):
     path = tmp_path / "scene.toml"
-    ds.write_scene(path, SCENE, camera)
+    ds.write_scene(path, SCENE, camera=camera)
     assert_same(ds.read_scene(path), SCENE)
     assert_same(ds.read_camera(path), camera)
     once = path.read_bytes()
-    ds.write_scene(str(path), ds.read_scene(str(path)), ds.read_camera(str(path)))
+    ds.write_scene(str(path), ds.read_scene(str(path)), camera=ds.read_camera(str(path)))
     assert path.read_bytes() == once
 
 
@@ -223,7 +223,7 @@ BAD = {
     "a negative number": (
         "k_d = 0.7",
         "n_s = -1",
-        ": objects[0].material: Material.n_s must be at least 0; got -1.. Give a value in that range.",
+        ": objects[0].material: Material.n_s must be at least 0; got -1. Give a value in that range.",
     ),
     "two numbers": (
         "[0.1, 0.2, 0.3]",
@@ -234,7 +234,7 @@ BAD = {
     "not finite": (
         "[2, 3, 4]",
         "[2, nan, 4]",
-        ": lights[0]: PointLight.position must be finite; got [ 2., nan,  4.]. Give three numbers (x, y, z).",
+        ": lights[0]: PointLight.position must be finite; got (2, nan, 4). Give three numbers (x, y, z).",
     ),
     "no direction": (
         "[0, 0, -1]",
