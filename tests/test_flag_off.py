@@ -12,8 +12,8 @@ TESTS = Path(__file__).parent
 # each in a process of its own, which has the flag off and warnings as errors anyway.
 FILES = ("test_fitting.py", "test_messages.py")
 SELECTED = (
-    "test_messages or (noiseless and not unknown and not two_objects) or numpy_float64 or flag or jax_arrays "
-    "or threads or table or clipped or prediction or traces_nothing"
+    "test_messages or phong or gbuffer or numpy_float64 or flag or jax_arrays or threads or table or clipped "
+    "or prediction or traces_nothing"
 )
 
 

@@ -5,6 +5,7 @@ to the clamp of the attenuation all exceed .05.
 """
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,8 @@ from diffshade.attenuation import angular_attenuation
 from diffshade.rendering import pixel_rays
 
 MARGIN = 0.05
-QUICK = {"xla_backend_optimization_level": 0}  # the time goes into compiling, not into running
+# the time goes into compiling, not into running
+QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
 LOBES = {"phong": ds.Phong(), "blinn": ds.Blinn()}
 MATERIALS = {
     "phong": ds.Material((0.1, 0.2, 0.15), (0.7, 0.25, 0.2), (0.4, 0.3, 0.5), 4.5, ds.Phong()),
@@ -194,12 +196,12 @@ def colour(tree):
     return ds.shade(scene, ds.GBuffer(n, p, np.ones((1, 1))), camera)[0, 0]
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=QUICK)
 def forward(tree, tangent):
     return jax.jvp(colour, (tree,), (tangent,))[1]
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=QUICK)
 def reverse(tree, cotangent):
     return jax.vjp(colour, tree)[1](cotangent)[0]
 

@@ -1,6 +1,7 @@
 """What must hold for every scene: linearity, invariances, and images without a NaN."""
 
 import dataclasses
+from functools import partial
 
 import hypothesis.strategies as st
 import jax
@@ -202,7 +203,11 @@ def test_extreme_scenes_are_finite(material, lights, eye):
     assert np.isfinite(render(*extreme(material, lights, eye))).all()
 
 
-@jax.jit
+# the time goes into compiling, not into running
+QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
+
+
+@partial(jax.jit, compiler_options=QUICK)
 def gradient(both):
     return jax.grad(lambda both: jnp.sum(ds.render(*both)))(both)
 

@@ -1,6 +1,7 @@
 """Views become residuals: which samples count, and that blocks, padding and stacking change nothing about them."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -218,7 +219,10 @@ def gram(
 def dense_gram(
     scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown], theta: np.ndarray, *, moving=False
 ) -> Gram:
-    """The same by `ds.render` and `jax.jacfwd`, view by view: no blocks, no padding, no stacks of views."""
+    """The same by `ds.render` and `jax.jacfwd`, view by view: no blocks, no padding, no stacks of views.
+
+    What is not lit is dark here, not left out, so that one program serves all views.
+    """
 
     def put(q):
         changed = scene
@@ -235,18 +239,22 @@ def dense_gram(
                 changed = eqx.tree_at(where, changed, replace_fn=new)
         return changed
 
+    def image(q, camera, on):
+        lights: Any = put(q).lights
+        dimmed = [light.intensity * switch for light, switch in zip(lights, on, strict=True)]
+        switched = eqx.tree_at(lambda s: [light.intensity for light in s.lights], put(q), dimmed)
+        picture = ds.render(switched, camera)
+        return picture, picture
+
+    both = jax.jit(jax.jacfwd(image, has_aux=True))
     grams = []
     for view in views:
         samples = find_samples(scene, view, moving=moving)
-
-        def residual(q, view=view, samples=samples):
-            predicted = view.exposure * ds.render(put(q), view.camera, lit=view.lit)
-            if samples.values.shape[-1] == 1:
-                predicted = predicted.mean(-1, keepdims=True)
-            r = (predicted - samples.values)[samples.counts]
-            return r, r
-
-        J, r = jax.jit(jax.jacfwd(residual, has_aux=True))(jnp.asarray(theta))
+        on = [1.0 * (view.lit is None or i in view.lit) for i in range(len(scene.lights))]
+        J, predicted = (float(view.exposure) * array for array in both(jnp.asarray(theta), view.camera, on))
+        if samples.values.shape[-1] == 1:
+            J, predicted = J.mean(2, keepdims=True), predicted.mean(2, keepdims=True)
+        J, r = J[samples.counts], (predicted - samples.values)[samples.counts]
         grams.append(Gram(0.5 * r @ r, J.T @ r, J.T @ J))
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *grams)
 

@@ -25,7 +25,7 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse import residuals
-from diffshade.inverse.parameters import Unknown, find_unknowns, slots_of
+from diffshade.inverse.parameters import LINEAR, Unknown, find_unknowns, slots_of
 from diffshade.inverse.residuals import Problem, prepare
 from diffshade.inverse.solvers import BoxNewton, GainRatio, Gram, GramLevenbergMarquardt, at_bound, solve
 from diffshade.inverse.views import find_samples
@@ -51,7 +51,8 @@ class Solver(NamedTuple):
     def run(self) -> tuple[np.ndarray, Gram, optx.Solution]:
         """Return the optimum and the Gram of all views there."""
         theta, lower, upper = map(jnp.asarray, (self.start, self.lower, self.upper))
-        solution = solve(theta, self.problem, lower, upper, 200, None)
+        linear = jnp.asarray([u.quantity in LINEAR for u in self.unknowns])
+        solution = solve(theta, self.problem, lower, upper, linear, 200, None)
         return np.asarray(solution.value), jax.tree.map(lambda leaf: leaf.sum(0), solution.aux), solution
 
 
@@ -215,7 +216,7 @@ def test_photographs_in_other_units_give_the_same_material_times_that_unit(scale
 
 @jax.jit
 def step(y, g, H, lower, upper, step_size):
-    descent = BoxNewton(lower, upper)
+    descent = BoxNewton(lower, upper, jnp.zeros(len(lower), bool))
     hessian = lx.MatrixLinearOperator(jnp.asarray(H), lx.positive_semidefinite_tag)
     here = optx.FunctionInfo.EvalGradHessian(jnp.asarray(0.0), jnp.asarray(g), hessian)
     return descent.step(step_size, descent.query(y, here, descent.init(y, here)))[0]
@@ -299,7 +300,7 @@ def linear_least_squares(y, args):
 
 @jax.jit
 def minimise(y, args, lower, upper):
-    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper), search=GainRatio())
+    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper, jnp.zeros(len(lower), bool)), search=GainRatio())
     return optx.minimise(linear_least_squares, solver, y, args, has_aux=True, max_steps=200, throw=False).value
 
 
@@ -329,7 +330,9 @@ FAR = np.full(2, 1e300)
 
 def test_a_singular_problem_that_takes_dozens_of_steps_is_solved_all_the_same():
     """Damping shrinks with every step that succeeds, and with it what keeps the matrix regular."""
-    solver = GramLevenbergMarquardt(descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR)), search=GainRatio())
+    solver = GramLevenbergMarquardt(
+        descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR), jnp.zeros(len(FAR), bool)), search=GainRatio()
+    )
     solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=200, throw=False)
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(jnp.sum(solution.value), 1.0, rtol=1e-9)
@@ -344,7 +347,7 @@ def test_a_step_onto_something_that_is_not_finite_is_taken_back(wall):
         return one_view(*(jnp.where(inside, term, wall) for term in terms))
 
     far = jnp.full(1, 1e6)
-    solver = GramLevenbergMarquardt(descent=BoxNewton(-far, far), search=GainRatio())
+    solver = GramLevenbergMarquardt(descent=BoxNewton(-far, far, jnp.zeros(len(far), bool)), search=GainRatio())
     solution = optx.minimise(walled, solver, jnp.zeros(1), has_aux=True, max_steps=200, throw=False)
     assert solution.result == optx.RESULTS.successful
     np.testing.assert_allclose(solution.value, 0.9, rtol=1e-4)
@@ -361,6 +364,8 @@ def test_a_start_that_is_not_finite_is_an_error_in_one_sentence():
 
 
 def test_a_solver_that_runs_out_of_steps_says_so():
-    solver = GramLevenbergMarquardt(descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR)), search=GainRatio())
+    solver = GramLevenbergMarquardt(
+        descent=BoxNewton(jnp.asarray(-FAR), jnp.asarray(FAR), jnp.zeros(len(FAR), bool)), search=GainRatio()
+    )
     solution = optx.minimise(quartic, solver, jnp.array([1e15, 1e15]), has_aux=True, max_steps=3, throw=False)
     assert solution.result == optx.RESULTS.nonlinear_max_steps_reached

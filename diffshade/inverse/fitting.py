@@ -15,7 +15,7 @@ from ..fields import check
 from ..progress import showing
 from ..scenes import Scene
 from .outcome import Fit, diagnose
-from .parameters import find_unknowns, slots_of
+from .parameters import LINEAR, find_unknowns, slots_of
 from .residuals import prepare
 from .solvers import solve
 from .views import View, is_grey
@@ -73,6 +73,7 @@ def fit(
                 problem,
                 jnp.asarray(_log(lower, logarithmic)),
                 jnp.asarray(_log(upper, logarithmic)),
+                jnp.asarray([u.quantity.split(".")[-1] in LINEAR for u in unknowns]),
                 MAX_STEPS,
                 None if number is None else jnp.asarray(number),
             )
@@ -81,7 +82,8 @@ def fit(
         steps = int(solution.stats["steps"])
     if not (np.isfinite(theta).all() and np.isfinite(gram.cost).all()):
         raise FloatingPointError(
-            f"the fit met a number that is not finite at theta = {theta}. Check the scene for extreme values."
+            f"the fit met a number that is not finite at {', '.join(f'{t:g}' for t in theta)}. Check the scene for "
+            "extreme values."
         )
     values = np.where(logarithmic, np.exp(np.where(logarithmic, theta, 0.0)), theta)
     for bound in (lower, upper):  # right at the bound, not a rounding beside it

@@ -216,9 +216,12 @@ def _warnings(
         if inside and error > 0.3 * abs(value):
             share = f"{error / abs(value):.0%}" if value else "all"
             said.append(f"{unknown.name} is poorly determined: its error is {share} of its value.")
-    bright = [u.name for u, value in zip(unknowns, values, strict=True) if _is(u, "k_d") and value > 1.0]
+    bright = [u.name for u, above in zip(unknowns, determined & (values > 1.0), strict=True) if above and _is(u, "k_d")]
     if bright:
-        said.append(f"{listing(bright)} above 1: more light leaves than arrives. Check intensities and exposure.")
+        verb = "is" if len(bright) == 1 else "are"
+        said.append(
+            f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
+        )
     return said
 
 

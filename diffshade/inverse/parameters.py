@@ -18,6 +18,7 @@ from ..scenes import Scene, StackedScene, stack_scene
 # Where a fit starts, by the last segment of the name: not at the scene's values, which may not be known. Anything else
 # (a light's position, an intensity) starts at the scene's value.
 STARTS = {"k_a": 0.3, "k_d": 0.3, "k_s": 0.3, "n_s": 10.0, "linear": 0.0, "quadratic": 0.0}
+LINEAR = {"k_a", "k_d", "k_s"}  # the image is linear in them
 LOGARITHMIC = {"n_s"}  # solved for as log n_s: the error of n_s is proportional to it
 RANGES = {"n_s": (0.1, 1e4)}  # where the range of a fit is narrower than that of the field
 
@@ -106,7 +107,7 @@ def find_unknowns(
     for unknown in unknowns.values():
         if not unknown.lower < unknown.upper:
             raise ValueError(
-                f"the bounds of the tied '{unknown.quantity}' leave nothing between {unknown.lower:g} and "
+                f"the bounds of '{unknown.quantity}' leave nothing between {unknown.lower:g} and "
                 f"{unknown.upper:g}. Widen one of them."
             )
         unknown.start = float(np.clip(unknown.start, unknown.lower, unknown.upper))
@@ -185,7 +186,8 @@ def _tied_name(name: str, path: str) -> str | None:
 
 def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
     whole = (float(metadata.get("lower", -np.inf)), float(metadata.get("upper", np.inf)))
-    lower, upper = RANGES.get(path.split(".")[-1], whole)
+    whole = lower, upper = RANGES.get(path.split(".")[-1], whole)
+    allowed = f"[{lower:g}, {upper:g}]"
     for name, pair in bounds.items():
         if _run(name, path) is None:
             continue
@@ -195,10 +197,9 @@ def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, tuple[fl
             raise ValueError(f"bounds of '{name}' must be two numbers; got {pair!r}. Give (lower, upper).") from None
         if not low < high:
             raise ValueError(f"bounds of '{name}' must be lower < upper; got ({low:g}, {high:g}). Swap or widen them.")
-        if low < lower or high > upper:
-            allowed = f"[{lower:g}, {upper:g}]"
+        if low < whole[0] or high > whole[1]:
             raise ValueError(f"bounds of '{name}' must lie in {allowed}; got ({low:g}, {high:g}). Stay inside it.")
-        return low, high
+        lower, upper = max(lower, low), min(upper, high)
     return lower, upper
 
 

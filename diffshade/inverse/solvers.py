@@ -52,45 +52,72 @@ def cost_and_gram(theta: Float[Array, " p"], problem: Problem) -> tuple[Scalar, 
 class BoxNewton(optx.AbstractDescent):
     """Damped Newton step (H + D/step_size) dy = -g within bounds, by an active set.
 
-    D is the running maximum of diag(H), so that the step does not depend on the units of an unknown (More 1978). An
-    unknown at a bound whose gradient points outward stays there; a step that would cross a bound ends on it, and the
-    others are solved for again with that step given.
+    The step is the minimum of the damped quadratic model over the box. D is the running maximum of diag(H), so that it
+    does not depend on the units of an unknown (More 1978).
     """
 
     lower: Float[Array, " p"]
     upper: Float[Array, " p"]
+    linear: Bool[Array, " p"]
+    """Unknowns in which the residuals are linear. The first step moves these alone, to their optimum: whatever the
+    images' unit, the others then start beside coefficients of the right size."""
 
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array]:
-        """Return an empty state: the point, its gradient, its Hessian and the scale."""
+    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array, Array]:
+        """Return an empty state: the point, its gradient, its Hessian, the scale, and the number of points so far."""
         p = y.shape[0]
-        return y, jnp.zeros(p), jnp.zeros((p, p)), jnp.zeros(p)
+        return y, jnp.zeros(p), jnp.zeros((p, p)), jnp.zeros(p), jnp.array(0)
 
-    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Array, Array]:
+    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Array, Array, Array]:
         """Take a new point."""
         hessian = f_info.hessian.as_matrix()
-        return y, f_info.grad, hessian, jnp.maximum(state[3], jnp.diagonal(hessian))
+        return y, f_info.grad, hessian, jnp.maximum(state[3], jnp.diagonal(hessian)), state[4] + 1
 
     def step(self, step_size: Scalar, state: tuple) -> tuple[Array, Any]:
         """Return the step of damping 1/step_size from the point."""
-        y, g, H, D = state
+        y, g, H, D, points = state
         D = jnp.maximum(D, 1e-12 * jnp.max(D))
         scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
+        A = H * jnp.outer(scale, scale) + jnp.eye(len(y)) / step_size
         low, high = self.lower - y, self.upper - y
-        pinned = at_bound(y, g, self.lower, self.upper)
-        fixed = jnp.zeros_like(y)
-        dy = fixed
-        for _ in range(3):  # each round may find more bounds in the way; the clip below makes any round feasible
-            free = jnp.where(pinned, 0.0, 1.0)
-            A = H * jnp.outer(scale * free, scale * free) + jnp.diag(jnp.where(pinned, 1.0, 1.0 / step_size))
-            factor = jax.scipy.linalg.cho_factor(A)
-            dy = fixed - scale * jax.scipy.linalg.cho_solve(factor, free * scale * (g + H @ fixed))
-            crossing = ~pinned & ((dy < low) | (dy > high))
-            fixed = jnp.where(crossing, jnp.clip(dy, low, high), fixed)
-            pinned = pinned | crossing
-        dy = jnp.clip(dy, low, high)
+
+        def within(low: Array, high: Array) -> Array:
+            return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale), low, high)
+
+        first = within(jnp.where(self.linear, low, 0.0), jnp.where(self.linear, high, 0.0))
+        moves = jnp.max(jnp.abs(first)) > 1e-6 * jnp.max(jnp.where(self.linear, jnp.abs(y), 0.0))
+        dy = jnp.where((points == 1) & moves, first, within(low, high))
         finite = jnp.all(jnp.isfinite(dy))
         result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
         return jnp.where(finite, dy, 0.0), result
+
+
+def box_minimum(A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
+    """Minimise g.z + z.A z/2 over low <= z <= high, where low <= 0 <= high and A is positive definite.
+
+    The primal active-set method (Nocedal and Wright 2006, algorithm 16.3), from z = 0: go towards the minimum over what
+    is free until a bound is in the way and hold that; once there, let go of the bound that pushes the wrong way most.
+    """
+
+    def move(state: tuple) -> tuple:
+        z, held, _, count = state
+        free = jnp.where(held, 0.0, 1.0)
+        M = A * jnp.outer(free, free) + jnp.diag(1.0 - free)
+        factor = jax.scipy.linalg.cho_factor(M)
+        target = jnp.where(held, z, -jax.scipy.linalg.cho_solve(factor, free * (g + A @ jnp.where(held, z, 0.0))))
+        bound = jnp.where(target < z, low, high)
+        room = jnp.where(~held & (target != z), (bound - z) / jnp.where(target != z, target - z, 1.0), jnp.inf)
+        nearest = jnp.min(room)
+        blocked = nearest < 1.0
+        hits = blocked & (room <= nearest)
+        z = jnp.where(hits, bound, jnp.where(blocked, z + nearest * (target - z), target))
+        slope = g + A @ z
+        wrong = jnp.where(held, jnp.where(z <= low, -slope, 0.0) + jnp.where(z >= high, slope, 0.0), -jnp.inf)
+        release = ~blocked & (wrong == jnp.max(wrong)) & (wrong > 1e-12 * jnp.max(jnp.abs(g)))
+        return z, (held | hits) & ~release, ~blocked & ~jnp.any(release), count + 1
+
+    z = jnp.zeros_like(g)
+    start = (z, at_bound(z, g, low, high), jnp.array(False), jnp.array(0))
+    return jax.lax.while_loop(lambda state: ~state[2] & (state[3] < 10 * len(g) + 10), move, start)[0]
 
 
 def at_bound(y: Array, gradient: Array, lower: Array, upper: Array) -> Bool[Array, " p"]:
@@ -151,7 +178,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
     search: optx.AbstractSearch
     listener: Int[Array, ""] | None = None
     """Number of the listener that is told of each step (see `progress`)."""
-    rtol: float = 1e-12
+    rtol: float = 1e-16
     atol: float = 0.0
     norm: Callable[[Any], Any] = optx.max_norm
 
@@ -186,7 +213,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         rejected = jnp.where(accept, 0, state.rejected + 1)
 
         predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
-        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0)
+        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0) & ~state.first
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         if self.listener is not None:
             jax.debug.callback(report_step, self.listener, state.steps, cost)
@@ -222,9 +249,10 @@ def solve(
     problem: Problem,
     lower: Float[Array, " p"],
     upper: Float[Array, " p"],
+    linear: Bool[Array, " p"],
     max_steps: int,
     listener: Int[Array, ""] | None,
 ) -> optx.Solution:
     """Minimise the sum of squared residuals from `start` within bounds; `aux` of the solution is each view's Gram."""
-    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper), search=GainRatio(), listener=listener)
+    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper, linear), search=GainRatio(), listener=listener)
     return optx.minimise(cost_and_gram, solver, start, problem, has_aux=True, max_steps=max_steps, throw=False)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from .parameters import Unknown
 
@@ -125,39 +125,40 @@ def sentences(
     return said
 
 
+# Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
+_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "constant": 1, "linear": 1, "quadratic": 1, "intensity": -1, "ambient": -1}
+_FADERS = ("constant", "linear", "quadratic")
+
+
 def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
     involved = np.flatnonzero(direction)
-    logarithmic = np.array([unknown.logarithmic for unknown in unknowns])
-    units = np.where(logarithmic | (values == 0), 1.0, values)
-    relative = (direction / units)[involved]
-    relative = relative / relative[np.argmax(np.abs(relative))]
-    scaling = bool(np.all(np.abs(np.abs(relative) - 1.0) < 1e-3)) and not np.any(logarithmic[involved])
     names = _quantities(unknowns, involved)
+    signs = np.array([_GAUGE_SIGN.get(unknowns[int(j)].quantity.split(".")[-1], 0) for j in involved])
+    factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
     fix = next((n for key in ("constant", "intensity", "ambient") for n in names if n.split(".")[-1] == key), names[-1])
-    if not scaling:
+    if not np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) or factors[0] == 0:
         return (
             f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
             f"Fix one, for example {fix}, or add views from other distances or directions."
         )
-    up = _quantities(unknowns, involved[relative > 0])
-    down = _quantities(unknowns, involved[relative < 0])
-    if up and down:
+    senders = _quantities(unknowns, involved[signs < 0])
+    faders = [name for name in names if name.split(".")[-1] in _FADERS]
+    others = [name for name in names if name not in (*senders, *faders)]
+    if senders:
         return (
-            f"these views cannot separate {listing(up)} from {listing(down)}: scaling the former up and the latter "
-            f"down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
+            f"these views cannot separate {listing(others + faders)} from {listing(senders)}: scaling the former up "
+            f"and the latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
         )
-    faders = [n for n in names if n.split(".")[-1] in ("constant", "linear", "quadratic")]
-    rest = [n for n in names if n not in faders]
-    pair = f"{listing(rest)} from {listing(faders)}" if rest and faders else listing(names)
+    pair = f"{listing(others)} from {listing(faders)}" if others and faders else listing(names)
     return (
         f"these views cannot separate {pair}: scaling all of them together leaves every pixel unchanged. "
         f"Fix one, for example {fix}."
     )
 
 
-def _quantities(unknowns: Sequence[Unknown], which: Iterable[int]) -> list[str]:
+def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
     """Return the names without their channels, each once."""
-    return list(dict.fromkeys(unknowns[j].quantity for j in which))
+    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
 
 
 def listing(names: Sequence[str]) -> str:

@@ -21,9 +21,11 @@ def as_image(image: ArrayLike) -> Any:
     return array[..., None] if array.ndim == 2 else array
 
 
-def as_lit(lit: Sequence[int] | int | None) -> tuple[int, ...] | None:
-    """Make the indices of the lights that are on a tuple; None is all of them."""
-    return lit if lit is None else tuple(int(i) for i in np.ravel(lit))
+def as_lit(lit: Sequence[int] | int | None) -> Any:
+    """Make a tuple of the indices of the lights that are on; None is all of them, and switches are no indices."""
+    if lit is None or np.asarray(lit).dtype == bool:
+        return lit
+    return tuple(int(i) for i in np.ravel(lit))
 
 
 class View(Checked):
@@ -62,6 +64,8 @@ class View(Checked):
                 f"View.image must have the camera's shape {shape}; got {image.shape[:2]}. "
                 f"Give the camera shape={image.shape[:2]}."
             )
+        if (self.lit is not None and not isinstance(self.lit, tuple)) or (self.lit and isinstance(self.lit[0], bool)):
+            raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give (0, 2), not switches.")
         if self.mask is not None and self.mask.shape != shape:
             raise ValueError(f"View.mask must have the image's shape {shape}; got {self.mask.shape}. Resize it.")
         if is_concrete(self.exposure) and not self.exposure > 0:
