@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import ArrayLike, Float
@@ -26,12 +27,14 @@ def as_array(value: Numbers) -> Any:
     `jnp.asarray` would round 0.1 to float32, keep 40 an integer that `grad` refuses, and start a backend. What is no
     array of numbers is handed on as it is, for the check, which knows the field's name, to refuse.
     """
-    if value is None or isinstance(value, jax.Array):
-        return value
+    if isinstance(value, jax.Array):
+        return value if jnp.issubdtype(value.dtype, jnp.floating) else value.astype(float)
     try:
-        return np.array(value, np.float64)  # a copy: a caller's later edits must not reach a frozen scene
-    except (TypeError, ValueError):
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
         return value
+    # a copy: a caller's later edits must not reach a frozen scene
+    return array.astype(np.float64) if array.dtype.kind in "biuf" else value
 
 
 def as_scalar(value: Numbers) -> Any:
@@ -101,7 +104,7 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
 
 
 def _shown(numbers: np.ndarray) -> str:
-    shown = ", ".join(f"{number:g}" for number in np.ravel(numbers))
+    shown = ", ".join(f"{number:.10g}" for number in np.ravel(numbers))
     return f"({shown})" if np.ndim(numbers) else shown
 
 
@@ -150,5 +153,6 @@ def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclas
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return the sentence that follows a wrong name: the nearest right one, or all of them."""
     options = sorted(set(options))
-    near = difflib.get_close_matches(word, options, n=1, cutoff=0.5)
-    return f"Did you mean '{near[0]}'?" if near else f"Known names: {', '.join(options)}."
+    lower = {option.lower(): option for option in options}
+    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
+    return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {', '.join(options)}."

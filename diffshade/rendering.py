@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
 from .backend import check_backend
@@ -19,7 +20,9 @@ from .surfaces import GBuffer, Hit
 from .vectors import Vec3, where
 
 
-def render(scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | None = None) -> Float[Array, "height width 3"]:
+def render(
+    scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
+) -> Float[Array, "height width 3"]:
     """Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
 
     `lit`: the indices of the lights that are on; all of them by default. Ambient light is never switched. Compiled once
@@ -56,10 +59,11 @@ def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     return GBuffer(*visible_points(scene.objects, camera))
 
 
-def select(scene: Scene, lit: Sequence[int] | None) -> tuple[AbstractLight, ...]:
+def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight, ...]:
     """Return the lights that are on."""
     if lit is None:
         return scene.lights
+    lit = [int(i) for i in np.ravel(lit)]
     for i in lit:
         if not 0 <= i < len(scene.lights):
             raise ValueError(

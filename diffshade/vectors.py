@@ -95,8 +95,11 @@ def reflect(l: Vec3, n: Vec3) -> Vec3:
 
 
 def halfway(l: Vec3, v: Vec3) -> Vec3:
-    """Halfway vector h = (l + v)/|l + v| (Blinn 1977); 0 where l = -v."""
-    return normalize(l + v)
+    """Halfway vector h = (l + v)/|l + v| (Blinn 1977); 0 where l = -v, to within 1e-6, with derivative 0."""
+    h = l + v
+    squared = dot(h, h)
+    apart = squared > 1e-12  # below it, h would be the direction of a rounding
+    return h * jnp.where(apart, 1.0 / jnp.sqrt(jnp.where(apart, squared, 1.0)), 0.0)
 
 
 def positive_power(x: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Array, "..."]:

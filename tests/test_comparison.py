@@ -27,17 +27,20 @@ def test_it_is_one_picture_with_a_row_a_view(fitted, tmp_path):
 
 def test_the_panels_hold_the_photograph_the_fit_and_their_difference(fitted):
     fit, view = fitted
-    photograph, image, difference = (
-        axes.get_images()[0].get_array() for axes in ds.draw_comparison(fit, view).axes[:3]
-    )
+    panels = []
+    for axes in ds.draw_comparison(fit, view).axes[:3]:
+        array = axes.get_images()[0].get_array()
+        assert array is not None
+        panels.append(array)
+    photograph, image, difference = panels
     prediction = fit.predict(view)
     inside = prediction.counts.any(-1)
     np.testing.assert_allclose(difference[inside], prediction.difference.mean(-1)[inside])
-    assert difference.mask[~inside].all()
+    assert np.ma.getmaskarray(difference)[~inside].all()
     np.testing.assert_allclose(photograph[~inside], 1.0, atol=1e-12)  # white where nothing is compared
     white = np.quantile(prediction.target[prediction.counts], 0.995)
     np.testing.assert_allclose(
-        ds.srgb_decode(image)[inside], np.clip(prediction.image / white, 0, 1)[inside], atol=1e-6
+        ds.srgb_decode(image.data)[inside], np.clip(prediction.image / white, 0, 1)[inside], atol=1e-6
     )
 
 

@@ -36,9 +36,10 @@ def test_fit_photographs_fits_the_ball(tmp_path):
     folder = measured("diligent_ball")
     done = run("fit_photographs.py", folder, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    k_d = [float(re.search(rf"^k_d\.{c} +(\S+)", done.stdout, re.MULTILINE)[1]) for c in "rgb"]
+    k_d = [float(number) for number in re.findall(r"^k_d\.[rgb] +(\S+)", done.stdout, re.MULTILINE)]
     assert k_d == pytest.approx((0.164, 0.138, 0.090), rel=0.05)
-    assert float(re.search(r"held-out RMSE (\S+) over 8 photographs", done.stdout)[1]) < 0.012
+    (held_out,) = re.findall(r"held-out RMSE (\S+) over 8 photographs", done.stdout)
+    assert float(held_out) < 0.012
     assert (tmp_path / "output" / "fit_photographs.png").is_file()
 
 

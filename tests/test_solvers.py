@@ -270,6 +270,17 @@ def test_an_unknown_at_a_bound_stays_while_its_slope_points_out_and_leaves_when_
         assert np.asarray(pinned).tolist() == [there, False]
 
 
+def test_a_step_is_the_minimum_of_the_damped_model_within_the_box():
+    """g.dy + dy.(H + D/step_size) dy/2 with D = diag(H); which bounds hold must come out, whatever crosses first."""
+    random = np.random.default_rng(4)
+    for _ in range(300):
+        y, g, H, lower, upper = random_problem(random)
+        damped = H + np.diag(np.diag(H)) / 1e3
+        L = np.linalg.cholesky(damped)
+        best = scipy.optimize.lsq_linear(L.T, -np.linalg.solve(L, g), (lower, upper), method="bvls", tol=1e-14).x
+        np.testing.assert_allclose(step(y, g, H, lower, upper, 1e3), best, atol=1e-7)
+
+
 def test_what_would_cross_ends_on_the_bound_and_the_others_are_solved_for_given_that():
     H = np.array([[2.0, 0.9], [0.9, 1.0]])
     g = np.array([-4.0, -1.0])

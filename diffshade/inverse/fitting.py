@@ -11,7 +11,7 @@ import numpy as np
 import optimistix as optx
 
 from ..backend import check_backend
-from ..fields import check
+from ..fields import check, check_kind
 from ..progress import showing
 from ..scenes import Scene
 from .outcome import Fit, diagnose
@@ -44,11 +44,15 @@ def fit(
     default coefficients, intensities and attenuation are at least 0 and n_s is in [0.1, 1e4]. `progress`: show a line
     on the terminal.
 
-    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy.
+    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy;
+    FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
+    check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
+    for i, view in enumerate(views):
+        check_kind(f"views[{i}]", view, View, "View(image, camera)")
     check((scene, views))
     check_backend()
     scene = jax.tree.map(_numpy, scene)

@@ -33,7 +33,7 @@ class Fit:
     """The outcome of a fit; `print` it for the table. Every array is NumPy float64, one entry an unknown."""
 
     scene: Scene
-    """The scene with the fitted values."""
+    """The scene with the fitted values; what is not `determined` is one of many that fit as well."""
     views: tuple[View, ...]
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]

@@ -79,6 +79,11 @@ def find_unknowns(
     """
     known = {path: (value, spec) for path, value, spec in quantities(scene)}
     free, tied, bounds = _names("free", free, known), _names("tied", tied, known), dict(bounds or {})
+    if any("direction" in name.split(".") for name in free):
+        raise ValueError(
+            "a light's direction cannot be freed by name: only the way it points has a meaning, not its length, and "
+            "unit vectors are not fitted yet. Fix it."
+        )
     freed = [path for path in known if any(_frees(name, path) for name in free)]
     for name in tied:
         if not any(_run(name, path) is not None for path in freed):

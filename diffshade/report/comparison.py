@@ -23,6 +23,8 @@ def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *
 
     Raises ValueError for a view that does not fit the scene or an unknown suffix, FileNotFoundError without the folder.
     """
+    if Path(path).suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a comparison is .png, .pdf or .svg. Use one.")
     figure = draw_comparison(fit, views, titles=titles)
     with replacing(path) as temporary:
         figure.savefig(temporary, dpi=110)
