@@ -312,7 +312,7 @@ def grey_views_of_normals_without_positions():
     return (
         scene,
         [ds.View(np.random.default_rng(0).uniform(0.0, 1.0, SMALL.shape), flat)],
-        ("material", "direction"),
+        ("material", "lights"),
         (),
     )
 
