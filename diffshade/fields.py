@@ -18,6 +18,7 @@ Array: TypeAlias = np.ndarray | jax.Array
 Scalar: TypeAlias = Float[Array, ""]
 Colour: TypeAlias = Float[Array, "3"]
 Vector: TypeAlias = Float[Array, "3"]
+Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
 Numbers: TypeAlias = ArrayLike | Sequence[Any]  # what people type
 
 
@@ -47,6 +48,11 @@ def as_vector(value: Numbers) -> Any:
     return as_array(value)
 
 
+def as_exponent(value: Numbers) -> Any:
+    """Make one number for all channels, or three, one a channel."""
+    return as_array(value)
+
+
 def as_colour(value: Numbers) -> Any:
     """Make a colour; a single number means grey."""
     colour = as_array(value)
@@ -55,10 +61,11 @@ def as_colour(value: Numbers) -> Any:
     return colour
 
 
-_KINDS: dict[Any, tuple[tuple[int, ...], str, str]] = {
-    as_scalar: ((), "a number", "Give one number."),
-    as_vector: ((3,), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
-    as_colour: ((3,), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+_KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
+    as_scalar: (((),), "a number", "Give one number."),
+    as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
+    as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_exponent: (((), (3,)), "1 or 3 numbers", "Give one number, or one a channel (R, G, B)."),
 }
 
 
@@ -86,13 +93,13 @@ def is_concrete(*values: Any) -> bool:
 
 
 def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]) -> None:
-    shape, noun, remedy = kind
+    shapes, noun, remedy = kind
     if isinstance(value, Tracer):
         return
     # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
     if not isinstance(value, Array | np.number | int | float) or not np.issubdtype(np.asarray(value).dtype, np.number):
         raise TypeError(f"{name} must be {noun}; got {value!r}. {remedy}")
-    if np.shape(value) != shape:
+    if np.shape(value) not in shapes:
         raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
     numbers = np.asarray(value)
     if not np.isfinite(numbers).all():
@@ -151,8 +158,9 @@ def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclas
 
 
 def did_you_mean(word: str, options: Iterable[str]) -> str:
-    """Return the sentence that follows a wrong name: the nearest right one, or all of them."""
+    """Return the sentence that follows a wrong name: the nearest right one, or all of them but whole paths."""
     options = sorted(set(options))
     lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
-    return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {', '.join(options)}."
+    short = ", ".join(option for option in options if "." not in option)
+    return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."

@@ -1,13 +1,26 @@
 """Lights: what arrives at a point. A light knows no material."""
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from .attenuation import RadialAttenuation, angular_attenuation
-from .fields import Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete
+from .fields import Array, Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete
 from .vectors import Vec3, dot, length, normalize
+
+
+class Path(NamedTuple):
+    """How light reaches a point: what its geometry alone decides."""
+
+    l: Vec3
+    """Unit direction from the point to the light."""
+    d: Float[Array, "..."] | None
+    """Distance to the light; None at infinity."""
+    f_ang: Float[Array, "..."] | None
+    """Angular attenuation (E3); None where it is 1."""
 
 
 class AbstractLight(Checked):
@@ -19,11 +32,12 @@ class AbstractLight(Checked):
         """Whether the light stands somewhere, so that it must know where the point is."""
 
     @abc.abstractmethod
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there.
+    def path(self, p: Vec3 | None) -> Path:
+        """Return how light reaches the point p; None, position unknown, is enough for a light that is not local."""
 
-        `p` may be None, position unknown, for a light that is not local.
-        """
+    @abc.abstractmethod
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there."""
 
 
 class PointLight(AbstractLight):
@@ -45,11 +59,17 @@ class PointLight(AbstractLight):
         """True."""
         return True
 
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l = (position - p)/d and f_rad(d) I_l."""
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = (position - p)/d and d."""
         assert p is not None
         to_light = Vec3.of(self.position) - p
-        return normalize(to_light), Vec3.of(self.intensity) * self.attenuation(length(to_light))
+        return Path(normalize(to_light), length(to_light), None)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) I_l."""
+        l, d, _ = self.path(p)
+        assert d is not None
+        return l, Vec3.of(self.intensity) * self.attenuation(d)
 
 
 class DirectionalLight(AbstractLight):
@@ -69,9 +89,13 @@ class DirectionalLight(AbstractLight):
         """False."""
         return False
 
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = -direction/|direction|, the same at every point."""
+        return Path(-normalize(Vec3.of(self.direction)), None, None)
+
     def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l = -direction and I_l, the same at every point."""
-        return -normalize(Vec3.of(self.direction)), Vec3.of(self.intensity)
+        """Return l and I_l, the same at every point."""
+        return self.path(p).l, Vec3.of(self.intensity)
 
 
 class SpotLight(AbstractLight):
@@ -104,14 +128,20 @@ class SpotLight(AbstractLight):
         """True."""
         return True
 
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l and f_rad(d) f_ang(phi) I_l, with cos phi = -l . direction."""
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = (position - p)/d, d and f_ang(phi), with cos phi = -l . direction."""
         assert p is not None
         to_light = Vec3.of(self.position) - p
         l = normalize(to_light)
         cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
-        f_ang = angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness)
-        return l, Vec3.of(self.intensity) * (self.attenuation(length(to_light)) * f_ang)
+        return Path(l, length(to_light), angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness))
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) f_ang(phi) I_l."""
+        l, d, f_ang = self.path(p)
+        assert d is not None
+        assert f_ang is not None
+        return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
 
 
 def check_direction(name: str, direction: Vector) -> None:

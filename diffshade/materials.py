@@ -7,7 +7,7 @@ import abc
 import equinox as eqx
 from jaxtyping import Float
 
-from .fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, check_kind
+from .fields import Array, Checked, Colour, Exponent, as_colour, as_exponent, check_kind
 from .vectors import Vec3, dot, halfway, reflect
 
 
@@ -39,13 +39,14 @@ class Material(Checked):
     """The reflection coefficients of a surface (E1, E4-E6); a coefficient that is not given is 0: no such term.
 
     `k_a`, `k_d`, `k_s`: ambient, diffuse and specular reflection, RGB or one number (grey), at least 0. `n_s`: the
-    specular exponent, at least 0 (1 is dull, 200 polished). `lobe`: `Phong()` or `Blinn()`.
+    specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel. `lobe`: `Phong()` or
+    `Blinn()`.
     """
 
     k_a: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
     k_d: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
     k_s: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
-    n_s: Scalar = eqx.field(converter=as_scalar, default=10.0, metadata={"lower": 0})
+    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata={"lower": 0})
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
 
     def check_together(self) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
+from .fields import Array
 from .lights import AbstractLight
 from .materials import Material
 from .vectors import Vec3, dot, positive_power
@@ -21,8 +22,16 @@ def reflectance(material: Material, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
     n_l = dot(n, l)
     lit = n_l > 0
     diffuse = jnp.where(lit, n_l, 0.0)
-    highlight = jnp.where(lit, positive_power(material.lobe.cosine(n, l, v), material.n_s), 0.0)
-    return Vec3.of(material.k_d) * diffuse + Vec3.of(material.k_s) * highlight
+    cosine = material.lobe.cosine(n, l, v)
+
+    def highlight(n_s: Array) -> Array:
+        return jnp.where(lit, positive_power(cosine, n_s), 0.0)
+
+    if jnp.ndim(material.n_s) == 0:
+        specular = Vec3.of(material.k_s) * highlight(material.n_s)
+    else:  # one exponent a channel
+        specular = Vec3.of(material.k_s) * Vec3(*(highlight(material.n_s[c]) for c in range(3)))
+    return Vec3.of(material.k_d) * diffuse + specular
 
 
 def reflection(

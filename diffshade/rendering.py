@@ -109,6 +109,13 @@ def _render(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height
 
 
 @jax.jit
+def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
+    """Return the pixels that show an object."""
+    rays = pixel_rays(camera.projection(), camera.shape)
+    return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
+
+
+@jax.jit
 def visible_points(
     objects: tuple[Object, ...], camera: AbstractCamera
 ) -> tuple[Float[Array, "h w 3"], Float[Array, "h w 3"] | None, Bool[Array, "h w"]]:
@@ -119,5 +126,4 @@ def visible_points(
     for hit, seen in zip(hits, nearest(hits), strict=True):
         n = where(seen, hit.n, n)
         p = None if hit.p is None or p is None else where(seen, hit.p, p)
-    inside = jnp.any(jnp.stack([hit.inside for hit in hits]), 0)
-    return n.stack(), None if p is None else p.stack(), inside
+    return n.stack(), None if p is None else p.stack(), silhouette(objects, camera)

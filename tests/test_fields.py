@@ -67,7 +67,7 @@ def test_one_number_is_grey(grey):
         (
             lambda: ds.Material(n_s=(1, 2)),
             ValueError,
-            "Material.n_s must be a number; got shape (2,). Give one number.",
+            "Material.n_s must be 1 or 3 numbers; got shape (2,). Give one number, or one a channel (R, G, B).",
         ),
         (
             lambda: ds.PointLight((1, 2)),
@@ -92,12 +92,22 @@ def test_one_number_is_grey(grey):
         (
             lambda: ds.Material(n_s=np.inf),
             ValueError,
-            "Material.n_s must be finite; got inf. Give one number.",
+            "Material.n_s must be finite; got inf. Give one number, or one a channel (R, G, B).",
         ),
         (
             lambda: ds.Material(n_s=-1),
             ValueError,
             "Material.n_s must be at least 0; got -1. Give a value in that range.",
+        ),
+        (
+            lambda: ds.Material(n_s=(1, -2, 3)),
+            ValueError,
+            "Material.n_s must be at least 0; got (1, -2, 3). Give a value in that range.",
+        ),
+        (
+            lambda: ds.Material(n_s=((1, 2, 3),)),
+            ValueError,
+            "Material.n_s must be 1 or 3 numbers; got shape (1, 3). Give one number, or one a channel (R, G, B).",
         ),
         (
             lambda: ds.Material(k_s=(0.5, -0.1, 0)),
@@ -149,7 +159,9 @@ UNTYPED = {
     "ds.Material(k_d=None)": (
         "Material.k_d must be a colour of 1 or 3 numbers; got None. Give one number (grey) or three (R, G, B)."
     ),
-    "ds.Material(n_s={'r': 1})": "Material.n_s must be a number; got {'r': 1}. Give one number.",
+    "ds.Material(n_s={'r': 1})": (
+        "Material.n_s must be 1 or 3 numbers; got {'r': 1}. Give one number, or one a channel (R, G, B)."
+    ),
     "ds.Material(lobe=ds.Blinn)": "Material.lobe must be a Lobe; got the class Blinn. Give for example Phong().",
     "ds.Object(ds.Material())": "Object.surface must be a Surface; got Material. Give for example Sphere(radius=1).",
     "ds.Object(ds.Sphere(), 0.7)": "Object.material must be a Material; got float. Give for example Material(k_d=0.7).",

@@ -78,3 +78,19 @@ def test_no_highlight_without_light_from_the_front(lobe):
 def test_the_diffuse_term_is_the_cosine():
     found = reflectance(ds.Material(k_d=(0.8, 0.4, 0.2)), N, degrees(60.0), degrees(10.0))
     np.testing.assert_allclose(found.stack(), [0.4, 0.2, 0.1], rtol=1e-14)
+
+
+SEEN = ds.Camera(eye=(0, 0, 4), fov=32, shape=(12, 12))
+
+
+@pytest.mark.parametrize("lobe", [ds.Phong(), ds.Blinn()])
+def test_one_exponent_a_channel_renders_each_channel_as_that_exponent_alone_does(lobe):
+    def image(n_s):
+        material = ds.Material(0.1, (0.6, 0.4, 0.2), (0.5, 0.4, 0.3), n_s, lobe=lobe)
+        return np.asarray(ds.render(ds.Scene(ds.Object(ds.Sphere(), material), ds.PointLight((1, 2, 4))), SEEN))
+
+    exponents = (3.0, 20.0, 90.0)
+    alone = [image(n_s) for n_s in exponents]
+    np.testing.assert_allclose(image((20.0, 20.0, 20.0)), alone[1], rtol=1e-13)
+    np.testing.assert_allclose(image(exponents), np.stack([alone[c][..., c] for c in range(3)], -1), rtol=1e-13)
+    assert np.abs(alone[0] - alone[2]).max() > 0.1  # they could be told apart
