@@ -8,10 +8,15 @@ from .images import read_mask as read_mask
 from .images import srgb_decode as srgb_decode
 from .images import srgb_encode as srgb_encode
 from .images import write_image as write_image
+from .inverse.constraints import Grey as Grey
+from .inverse.constraints import Proportional as Proportional
 from .inverse.fitting import fit as fit
 from .inverse.outcome import Fit as Fit
 from .inverse.outcome import Prediction as Prediction
 from .inverse.photographs import read_photographs as read_photographs
+from .inverse.sensitivity import image_sensitivity as image_sensitivity
+from .inverse.sensitivity import sensitivity as sensitivity
+from .inverse.views import Noise as Noise
 from .inverse.views import View as View
 from .lights import DirectionalLight as DirectionalLight
 from .lights import PointLight as PointLight

@@ -3,27 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import threading
 from collections.abc import Callable, Iterator
 
-import numpy as np
-
-from .fields import Array
-
-_listeners: dict[int, Callable[[int, float], None]] = {}
-_numbers = itertools.count()
-
-
-def report_step(listener: Array, step: Array, cost: Array) -> None:
-    """Tell a listener of a step. Compiled programs call this one function, so that a new listener compiles nothing."""
-    with contextlib.suppress(KeyError):
-        _listeners[int(listener)](int(step), float(cost))
-
 
 @contextlib.contextmanager
-def showing(title: str) -> Iterator[np.ndarray]:
-    """Show a line with a title, the step and the cost while the block runs; yield the number of its listener.
+def showing(title: str) -> Iterator[Callable[[str], None]]:
+    """Show a line with a title and the time while the block runs; yield what sets the words after the title.
 
     Nothing is shown in the first two seconds, nor where standard error is no terminal.
     """
@@ -31,7 +17,6 @@ def showing(title: str) -> Iterator[np.ndarray]:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    number = next(_numbers)
     with Progress(
         SpinnerColumn(),
         TextColumn("{task.description}"),
@@ -43,9 +28,11 @@ def showing(title: str) -> Iterator[np.ndarray]:
         task = bar.add_task(title, visible=False, total=None)
         appear = threading.Timer(2.0, lambda: bar.update(task, visible=True))  # compiling may come before any step
         appear.start()
-        _listeners[number] = lambda step, cost: bar.update(task, description=f"{title}: step {step}, cost {cost:.6g}")
         try:
-            yield np.asarray(number)
+            yield lambda words: bar.update(task, description=f"{title}: {words}")
         finally:
             appear.cancel()
-            del _listeners[number]
+
+
+def silent(words: str) -> None:
+    """Take words and show nothing."""

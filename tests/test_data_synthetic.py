@@ -52,4 +52,4 @@ def test_a_fit_finds_the_truth(name, kind, suffix):
     else:
         assert np.abs((fit.values - truth) / fit.plain_errors).max() < 4.0
     # brass is so bright that its photographs clip, and the clipped samples are left out
-    assert (fit.counts.saturated > 100) == (kind == "photo" and name == "brass")
+    assert (fit.counts.clipped > 100) == (kind == "photo" and name == "brass")

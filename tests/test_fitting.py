@@ -194,6 +194,7 @@ def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     other_mask = np.random.default_rng(0).random(CAMERA.shape) > 0.3
     other_scene = standard_scene(ds.Material(0.3, 0.2, 0.1, 7), point_lights(ds.RadialAttenuation(0.9, 0.2, 0.1)))
     moved = ds.Camera(eye=(0.3, 0.2, 4), fov=34, shape=CAMERA.shape)
+    ds.fit(scene, one_light_each(images, exposure=2.0, saturation=0.6), free=FREE, tied=TIED)
     traces.clear()
     ds.fit(forget(scene), one_light_each(images), free=FREE, tied=TIED)
     ds.fit(scene, one_light_each(noisy(images, 0.1, 0)), free=FREE, tied=TIED)
@@ -302,15 +303,20 @@ def test_what_stands_at_a_bound_is_marked_and_listed():
     assert float(fit.material.n_s) == 60.0
 
 
-def test_clipped_samples_are_left_out_and_counted():
+@pytest.mark.parametrize("clipped", ["hinge", "leave out"])
+def test_clipped_samples_are_no_measurements_and_are_counted(clipped):
     """An 8-bit file's highlight: at 1 it is clipped, not measured. Left in, n_s and k_s come out far too low."""
     bright = standard_scene(ds.Material(MATERIAL.k_a, MATERIAL.k_d, 1.2, 50))
     views = one_light_each([np.minimum(image, 1.0) for image in photographs(bright)])
-    clipped = sum(int((view.image == 1.0).sum()) for view in views)
-    fit = ds.fit(forget(bright), views, free=FREE, tied=TIED)
-    assert fit.counts.saturated == clipped > 10
-    assert fit.counts.samples == 3 * fit.counts.pixels - clipped
-    assert f"- {clipped} samples left out, at the top of the sensor's range." in str(fit).splitlines()
+    number = sum(int((view.image == 1.0).sum()) for view in views)
+    fit = ds.fit(forget(bright), views, free=FREE, tied=TIED, clipped=clipped)
+    assert number > 10
+    if clipped == "hinge":
+        assert (fit.counts.clipped, fit.counts.left_out) == (number, 0)
+        assert f"- {number} samples at an end of the sensor's range, taken to be that or beyond." in str(fit)
+    else:
+        assert (fit.counts.clipped, fit.counts.left_out) == (0, number)
+        assert f"- {number} samples at an end of the sensor's range left out, with their pixels." in str(fit)
     np.testing.assert_allclose(fit.values, fit.values_in(bright), rtol=1e-6)
 
 

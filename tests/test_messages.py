@@ -1,5 +1,6 @@
 """Bad input ends in one clear sentence that names the thing, the value and the remedy."""
 
+import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,17 @@ def gbuffer_scene(height: int, width: int) -> ds.Scene:
     normal = np.zeros((height, width, 3))
     normal[..., 2] = 1.0
     return ds.Scene(ds.Object(ds.GBuffer(normal)), ds.DirectionalLight((0, 0, -1)))
+
+
+def mask_with_nan() -> np.ndarray:
+    mask = np.ones((10, 12))
+    mask[3, 5] = np.nan
+    return mask
+
+
+def unknown_start() -> None:
+    # past the type checker of these tests, which refuses what is not one of the two before the library can
+    inspect.unwrap(ds.fit)(SCENE, VIEW, free="k_d", start="truth")  # pyright: ignore[reportArgumentType]
 
 
 PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
@@ -117,6 +129,119 @@ CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] 
         fit(VIEW, free="cutoff", scene=ds.Scene(ds.Object(ds.Sphere()), ds.SpotLight((0, 0, 4), (0, 0, -1)))),
         ValueError,
         ("lights.0.cutoff", "softness is 0", "Give lights.0.softness"),
+    ),
+    "all images black": (
+        fit(ds.View(np.zeros((10, 12, 3)), CAMERA), ds.View(np.zeros((10, 12, 3)), CAMERA)),
+        ValueError,
+        ("the images are black", "above 0", "Check the files and masks."),
+    ),
+    "bounds that contradict each other": (
+        fit(VIEW, bounds={"k_d": (0.5, 0.6), "material.k_d": (0.7, 0.8)}),
+        ValueError,
+        ("bounds", "k_d", "between 0.7 and 0.6", "Widen one of them."),
+    ),
+    "a bound that is no number": (
+        fit(VIEW, bounds={"k_d": (float("nan"), 0.6)}),
+        ValueError,
+        ("bounds of 'k_d'", "nan", "0.6"),
+    ),
+    "a bound outside what the number can be": (
+        fit(VIEW, bounds={"k_d": (-1.0, 0.6)}),
+        ValueError,
+        ("bounds of 'k_d'", "[0, inf]", "(-1, 0.6)", "Stay inside it."),
+    ),
+    "a prior of negative width": (
+        fit(VIEW, priors={"k_d": (0.5, -0.1)}),
+        ValueError,
+        ("prior of 'k_d'", "above 0", "-0.1", "Give (value, standard deviation)."),
+    ),
+    "a prior of three numbers": (
+        fit(VIEW, priors={"k_d": (0.5, 0.1, 0.2)}),
+        ValueError,
+        ("prior of 'k_d'", "two numbers", "(0.5, 0.1, 0.2)", "Give (value, standard deviation)."),
+    ),
+    "a prior of an exponent below 0": (
+        fit(VIEW, priors={"n_s": (-3.0, 0.1)}),
+        ValueError,
+        ("prior of 'n_s'", "above 0", "-3"),
+    ),
+    "a prior of what is not free": (
+        fit(VIEW, priors={"k_s": (0.5, 0.1)}),
+        ValueError,
+        ("priors", "'k_s'", "not free", "Add it to free"),
+    ),
+    "NaN in a mask": (
+        lambda: ds.View(IMAGE, CAMERA, mask=mask_with_nan()),
+        ValueError,
+        ("View.mask", "nan", "row 3, column 5", "Give 0 or 1."),
+    ),
+    "fixed by a constraint and free": (
+        fit(VIEW, free=("k_d", "k_s"), constraints=[ds.Proportional("k_s", "k_d", 0.5)]),
+        ValueError,
+        ("k_s", "is fixed by", "0.5", "free as well", "Leave it out of free"),
+    ),
+    "a constraint on what is not free": (
+        fit(VIEW, constraints=[ds.Grey("k_s")]),
+        ValueError,
+        ("constraints", "'k_s'", "not free", "Add it to free, or leave it out."),
+    ),
+    "a constraint on what is not there": (
+        fit(VIEW, constraints=[ds.Grey("kd")]),
+        ValueError,
+        ("no parameter is named 'kd'", "Did you mean 'k_d'?"),
+    ),
+    "a proportion of what is no colour": (
+        fit(VIEW, constraints=[ds.Proportional("n_s", "k_d")]),
+        ValueError,
+        ("Proportional", "k_a, k_d and k_s", "'n_s'", "Name one of these."),
+    ),
+    "a position that is to be grey": (
+        fit(VIEW, free=("k_d", "position"), constraints=[ds.Grey("position")]),
+        ValueError,
+        ("Grey", "'position'", "none", "Leave it out."),
+    ),
+    "bounds of what follows another": (
+        fit(VIEW, free=("k_s", "k_d"), constraints=[ds.Proportional("k_s", "k_d")], bounds={"k_s": (0.0, 0.5)}),
+        ValueError,
+        ("bounds", "'k_s'", "follows objects.0.material.k_d", "Name that instead."),
+    ),
+    "a proportion below 0": (
+        fit(VIEW, free="k_d", constraints=[ds.Proportional("k_s", "k_d", -1.0)]),
+        ValueError,
+        ("factor", "k_s", "at least 0", "-1.0"),
+    ),
+    "a colour in proportion to itself": (
+        fit(VIEW, constraints=[ds.Proportional("k_d", "k_d")]),
+        ValueError,
+        ("k_d", "does not say", "Name one"),
+    ),
+    "unknown loss": (fit(VIEW, loss="tukey"), ValueError, ("loss", "'huber'", "'tukey'", "Give one of them.")),
+    "unknown use of clipped samples": (
+        fit(VIEW, clipped="ignore"),
+        ValueError,
+        ("clipped", "'leave out'", "'ignore'", "Give one of them."),
+    ),
+    "unknown start": (unknown_start, ValueError, ("start", "'search'", "'scene'", "'truth'", "Give one of them.")),
+    "tobit without noise": (
+        fit(VIEW, clipped="tobit"),
+        ValueError,
+        ("clipped='tobit'", "noise", "views[0] has none", "Give View.noise."),
+    ),
+    "noise of some views only": (
+        fit(ds.View(IMAGE, CAMERA, noise=0.01), VIEW),
+        ValueError,
+        ("views[1] has no noise", "views[0] has", "Give all of them or none."),
+    ),
+    "noise that vanishes in the dark": (
+        lambda: ds.Noise(shot=0.001),
+        ValueError,
+        ("Noise", "dark", "0.0", "Give the standard deviation"),
+    ),
+    "a negative noise": (lambda: ds.View(IMAGE, CAMERA, noise=-0.1), ValueError, ("Noise.read", "at least 0", "-0.1")),
+    "a floor that is no number": (
+        lambda: ds.View(IMAGE, CAMERA, floor=float("nan")),
+        ValueError,
+        ("View.floor", "nan", "Give the level in the image."),
     ),
     "G-buffer of another size than the photograph": (
         fit(ds.View(IMAGE, PARALLEL), scene=gbuffer_scene(9, 12)),

@@ -6,8 +6,8 @@ import pytest
 from synthetic import light_positions, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.parameters import find_unknowns, natural, put_back, slots_of
-from diffshade.scenes import stack_scene
+from diffshade.inverse.parameters import coordinates, find_unknowns, natural, put_back, slots_of, values_in
+from diffshade.inverse.residuals import prepare
 
 SPOT = ds.SpotLight((0, 3, 3), (0, -1, -1), 2.0, 40.0, 3.0, ds.RadialAttenuation(1.0, 0.3, 0.2), softness=5.0)
 MANY_KINDS = ds.Scene(
@@ -26,12 +26,19 @@ MANY_KINDS = ds.Scene(
 ONE = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.6, 0.3, 20)), [ds.PointLight((2, 3, 4), 5.0)])
 
 
+VIEWS = tuple(ds.View(np.full((2, 2), 0.5), ds.Camera((0, 0, 4), shape=(2, 2)), exposure=2.0) for _ in range(2))
+
+
+def find(scene, free, *options, **more):
+    return find_unknowns(scene, VIEWS, free, *options, **more)
+
+
 def names(scene, free, tied=(), **options):
-    return [unknown.name for unknown in find_unknowns(scene, free, tied, **options)]
+    return [unknown.name for unknown in find(scene, free, tied, **options)]
 
 
 def unknown(scene, name, free, **options):
-    return next(u for u in find_unknowns(scene, free, **options) if u.name == name)
+    return next(u for u in find(scene, free, **options) if u.name == name)
 
 
 @pytest.mark.parametrize("name", ["k_d", "material.k_d", "0.material.k_d", "objects.0.material.k_d"])
@@ -46,7 +53,7 @@ def test_a_single_name_needs_no_tuple():
 @pytest.mark.parametrize("name", ["d", "_d", "k_d.material", "objects.material", "material.k", "k_d."])
 def test_a_part_of_a_segment_or_a_run_with_a_hole_names_nothing(name):
     with pytest.raises(ValueError, match="no parameter is named"):
-        find_unknowns(ONE, (name,))
+        find(ONE, (name,))
 
 
 def test_a_run_in_the_middle_frees_all_that_lies_below_it():
@@ -76,6 +83,34 @@ def test_constant_is_freed_by_its_own_name_only(name):
     assert names(ONE, (name,)) == ["constant"]
 
 
+@pytest.mark.parametrize(("name", "where"), [("exposure", (0, 1)), ("views.1.exposure", (1,)), ("views.0.black", (0,))])
+def test_a_number_of_a_view_is_freed_by_its_own_name_only(name, where):
+    unknowns = find(ONE, (name,))
+    last = name.split(".")[-1]
+    assert [u.places for u in unknowns] == [[(f"views.{i}.{last}", 0)] for i in where]
+    assert [u.name for u in unknowns] == [f"views.{i}.{last}" for i in where]
+    with pytest.raises(ValueError, match=r"names 'views\.0', which is not free"):
+        find(ONE, ("k_d", "views.0"), ("views.0",))
+
+
+def test_an_exposure_starts_at_the_views_own_and_black_may_be_negative():
+    exposure, black = find(ONE, ("views.0.exposure", "views.0.black"))
+    assert (exposure.start, exposure.lower, exposure.upper) == (2.0, 1e-9, np.inf)
+    assert (black.start, black.lower, black.upper) == (0.0, -np.inf, np.inf)
+    (tied,) = find(ONE, ("exposure",), ("exposure",))
+    assert tied.places == [("views.0.exposure", 0), ("views.1.exposure", 0)]
+
+
+@pytest.mark.parametrize(("n_s", "expected"), [(20, ["n_s"]), ((20, 30, 40), ["n_s.r", "n_s.g", "n_s.b"])])
+def test_n_s_is_as_many_unknowns_as_the_scene_gives_it_numbers(n_s, expected):
+    scene = standard_scene(ds.Material(0.1, 0.6, 0.3, n_s))
+    unknowns = find(scene, ("n_s",), from_scene=True)
+    assert [u.name for u in unknowns] == expected
+    assert [u.start for u in unknowns] == np.ravel(n_s).tolist()
+    assert all(u.logarithmic and u.lower == 0.1 for u in unknowns)
+    assert names(scene, ("n_s",), constraints=[ds.Grey("n_s")]) == ["n_s"]
+
+
 def test_names_are_as_short_as_tells_them_apart():
     assert names(MANY_KINDS, ("objects.1.material.k_s",)) == [f"objects.1.material.k_s.{c}" for c in "rgb"]
     assert names(MANY_KINDS, ("cutoff", "exponent")) == ["cutoff", "exponent"]
@@ -86,22 +121,24 @@ def test_names_are_as_short_as_tells_them_apart():
 
 def test_a_short_name_names_its_own_unknown_and_no_other():
     scene = MANY_KINDS
-    for u in find_unknowns(scene, ("objects", "lights", "ambient", "constant")):
-        if u.quantity.endswith("direction"):
-            continue  # refused by name, see below
-        again = find_unknowns(scene, (u.quantity,))
+    for u in find(scene, ("objects", "lights", "ambient", "constant")):
+        again = find(scene, (u.quantity,))
         assert {path for v in again for path, _ in v.places} == {path for path, _ in u.places}
 
 
-@pytest.mark.parametrize("name", ["direction", "lights.1.direction"])
-def test_a_direction_is_refused_by_name_since_its_length_is_no_unknown(name):
-    with pytest.raises(ValueError, match=r"direction cannot be freed by name: .* not its length.* Fix it\.$"):
-        find_unknowns(MANY_KINDS, (name,))
+def test_a_direction_is_the_three_numbers_of_a_unit_vector():
+    """Its length is no unknown: it starts at 1 whatever the scene says, and the solver holds it there."""
+    unknowns = find(MANY_KINDS, ("k_d", "direction"), from_scene=True)
+    assert [u.name for u in unknowns][6:] == [f"lights.{i}.direction.{c}" for i in (1, 2) for c in "xyz"]
+    starts = np.array([u.start for u in unknowns[6:]]).reshape(2, 3)
+    np.testing.assert_allclose(starts, [np.array((1, -1, -1)) / 3**0.5, np.array((0, -1, -1)) / 2**0.5], rtol=1e-15)
+    assert slots_of(MANY_KINDS, VIEWS, unknowns).units.tolist() == [[6, 7, 8], [9, 10, 11]]
+    assert slots_of(MANY_KINDS, VIEWS, find(MANY_KINDS, ("position",))).units.shape == (0, 3)
 
 
 def test_tied_makes_one_unknown_of_paths_that_are_equal_after_the_run():
     scene = MANY_KINDS
-    tied = find_unknowns(scene, ("attenuation",), ("attenuation",))
+    tied = find(scene, ("attenuation",), ("attenuation",))
     assert [u.name for u in tied] == ["linear", "quadratic"]
     assert [[path for path, _ in u.places] for u in tied] == [
         [f"lights.{i}.attenuation.{name}" for i in (0, 2, 3)] for name in ("linear", "quadratic")
@@ -109,7 +146,7 @@ def test_tied_makes_one_unknown_of_paths_that_are_equal_after_the_run():
 
 
 def test_tied_colours_share_channel_by_channel():
-    tied = find_unknowns(MANY_KINDS, ("k_d", "k_s"), ("k_d",))
+    tied = find(MANY_KINDS, ("k_d", "k_s"), ("k_d",))
     assert [u.places for u in tied if u.name.startswith("k_d")] == [
         [("objects.0.material.k_d", c), ("objects.1.material.k_d", c)] for c in range(3)
     ]
@@ -117,12 +154,12 @@ def test_tied_colours_share_channel_by_channel():
 
 
 def test_tied_ties_only_what_is_free():
-    (linear,) = find_unknowns(MANY_KINDS, ("lights.0.attenuation.linear",), ("attenuation",))
+    (linear,) = find(MANY_KINDS, ("lights.0.attenuation.linear",), ("attenuation",))
     assert linear.places == [("lights.0.attenuation.linear", 0)]
 
 
 def test_in_a_grey_fit_a_colour_is_one_unknown_and_a_position_three():
-    grey = find_unknowns(ONE, ("k_d", "position"), grey=True)
+    grey = find(ONE, ("k_d", "position"), grey=True)
     assert [u.name for u in grey] == ["k_d", "position.x", "position.y", "position.z"]
     assert grey[0].places == [("objects.0.material.k_d", c) for c in range(3)]
 
@@ -148,7 +185,7 @@ def test_anything_else_starts_at_the_scenes_value(name, start):
 def test_an_attenuation_whose_constant_is_zero_does_not_start_at_zero():
     """1/d^2 is `RadialAttenuation(0, 0, 1)`; with linear = quadratic = 0 it would divide by zero."""
     light = ds.PointLight((2, 3, 4), 1.0, ds.RadialAttenuation(0.0, 0.0, 1.0))
-    assert max(u.start for u in find_unknowns(standard_scene(lights=[light]), ("attenuation",))) > 0
+    assert max(u.start for u in find(standard_scene(lights=[light]), ("attenuation",))) > 0
 
 
 @pytest.mark.parametrize(
@@ -175,36 +212,64 @@ def test_default_bounds(name, expected):
 @pytest.mark.parametrize("name", ["k_d", "material.k_d", "material"])
 def test_bounds_are_named_by_any_run_too(name):
     low, high = (0.2, 0.8)
-    for u in find_unknowns(ONE, ("k_d",), bounds={name: (low, high)}):
+    for u in find(ONE, ("k_d",), bounds={name: (low, high)}):
         assert (u.lower, u.upper) == (low, high)
 
 
 def test_bounds_of_one_object_leave_the_other_alone():
-    unknowns = find_unknowns(MANY_KINDS, ("n_s",), bounds={"objects.1.material.n_s": (5.0, 50.0)})
+    unknowns = find(MANY_KINDS, ("n_s",), bounds={"objects.1.material.n_s": (5.0, 50.0)})
     assert [(u.lower, u.upper) for u in unknowns] == [(0.1, 1e4), (5.0, 50.0)]
 
 
 def test_two_bounds_of_one_number_both_hold():
     bounds = {"n_s": (5.0, 500.0), "material.n_s": (1.0, 50.0)}
-    (n_s,) = find_unknowns(ONE, ("n_s",), bounds=bounds)
+    (n_s,) = find(ONE, ("n_s",), bounds=bounds)
     assert (n_s.lower, n_s.upper) == (5.0, 50.0)
 
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_bounds_of_any_one_place_bind_what_is_tied_to_it(place):
     bounds = {f"objects.{place}.material.n_s": (5.0, 50.0)}
-    (n_s,) = find_unknowns(MANY_KINDS, ("n_s",), ("n_s",), bounds)
+    (n_s,) = find(MANY_KINDS, ("n_s",), ("n_s",), bounds)
     assert (n_s.lower, n_s.upper) == (5.0, 50.0)
+
+
+def test_from_the_scene_all_starts_at_the_scenes_values():
+    material = ds.Material((0.1, 0.2, 0.3), 0.7, 0.6, 33)
+    scene = standard_scene(material, [ds.PointLight((2, 3, 4), 5.0, ds.RadialAttenuation(1.0, 0.4, 0.5))])
+    unknowns = find(scene, ("material", "attenuation"), from_scene=True)
+    np.testing.assert_allclose([u.start for u in unknowns], [0.1, 0.2, 0.3, *[0.7] * 3, *[0.6] * 3, 33, 0.4, 0.5])
+    np.testing.assert_array_equal(values_in(scene, VIEWS, unknowns), [u.start for u in unknowns])
+
+
+def test_a_prior_is_held_in_the_solvers_coordinates():
+    priors = {"material": (0.5, 0.2), "n_s": (20.0, 0.1)}
+    unknowns = find(ONE, ("k_d", "n_s", "linear"), priors=priors)
+    assert [u.prior for u in unknowns] == [*[(0.5, 0.2)] * 3, (np.log(20.0), 0.1), None]
+
+
+@pytest.mark.parametrize(
+    ("pair", "sentence"),
+    [
+        ((0.5, 0.0), r"must have a finite value and a standard deviation above 0; got \(0.5, 0\)"),
+        ((np.nan, 1.0), r"must have a finite value and a standard deviation above 0; got \(nan, 1\)"),
+        ((-1.0, 1.0), "must have a value above 0; got -1"),
+        ((1.0,), "must be two numbers; got"),
+    ],
+)
+def test_a_prior_must_be_a_value_and_a_width(pair, sentence):
+    with pytest.raises(ValueError, match=f"^the prior of 'n_s' {sentence}"):
+        find(ONE, ("n_s",), priors={"n_s": pair})
 
 
 def test_a_start_is_clipped_into_the_bounds():
     bounds = {"k_d": (0.4, 0.9), "n_s": (0.1, 5.0), "linear": (0.01, 1.0)}
-    starts = {u.name: u.start for u in find_unknowns(ONE, ("k_d", "n_s", "linear"), bounds=bounds)}
+    starts = {u.name: u.start for u in find(ONE, ("k_d", "n_s", "linear"), bounds=bounds)}
     assert starts == {"k_d.r": 0.4, "k_d.g": 0.4, "k_d.b": 0.4, "n_s": 5.0, "linear": 0.01}
 
 
 def test_only_n_s_is_solved_for_as_its_logarithm():
-    logarithmic = {u.name for u in find_unknowns(MANY_KINDS, ("objects", "lights")) if u.logarithmic}
+    logarithmic = {u.name for u in find(MANY_KINDS, ("objects", "lights")) if u.logarithmic}
     assert logarithmic == {"objects.0.material.n_s", "objects.1.material.n_s"}
 
 
@@ -214,30 +279,30 @@ def test_only_n_s_is_solved_for_as_its_logarithm():
 )
 def test_a_misspelt_name_gets_the_nearest_right_one(wrong, right):
     with pytest.raises(ValueError, match=rf"^no parameter is named '{wrong}'\. Did you mean '{right}'\?$"):
-        find_unknowns(ONE, (wrong,))
+        find(ONE, (wrong,))
 
 
 def test_names_to_tie_and_to_bound_are_checked_as_well():
     with pytest.raises(ValueError, match="no parameter is named 'kd'"):
-        find_unknowns(ONE, ("k_d",), ("kd",))
+        find(ONE, ("k_d",), ("kd",))
     with pytest.raises(ValueError, match="no parameter is named 'kd'"):
-        find_unknowns(ONE, ("k_d",), bounds={"kd": (0.0, 1.0)})
+        find(ONE, ("k_d",), bounds={"kd": (0.0, 1.0)})
 
 
 @pytest.mark.parametrize("number", ["0", "0.0"])
 def test_a_number_alone_names_nothing(number):
     with pytest.raises(ValueError, match=f"^free names '{number}', a number alone. Name what it counts"):
-        find_unknowns(ONE, (number,))
+        find(ONE, (number,))
 
 
 def test_tied_must_name_something_free():
     with pytest.raises(ValueError, match=r"^tied names 'k_s', which is not free\. Add it to free"):
-        find_unknowns(ONE, ("k_d",), ("k_s",))
+        find(ONE, ("k_d",), ("k_s",))
 
 
 def test_bounds_must_name_something_free():
     with pytest.raises(ValueError, match=r"^bounds names 'k_s', which is not free\. Add it to free"):
-        find_unknowns(ONE, ("k_d",), bounds={"k_s": (0.0, 1.0)})
+        find(ONE, ("k_d",), bounds={"k_s": (0.0, 1.0)})
 
 
 @pytest.mark.parametrize(
@@ -251,7 +316,7 @@ def test_bounds_must_name_something_free():
 )
 def test_bounds_must_be_an_interval_inside_the_allowed_one(pair, sentence):
     with pytest.raises(ValueError, match=f"^bounds of 'k_d' {sentence}"):
-        find_unknowns(ONE, ("k_d",), bounds={"k_d": pair})
+        find(ONE, ("k_d",), bounds={"k_d": pair})
 
 
 def test_the_cutoff_of_a_hard_edge_cannot_be_freed():
@@ -259,43 +324,85 @@ def test_the_cutoff_of_a_hard_edge_cannot_be_freed():
     with pytest.raises(
         ValueError, match=r"^lights\.0\.cutoff cannot be freed while softness is 0.*lights\.0\.softness"
     ):
-        find_unknowns(hard, ("cutoff",))
+        find(hard, ("cutoff",))
     assert names(ds.Scene(ds.Object(ds.Sphere()), [SPOT]), ("cutoff",)) == ["cutoff"]
 
 
-@pytest.mark.parametrize("tied", [(), ("attenuation", "k_d")])
-def test_what_is_put_back_is_what_the_solver_inserts(tied):
+CONSTRAINTS = (
+    ds.Grey("k_a"),
+    ds.Proportional("objects.0.material.k_s", "objects.0.material.k_d"),
+    ds.Proportional("objects.1.material.k_s", "objects.1.material.k_a", 0.5),
+)
+
+
+@pytest.mark.parametrize(
+    ("tied", "constraints"),
+    [((), ()), (("attenuation", "k_d", "exposure"), ()), ((), CONSTRAINTS)],
+    ids=["free", "tied", "constrained"],
+)
+def test_what_is_put_back_is_what_the_solver_inserts_and_is_read_again(tied, constraints):
     """`insert`, on stacked lights inside jit, and `put_back`, on the user's scene, must mean the same places."""
-    free = ("objects", "lights.0.position", "lights.2", "intensity", "attenuation", "constant", "ambient")
-    unknowns = find_unknowns(MANY_KINDS, free, tied)
+    free = ["material.k_a", "k_d", "n_s", "surface", "lights.0.position", "lights.1.direction", "lights.2"]
+    free += ["intensity", "attenuation", "constant", "ambient", "exposure", "views.1.black"]
+    free += ["objects.0.material.k_s"] if constraints else ["k_s"]
+    unknowns = find(MANY_KINDS, free, tied, constraints=constraints)
     values = np.random.default_rng(0).uniform(1.0, 2.0, len(unknowns))
-    changed = put_back(MANY_KINDS, unknowns, values)
-    logarithmic = np.array([u.logarithmic for u in unknowns])
-    theta = np.where(logarithmic, np.log(values), values)
+    for unit in slots_of(MANY_KINDS, VIEWS, unknowns).units:
+        values[unit] /= np.linalg.norm(values[unit])
+    scene, views = put_back(MANY_KINDS, VIEWS, unknowns, values)
+    np.testing.assert_allclose(values_in(scene, views, unknowns), values, rtol=1e-15)
     with jax.enable_x64(True):
-        inserted = slots_of(MANY_KINDS, unknowns).insert(theta, stack_scene(MANY_KINDS))
-        for a, b in zip(jax.tree.leaves(inserted), jax.tree.leaves(stack_scene(changed)), strict=True):
+        problem = prepare(MANY_KINDS, VIEWS, slots_of(MANY_KINDS, VIEWS, unknowns))
+        inserted = problem.slots.insert(coordinates(values, unknowns), problem.setup)
+        after = prepare(scene, views, problem.slots).setup
+        for a, b in zip(jax.tree.leaves(inserted), jax.tree.leaves(after), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-15)
+        assert [float(view.exposure) != 2.0 for view in views] == [True, True]
+        assert [float(view.black) != 0.0 for view in views] == [False, True]
+
+
+def test_a_constraint_holds_wherever_the_unknowns_go():
+    free = ("k_a", "k_d", "objects.0.material.k_s")
+    unknowns = find(MANY_KINDS, free, constraints=CONSTRAINTS)
+    assert len(unknowns) == 2 + 6 + 1  # k_a grey, k_d, the factor
+    scene, _ = put_back(MANY_KINDS, VIEWS, unknowns, np.linspace(0.1, 0.9, len(unknowns)))
+    first, second = (item.material for item in scene.objects)
+    for material in (first, second):
+        assert len(set(np.asarray(material.k_a).tolist())) == 1
+    np.testing.assert_allclose(first.k_s, 0.9 * np.asarray(first.k_d), rtol=1e-15)
+    np.testing.assert_allclose(second.k_s, 0.5 * np.asarray(second.k_a), rtol=1e-15)
+
+
+def test_a_factor_is_named_by_the_two_that_it_relates_as_briefly_as_other_unknowns():
+    assert names(ONE, ("k_s", "k_d"), constraints=[ds.Proportional("k_s", "k_d")])[-1] == "k_s/k_d"
+    found = names(MANY_KINDS, ("k_s", "k_d"), constraints=CONSTRAINTS[1:2])
+    assert found[-1] == "objects.0.material.k_s/objects.0.material.k_d"
 
 
 def test_put_back_keeps_the_kinds_of_lights_lobes_and_float64():
-    unknowns = find_unknowns(MANY_KINDS, ("k_d",))
-    changed = put_back(MANY_KINDS, unknowns, np.linspace(0.1, 0.6, 6))
-    assert jax.tree.structure(changed) == jax.tree.structure(MANY_KINDS)
-    assert all(isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 for leaf in jax.tree.leaves(changed))
-    np.testing.assert_array_equal(changed.objects[1].material.k_d, [0.4, 0.5, 0.6])
-    np.testing.assert_array_equal(MANY_KINDS.objects[1].material.k_d, [0.5, 0.5, 0.5])  # the original is untouched
+    unknowns = find(MANY_KINDS, ("k_d", "views.0.exposure"))
+    values = np.linspace(0.1, 0.7, 7)
+    changed, views = put_back(MANY_KINDS, VIEWS, unknowns, values)
+    assert jax.tree.structure((changed, views)) == jax.tree.structure((MANY_KINDS, VIEWS))
+    assert all(isinstance(leaf, np.ndarray) and leaf.dtype == np.float64 for leaf in jax.tree.leaves((changed, views)))
+    np.testing.assert_allclose(changed.objects[1].material.k_d, [0.4, 0.5, 0.6], rtol=1e-15)
+    assert float(views[0].exposure) == values[6]
+    assert float(VIEWS[0].exposure) == 2.0  # the originals are untouched
+    np.testing.assert_array_equal(MANY_KINDS.objects[1].material.k_d, [0.5, 0.5, 0.5])
 
 
 def test_a_known_leaf_is_not_differentiated_through():
-    slots = slots_of(ONE, find_unknowns(ONE, ("k_d",)))
+    slots = slots_of(ONE, VIEWS, find(ONE, ("k_d",)))
     assert [np.asarray(i).tolist() for i in jax.tree.leaves(slots.indices)] == [[0, 1, 2]]
 
 
-def test_natural_undoes_the_logarithm():
-    theta = np.array([0.5, np.log(40.0)])
+def test_the_solvers_coordinate_of_n_s_is_its_logarithm_and_natural_undoes_it():
+    unknowns = find(ONE, ("k_d", "n_s"))
+    values = np.array([0.5, -0.1, 0.0, 40.0])
+    theta = coordinates(values, unknowns)
+    np.testing.assert_allclose(theta, [0.5, -0.1, 0.0, np.log(40.0)], rtol=1e-15)
     with jax.enable_x64(True):
-        np.testing.assert_allclose(natural(theta, np.array([False, True])), [0.5, 40.0], rtol=1e-15)
+        np.testing.assert_allclose(natural(theta, np.array([u.logarithmic for u in unknowns])), values, rtol=1e-15)
 
 
 def test_lights_keep_their_indices_when_kinds_are_stacked():
@@ -303,7 +410,7 @@ def test_lights_keep_their_indices_when_kinds_are_stacked():
     positions = light_positions(4)
     lights = [ds.PointLight(positions[0]), SPOT, ds.PointLight(positions[1]), ds.DirectionalLight((0, 0, -1))]
     scene = standard_scene(lights=lights)
-    unknowns = find_unknowns(scene, ("lights.2.position",))
-    moved = put_back(scene, unknowns, np.array([7.0, 8.0, 9.0]))
+    unknowns = find(scene, ("lights.2.position",))
+    moved, _ = put_back(scene, VIEWS, unknowns, np.array([7.0, 8.0, 9.0]))
     np.testing.assert_array_equal(moved.lights[0].position, positions[0])  # pyright: ignore[reportAttributeAccessIssue]
     np.testing.assert_array_equal(moved.lights[2].position, [7, 8, 9])  # pyright: ignore[reportAttributeAccessIssue]

@@ -16,10 +16,12 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse import residuals
-from diffshade.inverse.parameters import Unknown, find_unknowns, slots_of
-from diffshade.inverse.residuals import Problem, prepare
-from diffshade.inverse.solvers import Gram, gram_by_view
+from diffshade.inverse import blocks
+from diffshade.inverse.blocks import block_size, on_all_cores, pieces, total
+from diffshade.inverse.fitting import look_at
+from diffshade.inverse.gram import Gram
+from diffshade.inverse.parameters import Unknown, find_unknowns
+from diffshade.inverse.study import Study
 from diffshade.inverse.views import find_samples, is_grey
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
@@ -70,6 +72,8 @@ def test_all_lights_are_on_by_default_and_none_with_an_empty_lit():
         (np.zeros((10, 12, 3), bool), {}, r"^View\.image must be .* floats; got bool\."),
         (np.zeros((12, 10, 3)), {}, r"^View\.image must have the camera's shape \(10, 12\); got \(12, 10\)\. Give"),
         (DARK, {"mask": np.ones((12, 10), bool)}, r"^View\.mask must have the image's shape .*; got \(12, 10\)\."),
+        (DARK, {"saturation": np.nan}, r"^View\.saturation must be a number or None; got nan\. Give the level in the"),
+        (DARK, {"floor": np.nan}, r"^View\.floor must be a number or None; got nan\. Give the level in the image\.$"),
         (DARK, {"exposure": 0.0}, r"^View\.exposure must be above 0; got 0\.0\. Give 1 if it is not known\.$"),
         (DARK, {"exposure": -1.0}, r"^View\.exposure must be above 0; got -1\.0\."),
         (DARK, {"exposure": np.inf}, r"^View\.exposure must be finite; got inf\."),
@@ -88,8 +92,9 @@ def test_without_a_mask_the_silhouette_counts():
     samples = find_samples(BALL, ds.View(DARK, SMALL))
     np.testing.assert_array_equal(samples.inside, ds.intersect(BALL, SMALL).mask)
     assert 0 < samples.inside.sum() < samples.inside.size
-    assert samples.counts.sum() == 3 * samples.inside.sum()
-    assert samples.saturated == 0
+    np.testing.assert_array_equal(samples.pixels, np.flatnonzero(samples.inside))
+    assert samples.ends().shape == (samples.inside.sum(), 3)
+    assert not samples.ends().any()
 
 
 @pytest.mark.parametrize("kind", [bool, float])
@@ -110,33 +115,51 @@ def test_a_further_channel_is_alpha_and_takes_away_too(channels):
     view = ds.View(np.concatenate([DARK[..., :channels], alpha], -1), SMALL)
     samples = find_samples(BALL, view)
     assert np.argwhere(samples.inside).tolist() == [list(SILHOUETTE)]
-    assert samples.values.shape == (10, 12, channels)
+    assert samples.values(samples.pixels).tolist() == [[0.5] * channels]
     none = ds.View(view.image, SMALL, mask=changed(np.ones((10, 12), bool), at=SILHOUETTE, value=False))
     with pytest.raises(ValueError, match="no pixel is left to fit"):
         find_samples(BALL, none)
 
 
 def test_a_sample_at_exactly_one_is_clipped_where_nothing_is_above():
-    """The top of an integer file's range. The pixel's other channels still count."""
+    """The top of an integer file's range. It is marked; the pixel's other channels were measured."""
     samples = find_samples(BALL, ds.View(changed(DARK, at=(*SILHOUETTE, 1), value=1.0), SMALL))
-    assert samples.saturated == 1
-    assert samples.counts[SILHOUETTE].tolist() == [True, False, True]
+    pixel = samples.pixels == np.ravel_multi_index(SILHOUETTE, SMALL.shape)
+    assert samples.ends()[pixel].tolist() == [[0, 1, 0]]
+    assert not samples.ends()[~pixel].any()
+    assert samples.values(samples.pixels[pixel]).tolist() == [[0.5, 1.0, 0.5]]
 
 
 @pytest.mark.parametrize("top", [1.0 - 1e-9, 1.0 + 1e-9, 3.0])
 def test_another_largest_value_is_not_clipped(top):
     image = changed(changed(DARK, at=(*SILHOUETTE, 1), value=1.0), at=(*SILHOUETTE, 0), value=top)
     image[SILHOUETTE][1] = min(top, 1.0)
-    assert find_samples(BALL, ds.View(image, SMALL)).saturated == 0
+    assert clipped(ds.View(image, SMALL)) == 0
+
+
+def clipped(view: ds.View, end: int = 1) -> int:
+    """How many samples are clipped at the top, or with -1 at the bottom."""
+    return int((find_samples(BALL, view).ends() == end).sum())
 
 
 def test_saturation_names_the_level():
     image = changed(DARK, at=SILHOUETTE, value=0.9)
-    assert find_samples(BALL, ds.View(image, SMALL, saturation=0.8)).saturated == 3
-    assert find_samples(BALL, ds.View(image, SMALL, saturation=0.9)).saturated == 3
-    assert find_samples(BALL, ds.View(image, SMALL, saturation=0.91)).saturated == 0
+    assert clipped(ds.View(image, SMALL, saturation=0.8)) == 3
+    assert clipped(ds.View(image, SMALL, saturation=0.9)) == 3
+    assert clipped(ds.View(image, SMALL, saturation=0.91)) == 0
     ones = changed(DARK, at=SILHOUETTE, value=1.0)
-    assert find_samples(BALL, ds.View(ones, SMALL, saturation=float("inf"))).saturated == 0
+    assert clipped(ds.View(ones, SMALL, saturation=float("inf"))) == 0
+
+
+def test_floor_names_the_level_at_the_bottom_and_is_none_by_default():
+    image = changed(DARK, at=SILHOUETTE, value=0.0)
+    assert clipped(ds.View(image, SMALL), -1) == 0
+    assert clipped(ds.View(image, SMALL, floor=0.0), -1) == 3
+    assert clipped(ds.View(image, SMALL, floor=-0.01), -1) == 0
+    both = ds.View(
+        changed(image, at=(SILHOUETTE[0], SILHOUETTE[1] + 1, 2), value=0.9), SMALL, floor=0.1, saturation=0.8
+    )
+    assert (clipped(both, -1), clipped(both, 1)) == (3, 1)
 
 
 def test_a_number_that_is_not_finite_is_named_by_row_and_column_unless_it_is_masked():
@@ -146,7 +169,9 @@ def test_a_number_that_is_not_finite_is_named_by_row_and_column_unless_it_is_mas
         with pytest.raises(ValueError, match=rf"finite inside the mask; got .* at row {row}, column {column} \(1 such"):
             find_samples(BALL, ds.View(image, SMALL))
         mask = changed(np.ones((10, 12), bool), at=SILHOUETTE, value=False)
-        assert np.isfinite(find_samples(BALL, ds.View(image, SMALL, mask=mask)).values[mask]).all()
+        samples = find_samples(BALL, ds.View(image, SMALL, mask=mask))
+        assert np.isfinite(samples.values(samples.pixels)).all()
+        assert len(samples.pixels) > 0
 
 
 def test_a_corner_outside_the_silhouette_may_hold_anything():
@@ -165,9 +190,9 @@ def test_a_corner_outside_the_silhouette_may_hold_anything():
     ],
 )
 def test_a_view_that_leaves_nothing_to_fit_is_named_by_its_number(view, sentence):
-    unknowns = find_unknowns(BALL, ("k_d",))
+    views = [ds.View(DARK, SMALL), view]
     with pytest.raises(ValueError, match=rf"^views\[1\]: {sentence}"):
-        prepare(BALL, [ds.View(DARK, SMALL), view], slots_of(BALL, unknowns), moving=False)
+        look_at(BALL, views, find_unknowns(BALL, views, ("k_d",)), "hinge")
 
 
 def test_a_moving_surface_needs_a_mask_and_loses_one_pixel_of_its_edge():
@@ -198,22 +223,34 @@ def test_counts_add_up_over_views_of_all_kinds():
         ds.View(changed(DARK, at=SILHOUETTE, value=1.0), SMALL),
         ds.View(DARK, SMALL, mask=changed(np.zeros((10, 12), bool), at=SILHOUETTE, value=True)),
     ]
-    _, counts = prepare(BALL, views, slots_of(BALL, find_unknowns(BALL, ("k_d",))), moving=False)
-    assert (counts.views, counts.pixels, counts.saturated) == (4, 3 * silhouette + 1, 3)
+    unknowns = find_unknowns(BALL, views, ("k_d",))
+    samples, counts = look_at(BALL, views, unknowns, "hinge")
+    assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette + 1, 3, 0)
+    assert counts.samples == (3 + 1 + 3) * silhouette + 3
+    assert [len(s.pixels) for s in samples] == [silhouette] * 3 + [1]
+    samples, counts = look_at(BALL, views, unknowns, "leave out")  # one pixel
+    assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
+    assert [len(s.pixels) for s in samples] == [silhouette, silhouette, silhouette - 1, 1]
 
 
 # --- blocks, padding and stacking change nothing
 
 
-compiled_gram = eqx.filter_jit(gram_by_view)
+def study(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> Study:
+    samples, counts = look_at(scene, views, unknowns, "hinge")
+    return Study(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=True)
 
 
-def gram(
-    scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown], theta: np.ndarray, *, moving=False
-) -> Gram:
-    problem, _ = prepare(scene, views, slots_of(scene, unknowns), moving=moving)
-    return compiled_gram(jnp.asarray(theta), problem)
+@jax.jit
+def summary(theta, form, chunk):
+    return form.summary(theta, chunk)
+
+
+def gram(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown], theta: np.ndarray) -> Gram:
+    """Return the Gram of each view as a fit adds it up."""
+    work = study(scene, views, unknowns)
+    return total(on_all_cores(lambda chunk: summary(jnp.asarray(theta), work.form, chunk), work.chunks()))
 
 
 def dense_gram(
@@ -225,38 +262,46 @@ def dense_gram(
     """
 
     def put(q):
-        changed = scene
+        changed = scene, tuple(views)
         for j, u in enumerate(unknowns):
             value = jnp.exp(q[j]) if u.logarithmic else q[j]
             for path, c in u.places:
 
-                def where(s, path=path):
-                    for segment in path.split("."):
-                        s = s[int(segment)] if segment.isdigit() else getattr(s, segment)
-                    return s
+                def where(both, path=path):
+                    node = both[1] if path.startswith("views.") else both[0]
+                    for segment in path.removeprefix("views.").split("."):
+                        node = node[int(segment)] if segment.isdigit() else getattr(node, segment)
+                    return node
 
                 new = lambda leaf, c=c, value=value: value if leaf.ndim == 0 else jnp.asarray(leaf).at[c].set(value)  # noqa: E731
                 changed = eqx.tree_at(where, changed, replace_fn=new)
         return changed
 
-    def image(q, camera, on):
-        lights: Any = put(q).lights
+    def image(q, camera, on, i):
+        changed, seen = put(q)
+        lights: Any = changed.lights
         dimmed = [light.intensity * switch for light, switch in zip(lights, on, strict=True)]
-        switched = eqx.tree_at(lambda s: [light.intensity for light in s.lights], put(q), dimmed)
-        picture = ds.render(switched, camera)
+        switched = eqx.tree_at(lambda s: [light.intensity for light in s.lights], changed, dimmed)
+        exposure, black = (jnp.stack([jnp.asarray(getattr(view, n)) for view in seen]) for n in ("exposure", "black"))
+        picture = exposure[i] * ds.render(switched, camera) + black[i]
         return picture, picture
 
     both = jax.jit(jax.jacfwd(image, has_aux=True))
     grams = []
-    for view in views:
+    for i, view in enumerate(views):
         samples = find_samples(scene, view, moving=moving)
         on = [1.0 * (view.lit is None or i in view.lit) for i in range(len(scene.lights))]
-        J, predicted = (float(view.exposure) * array for array in both(jnp.asarray(theta), view.camera, on))
-        if samples.values.shape[-1] == 1:
+        J, predicted = (np.asarray(array) for array in both(jnp.asarray(theta), view.camera, on, jnp.asarray(i)))
+        target = np.where(samples.inside[..., None], samples.photograph, 0.0)
+        if is_grey(view):
             J, predicted = J.mean(2, keepdims=True), predicted.mean(2, keepdims=True)
-        J, r = J[samples.counts], (predicted - samples.values)[samples.counts]
-        grams.append(Gram(0.5 * r @ r, J.T @ r, J.T @ J))
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *grams)
+        measured = (target > samples.floor) & (target < samples.level)
+        short = (target >= samples.level) & (predicted < target)
+        over = (target <= samples.floor) & (predicted > target)
+        counts = samples.inside[..., None] & (measured | short | over)
+        J, r = J[counts], (predicted - target)[counts]
+        grams.append(Gram(np.asarray(0.5 * r @ r), J.T @ r, J.T @ J))
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *grams)
 
 
 def assert_equal(a: Gram, b: Gram) -> None:
@@ -284,12 +329,13 @@ def lights_of_several_kinds_and_views_of_every_sort():
     random = np.random.default_rng(0)
     noise = lambda *channels: random.uniform(0.0, 1.0, (*SMALL.shape, *channels))  # noqa: E731
     views = [
-        ds.View(noise(3), SMALL),
-        ds.View(noise(), SMALL, lit=1, exposure=0.4),
+        ds.View(noise(3), SMALL, floor=0.2),
+        ds.View(noise(), SMALL, lit=1, exposure=0.4, black=0.1),
         ds.View(noise(4), SMALL, lit=(), saturation=0.7),
-        ds.View(noise(2), SMALL, mask=noise() > 0.3, lit=(2, 0)),
+        ds.View(noise(2), SMALL, mask=noise() > 0.3, lit=(2, 0), saturation=0.8),
     ]
-    return scene, views, ("material", "lights.1", "intensity", "attenuation", "cutoff", "lights.2.position"), TIED
+    free = ("material", "lights.1", "intensity", "attenuation", "cutoff", "lights.2.position")
+    return scene, views, (*free, "views.3.exposure", "black"), TIED
 
 
 def several_objects_and_cameras():
@@ -326,10 +372,11 @@ PROBLEMS = [
 
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_gram_of_the_blocks_is_that_of_a_dense_jacobian(problem, monkeypatch):
-    monkeypatch.setattr(residuals, "BLOCK", 37)  # several blocks a view, the last one padded
+    monkeypatch.setattr(blocks, "BLOCK", 37)  # several blocks a view, the last one padded, and several chunks
+    monkeypatch.setattr(blocks, "CHUNK", 3)
     with jax.enable_x64(True):
         scene, views, free, tied = problem()
-        unknowns = find_unknowns(scene, free, tied, grey=all(is_grey(view) for view in views))
+        unknowns = find_unknowns(scene, views, free, tied, grey=all(is_grey(view) for view in views))
         theta = np.random.default_rng(1).uniform(0.2, 0.9, len(unknowns))
         theta[[u.name == "cutoff" for u in unknowns]] = 33.0
         assert_equal(gram(scene, views, unknowns, theta), dense_gram(scene, views, unknowns, theta))
@@ -339,20 +386,83 @@ def test_a_moving_sphere_is_compared_inside_its_fixed_mask():
     """A ray that misses takes the sphere's nearest point, so that one that starts too small has a slope too."""
     with jax.enable_x64(True):
         views = random_views(BALL, [SMALL], mask=seen_by(SMALL).mask)
-        unknowns = find_unknowns(BALL, ("center", "radius", "k_d"))
+        unknowns = find_unknowns(BALL, views, ("center", "radius", "k_d"))
         large, small = (np.array([0.02, -0.01, 0.03, radius, 0.5, 0.4, 0.3]) for radius in (1.05, 0.5))
-        fills_the_mask = gram(BALL, views, unknowns, large, moving=True)
+        fills_the_mask = gram(BALL, views, unknowns, large)
         assert_equal(fills_the_mask, dense_gram(BALL, views, unknowns, large, moving=True))
-        shrunk = gram(BALL, views, unknowns, small, moving=True)
+        shrunk = gram(BALL, views, unknowns, small)
         assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(shrunk))
         assert np.all(np.diagonal(shrunk.hessian[0]) > 0)
 
 
-def test_padding_and_clipped_samples_have_no_residual():
+def test_padding_has_no_weight_and_clipped_samples_are_marked():
     with jax.enable_x64(True):
-        view = ds.View(changed(DARK, at=(*SILHOUETTE, 1), value=1.0), SMALL)
-        unknowns = find_unknowns(BALL, ("k_d",))
-        problem, counts = prepare(BALL, [view], slots_of(BALL, unknowns), moving=False)
-        block = jax.tree.map(lambda leaf: leaf[0], problem.blocks)
-        r = np.stack(eqx.filter_jit(Problem.residuals)(problem, jnp.full(3, 0.1), block))
-        assert (r != 0).sum() == counts.samples == 3 * counts.pixels - 1
+        views = [
+            ds.View(changed(DARK, at=(*SILHOUETTE, 1), value=1.0), SMALL),
+            ds.View(DARK[..., 0], SMALL, saturation=0.9, floor=0.5),
+        ]
+        unknowns = find_unknowns(BALL, views, ("k_d",))
+        work = study(BALL, views, unknowns)
+        (chunk,) = work.chunks()
+        seen = chunk.observed
+        assert seen.clipped is not None
+        weight = np.asarray(seen.weight)
+        assert set(np.unique(weight)) == {0.0, 1.0}
+        silhouette = len(work.samples[0].pixels)
+        assert weight.sum(-1).tolist() == [[silhouette] * 3, [silhouette, 0, 0]]
+        marks = np.asarray(seen.clipped) * weight
+        assert (marks > 0).sum(-1).tolist() == [[0, 1, 0], [0, 0, 0]]
+        assert (marks < 0).sum(-1).tolist() == [[0, 0, 0], [silhouette, 0, 0]]
+        assert np.asarray(seen.target)[weight > 0].max() == 1.0
+        assert not np.asarray(seen.target)[weight == 0].any()
+
+
+def test_known_noise_weighs_each_sample_by_its_variance_at_the_photographs_level():
+    with jax.enable_x64(True):
+        noise = ds.Noise(read=0.1, shot=0.3)
+        views = random_views(BALL, [SMALL], noise=noise)
+        unknowns = find_unknowns(BALL, views, ("k_d",))
+        (chunk,) = study(BALL, views, unknowns).chunks()
+        target, weight = np.asarray(chunk.observed.target), np.asarray(chunk.observed.weight)
+        assert 3 * len(find_samples(BALL, views[0]).pixels) == (weight > 0).sum() < weight.size
+        np.testing.assert_allclose(weight[weight > 0], 1.0 / (0.01 + 0.3 * target[weight > 0]), rtol=1e-12)
+
+
+def test_a_part_of_the_pixels_is_spread_over_every_view_and_all_of_them_are_each_once():
+    scene = standard_scene()
+    large = ds.Camera(eye=(0, 0, 4), fov=32, shape=(60, 60))
+    mask = np.zeros(large.shape, bool)
+    mask[25:35, 25:35] = True
+    picture = np.full((*large.shape, 3), 0.5)
+    views = [ds.View(picture, large), ds.View(picture, large, mask=mask)]
+    samples, counts = look_at(scene, views, find_unknowns(scene, views, ("k_d",)), "hinge")
+    everything = pieces(samples, 64)
+    for view, s in enumerate(samples):
+        pixels = np.concatenate([part.pixels for part in everything if part.view == view])
+        np.testing.assert_array_equal(pixels, s.pixels)
+    part = pieces(samples, 64, 500)
+    first, second = (np.concatenate([p.pixels for p in part if p.view == view]) for view in range(2))
+    assert len(first) == len(samples[0].pixels) * 500 // counts.pixels
+    assert np.isin(first, samples[0].pixels).all()
+    assert len(np.unique(first)) == len(first)
+    steps = np.diff(np.flatnonzero(np.isin(samples[0].pixels, first)))
+    assert steps.max() - steps.min() <= 1
+    np.testing.assert_array_equal(second, samples[1].pixels)  # a view so small is taken whole
+    assert max(len(piece.pixels) for piece in part) <= 64
+
+
+@pytest.mark.parametrize(("count", "size"), [(1, 64), (64, 64), (65, 128), (2048, 2048), (5000, 2048)])
+def test_a_block_is_a_power_of_two_that_holds_a_small_view_and_is_never_too_large(count, size):
+    h = np.ones((count, 1), bool)
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(count, 1), local_viewer=False)
+    normal = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (count, 1, 3))
+    scene = ds.Scene(ds.Object(ds.GBuffer(normal)), [ds.DirectionalLight((0, 0, -1))])
+    assert block_size([find_samples(scene, ds.View(np.full((count, 1), 0.5), camera, mask=h))] * 3) == size
+
+
+def test_work_on_all_cores_keeps_the_order_and_float64():
+    found = on_all_cores(lambda i: jnp.asarray(i, float) / 3, range(50))
+    assert [float(x) for x in found] == [i / 3 for i in range(50)]
+    assert all(x.dtype == jnp.float64 for x in found)
+    with pytest.raises(ZeroDivisionError):
+        on_all_cores(lambda i: 1 // (i - 3), range(5))

@@ -23,9 +23,11 @@ from diffshade.inverse.uncertainty import (
     condition_number,
     deciding_view,
     jackknife_covariance,
+    lone_views,
     null_directions,
     plain_covariance,
     standard_errors,
+    without_lone,
 )
 from diffshade.inverse.views import find_samples
 
@@ -91,7 +93,7 @@ def test_what_is_determined_has_the_errors_it_has_with_the_gauge_fixed():
 def test_the_jackknife_of_a_mean_is_the_textbooks():
     """The standard error of the mean of G numbers, s / sqrt(G)."""
     y = np.random.default_rng(0).standard_normal(8)
-    covariance = jackknife_covariance(np.ones((8, 1, 1)), (y.mean() - y)[:, None])
+    covariance = jackknife_covariance(np.ones((8, 1, 1)), (y.mean() - y)[:, None], np.zeros((1, 1)), np.zeros(1))
     np.testing.assert_allclose(covariance, [[np.var(y, ddof=1) / 8]], rtol=1e-12)
 
 
@@ -103,13 +105,15 @@ def test_the_jackknife_of_a_linear_model_is_that_of_fits_without_each_view():
     H, g = np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, J @ best - b)
     without = np.array([solve(np.delete(np.arange(6), v)) for v in range(6)])
     deviations = without - without.mean(0)
-    np.testing.assert_allclose(jackknife_covariance(H, g), 5 / 6 * deviations.T @ deviations, rtol=1e-9)
+    np.testing.assert_allclose(
+        jackknife_covariance(H, g, np.zeros((3, 3)), np.zeros(3)), 5 / 6 * deviations.T @ deviations, rtol=1e-9
+    )
 
 
 def test_a_view_that_alone_determines_something_is_found():
     H = np.array([np.diag([1.0, 0.0]), np.diag([1.0, 0.0]), np.diag([1.0, 1.0])])
-    assert deciding_view(H) == 2
-    assert deciding_view(H + np.eye(2)) is None
+    assert deciding_view(H, np.zeros((2, 2))) == 2
+    assert deciding_view(H, np.eye(2)) is None
 
 
 def test_an_unknown_at_a_bound_adds_nothing_to_the_errors_of_the_others():
@@ -138,15 +142,15 @@ def eight_views(images):
 
 def test_the_covariance_is_that_of_a_jacobian_by_finite_differences(eight_views):
     fit = eight_views
-    inside = [find_samples(fit.scene, view).counts for view in fit.views]
+    inside = [find_samples(fit.scene, view).inside for view in fit.views]
 
     def predictions(values):
-        scene = put_back(fit.scene, fit.unknowns, values)
-        return np.concatenate([image[i] for image, i in zip(photographs(scene), inside, strict=True)])
+        scene, _ = put_back(fit.scene, fit.views, fit.unknowns, values)
+        return np.concatenate([image[i].ravel() for image, i in zip(photographs(scene), inside, strict=True)])
 
     h = 1e-5 * np.diag(fit.values)
     J = np.stack([(predictions(fit.values + e) - predictions(fit.values - e)) / (2 * e.sum()) for e in h], -1)
-    data = np.concatenate([view.image[i] for view, i in zip(fit.views, inside, strict=True)])
+    data = np.concatenate([view.image[i].ravel() for view, i in zip(fit.views, inside, strict=True)])
     sigma2 = np.sum((predictions(fit.values) - data) ** 2) / (len(data) - len(fit.values))
     expected = sigma2 * np.linalg.inv(J.T @ J)
     errors = np.sqrt(np.diag(expected))
@@ -340,12 +344,41 @@ def test_fewer_than_three_views_have_no_jackknife_and_the_fit_says_so(images):
     assert row(fit, "k_d.r").split()[1] == "-"
 
 
-def test_a_number_that_one_view_alone_decides_has_no_jackknife_and_the_fit_says_so(images):
-    """Only photograph 2 shows light 2; without it that light's intensity is unknown."""
-    fit = ds.fit(standard_scene(), one_light_each(images)[:3], free=("k_d", "lights.2.intensity"))
+def test_a_number_that_one_view_alone_shows_has_no_jackknife_and_takes_none_from_the_others(images):
+    """Only photograph 2 shows light 2: without it that light's intensity is unknown, and k_d is what it is."""
+    views = one_light_each(images)[:4]
+    fit = ds.fit(standard_scene(), views, free=("k_d", "lights.2.intensity"))
     assert fit.determined.all()
-    assert fit.errors is None
+    assert fit.errors is not None
+    np.testing.assert_allclose(fit.errors[3:], fit.plain_errors[3:], rtol=1e-9)
     assert fit.notes == (
-        "no errors by jackknife: without views[2] the others determine less; the plain errors are right for "
-        "independent noise only.",
+        "one view alone shows each of lights.2.intensity, so that there is no jackknife of them; the plain errors are "
+        "right for independent noise only.",
     )
+
+
+def test_eliminating_what_one_view_alone_shows_is_a_fit_in_which_it_follows():
+    """Two shared unknowns and one of each view: the jackknife is that of linear fits without a view and its own."""
+    random = np.random.default_rng(1)
+    A, B, b = (random.standard_normal((5, 30, n)) for n in (2, 1, 1))
+    H, g = np.zeros((5, 7, 7)), np.zeros((5, 7))
+
+    def design(v: int) -> np.ndarray:
+        J = np.zeros((30, 7))
+        J[:, :2], J[:, 2 + v] = A[v], B[v, :, 0]
+        return J
+
+    def solve(views: list[int]) -> np.ndarray:
+        J, y = np.concatenate([design(v) for v in views]), np.concatenate([b[v, :, 0] for v in views])
+        return np.linalg.lstsq(J, y, rcond=None)[0]
+
+    best = solve([*range(5)])
+    for v in range(5):
+        H[v], g[v] = design(v).T @ design(v), design(v).T @ (design(v) @ best - b[v, :, 0])
+    lone = lone_views(H)
+    assert lone.tolist() == [-1, -1, 0, 1, 2, 3, 4]
+    nothing = np.zeros((7, 7))
+    covariance = jackknife_covariance(*without_lone(H, g, nothing, lone), np.zeros((2, 2)), np.zeros(2))
+    without = np.array([solve([w for w in range(5) if w != v])[:2] for v in range(5)])
+    deviations = without - without.mean(0)
+    np.testing.assert_allclose(covariance, 4 / 5 * deviations.T @ deviations, rtol=1e-9)

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
+import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from ..backend import check_backend
 from ..fields import check, check_kind
-from ..progress import showing
+from ..progress import showing, silent
 from ..scenes import Scene
+from .constraints import Grey, Proportional
+from .losses import LOSSES
 from .outcome import Fit, diagnose
-from .parameters import LINEAR, find_unknowns, slots_of
-from .residuals import prepare
-from .solvers import solve
-from .views import View, is_grey
+from .parameters import Unknown, find_unknowns
+from .residuals import Counts
+from .study import Study
+from .views import Samples, View, find_samples, is_grey
 
-MAX_STEPS = 200
+CLIPPED = ("hinge", "tobit", "leave out")
 
 
 def fit(
@@ -29,76 +31,112 @@ def fit(
     *,
     free: Iterable[str],
     tied: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, Sequence[float | int]] | None = None,
+    constraints: Sequence[Grey | Proportional] = (),
+    priors: Mapping[str, Sequence[float | int]] | None = None,
+    loss: str = "squares",
+    clipped: str = "hinge",
+    start: str = "search",
     progress: bool = False,
 ) -> Fit:
     """Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
 
-    Minimises sum (exposure * radiance - image)^2 over the samples of all views by Levenberg-Marquardt on J^T J, in
-    float64 whatever the global flag, with n_s as log n_s. It starts at k = 0.3, n_s = 10 and no attenuation, whatever
-    the scene says of them, and at the scene's values for anything else.
+    Minimises sum (exposure * radiance + black - image)^2 over the samples of all views by Levenberg-Marquardt on J^T J
+    within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start: k_a, k_d, k_s are solved
+    for exactly, n_s and the attenuation are searched for whatever the scene says of them, and geometry (a light's
+    position or direction, a spot's shape, a sphere) is searched for around the scene's values.
 
     `free`, `tied`: names, any run of whole segments of a dotted path: `"k_d"`, `"lights.0.intensity"`,
-    `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only by its own name). A tied name
-    makes one unknown of the free numbers that are called the same after it. `bounds`: name to (lower, upper); by
-    default coefficients, intensities and attenuation are at least 0 and n_s is in [0.1, 1e4]. `progress`: show a line
-    on the terminal.
+    `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only by its own name), `"exposure"`
+    and `"black"` of each view, `"views.0.exposure"`. A direction is fitted as a unit vector. A tied name makes one
+    unknown of the free numbers that are called the same after it. `bounds`: name to (lower, upper); by default
+    coefficients, intensities and attenuation are at least 0 and n_s is in [0.1, 1e4]. `constraints`: `Grey`,
+    `Proportional`. `priors`: name to (value, standard deviation), Gaussian; of n_s the standard deviation of log n_s.
+    `loss`: "squares"; or, for outliers, "huber", "cauchy" or "geman-mcclure", whose scale is found from the residuals'
+    median unless the views' noise is known. `clipped`: what a sample at the end of the sensor's range says: "hinge",
+    that the truth is at least (or at most) that; "tobit", the same with the noise known, alone without bias where much
+    lies within the noise of the sensor's floor; "leave out", nothing, nor do its pixel's other channels. `start`:
+    "search", or "scene" to begin at the scene's values. `progress`: show a line on the terminal.
 
     Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy;
     FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
+    _check_choices(scene, views, loss, clipped, start)
+    check_backend()
+    scene = jax.tree.map(_numpy, scene)
+    grey = all(is_grey(view) for view in views)
+    unknowns = find_unknowns(
+        scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
+    )
+    if not unknowns:
+        raise ValueError(
+            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
+        )
+    with showing("fit") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+        tell("reading the views")
+        samples, counts = look_at(scene, views, unknowns, clipped)
+        study = Study(scene, views, unknowns, samples, counts, loss, clipped)
+        study.lay_out()
+        end = study.solve(from_scene=start == "scene", tell=tell)
+        return diagnose(
+            scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares
+        )
+
+
+def look_at(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str
+) -> tuple[list[Samples], Counts]:
+    """Find the samples of every view; raise ValueError that names the view, or says that there are too few."""
+    moving = any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
+    samples, clipping = [], 0
+    for i, view in enumerate(views):
+        try:
+            found = find_samples(scene, view, moving=moving)
+        except ValueError as error:
+            raise ValueError(f"views[{i}]: {error}") from None
+        ends = found.ends()
+        clipping += int(np.abs(ends).sum())
+        if clipped == "leave out" and ends.any():
+            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
+        samples.append(found)
+    pixels = sum(len(s.pixels) for s in samples)
+    number = sum(len(s.pixels) * s.photograph.shape[2] for s in samples)
+    left_out = clipped == "leave out"
+    if number < len(unknowns):
+        raise ValueError(
+            f"these views have fewer samples than there are unknowns, {number} for {len(unknowns)}. Free fewer "
+            "parameters or add views."
+        )
+    if all(s.brightest <= 0.0 for s in samples):
+        raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
+    return samples, Counts(len(views), pixels, number, 0 if left_out else clipping, clipping if left_out else 0)
+
+
+def _check_choices(scene: Any, views: Sequence[Any], loss: Any, clipped: Any, start: Any) -> None:
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
-    check((scene, views))
-    check_backend()
-    scene = jax.tree.map(_numpy, scene)
-    unknowns = find_unknowns(scene, free, tied, bounds, grey=all(is_grey(view) for view in views))
-    if not unknowns:
+    check((scene, tuple(views)))
+    for name, value, choices in (
+        ("loss", loss, tuple(LOSSES)),
+        ("clipped", clipped, CLIPPED),
+        ("start", start, ("search", "scene")),
+    ):
+        if value not in choices:
+            listed = ", ".join(f"'{choice}'" for choice in choices)
+            raise ValueError(f"{name} must be one of {listed}; got {value!r}. Give one of them.")
+    known = [view.noise is not None for view in views]
+    if any(known) and not all(known):
         raise ValueError(
-            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
+            f"views[{known.index(False)}] has no noise while views[{known.index(True)}] has. Give all of them or none."
         )
-    moving = any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
-    lower, upper, start = (np.array([getattr(u, name) for u in unknowns]) for name in ("lower", "upper", "start"))
-    logarithmic = np.array([u.logarithmic for u in unknowns])
-    with jax.enable_x64(True):
-        problem, counts = prepare(scene, views, slots_of(scene, unknowns), moving=moving)
-        if counts.samples < len(unknowns):
-            raise ValueError(
-                f"these views have fewer samples than there are unknowns, {counts.samples} for {len(unknowns)}. "
-                "Free fewer parameters or add views."
-            )
-        with showing("fit") if progress else contextlib.nullcontext() as number:
-            solution = solve(
-                jnp.asarray(_log(start, logarithmic)),
-                problem,
-                jnp.asarray(_log(lower, logarithmic)),
-                jnp.asarray(_log(upper, logarithmic)),
-                jnp.asarray([u.quantity.split(".")[-1] in LINEAR for u in unknowns]),
-                MAX_STEPS,
-                None if number is None else jnp.asarray(number),
-            )
-            theta, result = np.asarray(solution.value), optx.RESULTS[solution.result]
-            gram = jax.tree.map(np.asarray, solution.aux)
-        steps = int(solution.stats["steps"])
-    if not (np.isfinite(theta).all() and np.isfinite(gram.cost).all()):
-        raise FloatingPointError(
-            f"the fit met a number that is not finite at {', '.join(f'{t:g}' for t in theta)}. Check the scene for "
-            "extreme values."
-        )
-    values = np.where(logarithmic, np.exp(np.where(logarithmic, theta, 0.0)), theta)
-    for bound in (lower, upper):  # right at the bound, not a rounding beside it
-        values = np.where(np.isclose(values, bound, rtol=1e-12, atol=0.0), bound, values)
-    return diagnose(scene, views, unknowns, values, lower, upper, gram, counts, steps, result)
+    if clipped == "tobit" and not all(known):
+        raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 
 def _numpy(leaf: object) -> np.ndarray:
     array = np.asarray(leaf)
     return array if array.dtype == bool else array.astype(np.float64)
-
-
-def _log(values: np.ndarray, logarithmic: np.ndarray) -> np.ndarray:
-    return np.where(logarithmic, np.log(np.where(logarithmic, values, 1.0)), values)

@@ -1,8 +1,9 @@
-"""Parameters: which numbers of a scene are unknown, what they are called, what they may be, and where they start."""
+"""Parameters: which numbers of a scene and its views are unknown, what they are called, and what they may be."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,22 +11,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int, Shaped
 
-from ..fields import Array, as_colour, as_vector, did_you_mean, quantities
+from ..fields import Array, as_colour, as_exponent, as_vector, did_you_mean, quantities
 from ..scenes import Scene, StackedScene, stack_scene
+from ..surfaces import GBuffer
+from .constraints import Grey, Proportional
+from .views import View
 
-# Where a fit starts, by the last segment of the name: not at the scene's values, which may not be known. Anything else
-# (a light's position, an intensity) starts at the scene's value.
+# What a search for a start begins with, by the last segment of the name: not the scene's values, which may not be
+# known. Anything else (a light's position, an intensity) begins at the scene's value.
 STARTS = {"k_a": 0.3, "k_d": 0.3, "k_s": 0.3, "n_s": 10.0, "linear": 0.0, "quadratic": 0.0}
-LINEAR = {"k_a", "k_d", "k_s"}  # the image is linear in them
+LINEAR = {"k_a", "k_d", "k_s", "black"}  # the image is linear in them
 LOGARITHMIC = {"n_s"}  # solved for as log n_s: the error of n_s is proportional to it
-RANGES = {"n_s": (0.1, 1e4)}  # where the range of a fit is narrower than that of the field
+RANGES = {"n_s": (0.1, 1e4), "exposure": (1e-9, np.inf)}  # where the range of a fit is narrower than that of the field
+PER_VIEW = ("exposure", "black")  # numbers of a view that can be free
 
 
 @dataclass
 class Unknown:
-    """One unknown number: its name, its short name, and the (leaf, channel) places of the scene that hold it."""
+    """One unknown number: its name, its short name, and the (path, channel) places of the scene that hold it."""
 
     name: str
     quantity: str
@@ -35,24 +40,63 @@ class Unknown:
     start: float
     logarithmic: bool
     places: list[tuple[str, int]] = field(default_factory=list)
+    products: list[Product] = field(default_factory=list)
+    """Places that hold a multiple of it."""
+    prior: tuple[float, float] | None = None
+    """Mean and standard deviation, in the solver's coordinates, of what is known of it beforehand."""
+
+    @property
+    def kind(self) -> str:
+        """The last segment of its name: `k_d`."""
+        return self.quantity.split(".")[-1]
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the image is linear in it."""
+        return self.kind in LINEAR and "/" not in self.quantity
+
+
+@dataclass(frozen=True)
+class Product:
+    """A place that holds `constant` times an unknown, times another one where `other` is its index."""
+
+    path: str
+    channel: int
+    constant: float
+    other: int | None = None
+
+
+class Setup(eqx.Module):
+    """Everything that can be unknown, as compiled programs take it: the scene, and a number for each view."""
+
+    scene: StackedScene
+    exposure: Shaped[Array, " views"]
+    black: Shaped[Array, " views"]
 
 
 class Slots(eqx.Module):
-    """Where the unknowns go: a stacked scene of indices into the vector of unknowns, -1 for a known number.
+    """Where the unknowns go: a setup of indices into the vector of their values, -1 for a known number.
 
     A leaf of which nothing is unknown is None, so that nothing is differentiated through it.
     """
 
-    indices: StackedScene
+    indices: Setup
     logarithmic: Bool[Array, " p"]
+    products: tuple[Int[Array, " m"], Int[Array, " m"], Float[Array, " m"]]
+    """Values beyond the unknowns: constant * one unknown * another; the index p stands for 1."""
+    units: Int[Array, "u 3"]
+    """The unknowns that are a unit vector together."""
 
-    def insert(self, theta: Float[Array, " p"], scene: StackedScene) -> StackedScene:
-        """Return the scene with the unknowns theta, in the solver's coordinates, at their places."""
+    def insert(self, theta: Float[Array, " p"], setup: Setup) -> Setup:
+        """Return the setup with the unknowns theta, in the solver's coordinates, at their places."""
         values = natural(theta, self.logarithmic)
+        one, other, constant = self.products
+        padded = jnp.concatenate([values, jnp.ones(1, values.dtype)])
+        values = jnp.concatenate([values, constant * padded[one] * padded[other]])
         return jax.tree.map(
             lambda index, leaf: leaf if index is None else jnp.where(index >= 0, values[index], leaf),
             self.indices,
-            scene,
+            setup,
             is_leaf=lambda leaf: leaf is None,
         )
 
@@ -62,98 +106,187 @@ def natural(theta: Float[Array, " p"], logarithmic: Bool[Array, " p"]) -> Float[
     return jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, theta, 0.0)), theta)
 
 
+def coordinates(values: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
+    """Return values in the solver's coordinates: log n_s; the inverse of `natural`."""
+    log = np.array([unknown.logarithmic for unknown in unknowns], bool)
+    return np.where(log, np.log(np.where(log, values, 1.0)), values)
+
+
 def find_unknowns(
     scene: Scene,
+    views: Sequence[View],
     free: Iterable[str],
     tied: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, Sequence[float | int]] | None = None,
+    constraints: Sequence[Grey | Proportional] = (),
+    priors: Mapping[str, Sequence[float | int]] | None = None,
     *,
+    from_scene: bool = False,
     grey: bool = False,
 ) -> list[Unknown]:
     """Return the unknowns that `free` names, in the scene's order.
 
-    A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`). `constant`, the gauge of
-    an attenuation, is freed only when it is named itself. `tied` makes one unknown of the free numbers whose paths are
-    equal after the matched run, channel by channel. `grey` makes one unknown of the channels of each colour. Raises
-    ValueError for a name that matches nothing, a contradictory bound, or a cutoff whose edge is hard.
+    A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`).
+    `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are a view's numbers. `tied`
+    makes one unknown of the free numbers whose paths are equal after the matched run, channel by channel. `from_scene`
+    starts all at the scene's values; `grey` makes one unknown of the channels of each colour. Raises ValueError for a
+    name that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge is hard.
     """
-    known = {path: (value, spec) for path, value, spec in quantities(scene)}
-    free, tied, bounds = _names("free", free, known), _names("tied", tied, known), dict(bounds or {})
-    if any("direction" in name.split(".") for name in free):
-        raise ValueError(
-            "a light's direction cannot be freed by name: only the way it points has a meaning, not its length, and "
-            "unit vectors are not fitted yet. Fix it."
-        )
+    known = {path: (value, spec) for path, value, spec in everything(scene, views)}
+    free, tied, bounds, priors = _names("free", free, known), _names("tied", tied, known), bounds or {}, priors or {}
     freed = [path for path in known if any(_frees(name, path) for name in free)]
-    for name in tied:
-        if not any(_run(name, path) is not None for path in freed):
-            raise ValueError(f"tied names '{name}', which is not free. Add it to free, or leave it out of tied.")
-    for name in _names("bounds", bounds, known):
-        if not any(_run(name, path) is not None for path in freed):
-            raise ValueError(f"bounds names '{name}', which is not free. Add it to free, or leave it out of bounds.")
+    colourless = _colourless(constraints, freed, known)
+    proportions = _proportions(constraints, freed, known)
+    for where, names in (
+        ("tied", tied),
+        ("bounds", _names("bounds", bounds, known)),
+        ("priors", _names("priors", priors, known)),
+        ("constraints", _names("constraints", [c.name for c in constraints if not _fixes(c)], known)),
+    ):
+        for name in names:
+            if not any(_run(name, path) is not None for path in freed):
+                raise ValueError(f"{where} names '{name}', which is not free. Add it to free, or leave it out.")
+            if where in ("bounds", "priors") and all(path in proportions for path in freed if _run(name, path)):
+                to = next(to for path, (to, _) in proportions.items() if _run(name, path))
+                raise ValueError(f"{where} names '{name}', which follows {to} by a constraint. Name that instead.")
     unknowns: dict[tuple[str, int], Unknown] = {}
     for path in freed:
+        if path in proportions:
+            continue
         value, spec = known[path]
         _check_can_be_free(path, known)
-        last = path.split(".")[-1]
-        lower, upper = _range(path, spec.metadata, bounds)
-        colour = spec.metadata["converter"] is as_colour
-        channels = "rgb" if colour else "xyz" if spec.metadata["converter"] is as_vector else ""
+        converter = spec.metadata["converter"]
+        colour = converter is as_colour or (converter is as_exponent and np.ndim(value) == 1)
+        channels = "rgb" if colour else "xyz" if converter is as_vector else ""
         quantity = next((n for name in tied if (n := _tied_name(name, path))), path)
-        for c, number in enumerate(np.ravel(np.asarray(value, np.float64))):
-            one_for_all = not channels or (grey and colour)
-            name = quantity if one_for_all else f"{quantity}.{channels[c]}"
+        for c, number in enumerate(_numbers(path, value)):
+            one_for_all = not channels or (colour and (grey or path in colourless))
             unknown = unknowns.setdefault(
                 (quantity, 0 if one_for_all else c),
-                Unknown(name, quantity, lower, upper, _start(path, number, known), last in LOGARITHMIC),
+                Unknown(
+                    name=quantity if one_for_all else f"{quantity}.{channels[c]}",
+                    quantity=quantity,
+                    lower=-np.inf,
+                    upper=np.inf,
+                    start=float(number) if from_scene else _start(path, number, known),
+                    logarithmic=path.split(".")[-1] in LOGARITHMIC,
+                ),
             )
-            unknown.lower, unknown.upper = max(unknown.lower, lower), min(unknown.upper, upper)
             unknown.places.append((path, c))
-    for unknown in unknowns.values():
-        if not unknown.lower < unknown.upper:
-            raise ValueError(
-                f"the bounds of '{unknown.quantity}' leave nothing between {unknown.lower:g} and "
-                f"{unknown.upper:g}. Widen one of them."
-            )
-        unknown.start = float(np.clip(unknown.start, unknown.lower, unknown.upper))
-    _shorten(list(unknowns.values()), list(known))
-    return list(unknowns.values())
+    found = list(unknowns.values())
+    for path, (to, factor) in proportions.items():
+        found += _proportional(path, to, factor, found, known, from_scene=from_scene)
+    for unknown in found:
+        _bound(unknown, bounds, known)
+        unknown.prior = _prior(unknown, priors)
+    _shorten(found, list(known))
+    return found
 
 
-def slots_of(scene: Scene, unknowns: Sequence[Unknown]) -> Slots:
-    """Return the places of the unknowns as a stacked scene of indices."""
+def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array, dataclasses.Field]]:
+    """Yield every number, vector and colour that can be unknown: its dotted path, its value and its field."""
+    yield from quantities(scene)
+    fields = {spec.name: spec for spec in dataclasses.fields(View)}
+    for i, view in enumerate(views):
+        for name in PER_VIEW:
+            yield f"views.{i}.{name}", getattr(view, name), fields[name]
+
+
+def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Slots:
+    """Return the places of the unknowns as a setup of indices."""
+    p = len(unknowns)
     index_of = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
-    leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
-    indices = []
-    for path, leaf in leaves:
-        name = jax.tree_util.keystr(path, simple=True, separator=".")
-        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= 3 else -1
-        indices.append(
-            np.broadcast_to(np.asarray(flat).reshape(np.shape(leaf) if np.ndim(flat) else ()), np.shape(leaf))
-        )
-    stacked = stack_scene(jax.tree.unflatten(structure, indices))
+    products = [(j, product) for j, unknown in enumerate(unknowns) for product in unknown.products]
+    for k, (_, product) in enumerate(products):
+        index_of[product.path, product.channel] = p + k
+
+    def indices(name: str, leaf: Array) -> np.ndarray:
+        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= 3 else [-1]
+        return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= 3 else ()), np.shape(leaf))
+
+    leaves, structure = jax.tree_util.tree_flatten_with_path(without_gbuffers(scene))
+    stacked = stack_scene(jax.tree.unflatten(structure, [indices(_name(path), leaf) for path, leaf in leaves]))
+    per_view = [np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))]) for name in PER_VIEW]
+    others = [p if product.other is None else product.other for _, product in products]
     return Slots(
-        jax.tree.map(lambda index: index if (index >= 0).any() else None, stacked),
-        np.array([unknown.logarithmic for unknown in unknowns]),
+        jax.tree.map(lambda index: index if (index >= 0).any() else None, Setup(stacked, *per_view)),
+        np.array([unknown.logarithmic for unknown in unknowns], bool),
+        (
+            np.array([j for j, _ in products], int),
+            np.array(others, int),
+            np.array([product.constant for _, product in products], float),
+        ),
+        np.array(unit_vectors(unknowns), int).reshape(-1, 3),
     )
 
 
-def put_back(scene: Scene, unknowns: Sequence[Unknown], values: Float[np.ndarray, " p"]) -> Scene:
-    """Return the scene with the values of the unknowns, in their own units, as NumPy float64."""
+def without_gbuffers(scene: Scene) -> Scene:
+    """Return the scene with no surface where a G-buffer is: its points come with the pixels, and none is unknown."""
+    for i, item in enumerate(scene.objects):
+        if isinstance(item.surface, GBuffer):
+            scene = eqx.tree_at(lambda s, i=i: s.objects[i].surface, scene, None)
+    return scene
+
+
+def unit_vectors(unknowns: Sequence[Unknown]) -> list[list[int]]:
+    """Return the indices of the unknowns that are a unit vector together: a direction's x, y and z."""
+    by_quantity: dict[str, list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        if unknown.kind == "direction":
+            by_quantity.setdefault(unknown.quantity, []).append(j)
+    return list(by_quantity.values())
+
+
+def put_back(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], values: Float[np.ndarray, " p"]
+) -> tuple[Scene, tuple[View, ...]]:
+    """Return the scene and the views with the values of the unknowns, in their own units, as NumPy float64."""
     changed: dict[str, np.ndarray] = {}
-    known = {path: np.asarray(value, np.float64) for path, value, _ in quantities(scene)}
+    known = {path: np.asarray(value, np.float64) for path, value, _ in everything(scene, views)}
+
+    def put(path: str, c: int, value: float) -> None:
+        changed.setdefault(path, known[path].copy()).reshape(-1)[c] = value
+
     for unknown, value in zip(unknowns, values, strict=True):
         for path, c in unknown.places:
-            changed.setdefault(path, known[path].copy()).reshape(-1)[c] = value
+            put(path, c, value)
+        for product in unknown.products:
+            put(
+                product.path,
+                product.channel,
+                product.constant * value * (1.0 if product.other is None else values[product.other]),
+            )
     leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
-    names = [jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in leaves]
-    return jax.tree.unflatten(structure, [changed.get(n, leaf) for n, (_, leaf) in zip(names, leaves, strict=True)])
+    new_scene = jax.tree.unflatten(structure, [changed.get(_name(path), leaf) for path, leaf in leaves])
+    new_views = []
+    for i, view in enumerate(views):
+        for name in PER_VIEW:
+            if (path := f"views.{i}.{name}") in changed:
+                view = eqx.tree_at(lambda v, name=name: getattr(v, name), view, changed[path])
+        new_views.append(view)
+    return new_scene, tuple(new_views)
 
 
-def values_in(scene: Scene, unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
+def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
     """Return what the unknowns are in a scene, in their own units; of tied numbers, the first."""
-    known = {path: np.ravel(np.asarray(value, np.float64)) for path, value, _ in quantities(scene)}
-    return np.array([known[path][c] for path, c in (unknown.places[0] for unknown in unknowns)])
+    known = {path: _numbers(path, value) for path, value, _ in everything(scene, views)}
+    values = np.array([known[u.places[0][0]][u.places[0][1]] if u.places else np.nan for u in unknowns])
+    for j, unknown in enumerate(unknowns):
+        if not unknown.places:
+            product = unknown.products[0]
+            other = 1.0 if product.other is None else values[product.other]
+            values[j] = known[product.path][product.channel] / (product.constant * other)
+    return values
+
+
+def _name(path: Any) -> str:
+    return jax.tree_util.keystr(path, simple=True, separator=".")
+
+
+def _numbers(path: str, value: Array) -> Float[np.ndarray, " n"]:
+    """Return the numbers of a value; of a direction those of the unit vector, the only part that has a meaning."""
+    numbers = np.ravel(np.asarray(value, np.float64))
+    return numbers / np.linalg.norm(numbers) if path.split(".")[-1] == "direction" else numbers
 
 
 def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[str, ...]:
@@ -180,8 +313,9 @@ def _run(name: str, path: str) -> int | None:
 
 
 def _frees(name: str, path: str) -> bool:
-    gauge = path.split(".")[-1] == "constant"
-    return _run(name, path) is not None and (not gauge or "constant" in name.split("."))
+    last = path.split(".")[-1]
+    by_its_own_name_only = last == "constant" or last in PER_VIEW
+    return _run(name, path) is not None and (not by_its_own_name_only or last in name.split("."))
 
 
 def _tied_name(name: str, path: str) -> str | None:
@@ -189,23 +323,137 @@ def _tied_name(name: str, path: str) -> str | None:
     return None if end is None else ".".join([name, *path.split(".")[end:]])
 
 
-def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+def _bound(unknown: Unknown, bounds: Mapping[str, Sequence[float | int]], known: Mapping[str, Any]) -> None:
+    """Set the range of an unknown: the meet of those of all its places."""
+    for path, _ in unknown.places:
+        lower, upper = _range(path, known[path][1].metadata, bounds)
+        unknown.lower, unknown.upper = max(unknown.lower, lower), min(unknown.upper, upper)
+    if not unknown.lower < unknown.upper:
+        raise ValueError(
+            f"the bounds of '{unknown.quantity}' leave nothing between {unknown.lower:g} and {unknown.upper:g}. "
+            "Widen one of them."
+        )
+    unknown.start = float(np.clip(unknown.start, unknown.lower, unknown.upper))
+
+
+def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, Sequence[float | int]]) -> tuple[float, float]:
     whole = (float(metadata.get("lower", -np.inf)), float(metadata.get("upper", np.inf)))
     whole = lower, upper = RANGES.get(path.split(".")[-1], whole)
     allowed = f"[{lower:g}, {upper:g}]"
     for name, pair in bounds.items():
         if _run(name, path) is None:
             continue
-        try:
-            low, high = (float(b) for b in pair)
-        except (TypeError, ValueError):
-            raise ValueError(f"bounds of '{name}' must be two numbers; got {pair!r}. Give (lower, upper).") from None
+        low, high = _pair(f"bounds of '{name}'", pair, "(lower, upper)")
         if not low < high:
             raise ValueError(f"bounds of '{name}' must be lower < upper; got ({low:g}, {high:g}). Swap or widen them.")
         if low < whole[0] or high > whole[1]:
             raise ValueError(f"bounds of '{name}' must lie in {allowed}; got ({low:g}, {high:g}). Stay inside it.")
         lower, upper = max(lower, low), min(upper, high)
     return lower, upper
+
+
+def _prior(unknown: Unknown, priors: Mapping[str, Sequence[float | int]]) -> tuple[float, float] | None:
+    """Return the prior of an unknown in the solver's coordinates; of two, the one named last."""
+    prior = None
+    for name, pair in priors.items():
+        if not any(_run(name, path) is not None for path, _ in unknown.places):
+            continue
+        mean, width = _pair(f"the prior of '{name}'", pair, "(value, standard deviation)")
+        if not (0 < width < np.inf and np.isfinite(mean)):
+            raise ValueError(
+                f"the prior of '{name}' must have a finite value and a standard deviation above 0; got ({mean:g}, "
+                f"{width:g}). Give (value, standard deviation)."
+            )
+        if unknown.logarithmic and not mean > 0:
+            raise ValueError(f"the prior of '{name}' must have a value above 0; got {mean:g}. It is held in log.")
+        prior = (float(np.log(mean)) if unknown.logarithmic else mean, width)
+    return prior
+
+
+def _pair(what: str, pair: Any, example: str) -> tuple[float, float]:
+    try:
+        low, high = (float(b) for b in pair)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be two numbers; got {pair!r}. Give {example}.") from None
+    return low, high
+
+
+def _fixes(constraint: Grey | Proportional) -> bool:
+    return isinstance(constraint, Proportional) and constraint.factor is not None
+
+
+def _colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[str], known: Mapping[str, Any]) -> set[str]:
+    """Return the paths of the colours whose channels are one unknown."""
+    found = set()
+    for constraint in constraints:
+        if isinstance(constraint, Grey):
+            (name,) = _names("constraints", (constraint.name,), known)
+            for path in (path for path in freed if _run(name, path) is not None):
+                if known[path][1].metadata["converter"] not in (as_colour, as_exponent):
+                    raise ValueError(f"Grey needs colours; '{name}' names {path}, which is none. Leave it out.")
+                found.add(path)
+    return found
+
+
+def _proportions(
+    constraints: Sequence[Grey | Proportional], freed: Sequence[str], known: Mapping[str, Any]
+) -> dict[str, tuple[str, float | None]]:
+    """Return for each path that is proportional to another: that other, and the factor where it is given."""
+    found: dict[str, tuple[str, float | None]] = {}
+    for constraint in constraints:
+        if not isinstance(constraint, Proportional):
+            continue
+        for name in _names("constraints", (constraint.name, constraint.to), known):
+            if name.split(".")[-1] not in ("k_a", "k_d", "k_s"):
+                raise ValueError(f"Proportional relates two of k_a, k_d and k_s; got '{name}'. Name one of these.")
+        factor = constraint.factor
+        if factor is not None and not 0 <= factor < np.inf:
+            raise ValueError(
+                f"the factor of {constraint} must be finite and at least 0; got {factor}. Give such a one."
+            )
+        for path in known:
+            if _run(constraint.name, path) is None or (factor is None and path not in freed):
+                continue
+            if factor is not None and path in freed:
+                raise ValueError(
+                    f"'{path}' is fixed by {constraint} and free as well. Leave it out of free, or give no factor."
+                )
+            others = [p for p in known if _run(constraint.to, p) is not None]
+            beside = [p for p in others if p.rpartition(".")[0] == path.rpartition(".")[0]]
+            to = next(iter(beside or others))
+            if path in found or to in found or to == path or (len(others) > 1 and len(beside) != 1):
+                raise ValueError(
+                    f"{constraint} does not say which number {path} is proportional to. Name one that is not "
+                    "constrained itself, by its whole path."
+                )
+            found[path] = (to, factor)
+    return found
+
+
+def _proportional(
+    path: str,
+    to: str,
+    factor: float | None,
+    found: Sequence[Unknown],
+    known: Mapping[str, Any],
+    *,
+    from_scene: bool,
+) -> list[Unknown]:
+    """Make the places of `path` multiples of `to`; return the unknown factor where it is one."""
+    at = {place: j for j, unknown in enumerate(found) for place in unknown.places}
+    value, base = (np.asarray(known[name][0], np.float64) for name in (path, to))
+    new = []
+    if factor is None:
+        start = float(value.sum() / base.sum()) if from_scene and base.sum() > 0 else 1.0
+        new = [Unknown(f"{path}/{to}", f"{path}/{to}", 0.0, np.inf, start, logarithmic=False)]
+    for c in range(len(value)):
+        j = at.get((to, c))
+        constant = (1.0 if factor is None else factor) * (1.0 if j is not None else float(base[c]))
+        if new:
+            new[0].products.append(Product(path, c, constant, j))
+        elif j is not None:
+            found[j].products.append(Product(path, c, constant))
+    return new
 
 
 def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
@@ -227,6 +475,9 @@ def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:
 def _shorten(unknowns: Sequence[Unknown], paths: Sequence[str]) -> None:
     """Shorten each name to its last segments, as few as still name this quantity alone among the scene's paths."""
     for unknown in unknowns:
+        if not unknown.places:
+            unknown.name = unknown.quantity = "/".join(_short(name, paths) for name in unknown.quantity.split("/"))
+            continue
         own = {path for path, _ in unknown.places}
         segments = unknown.quantity.split(".")
         for k in range(1, len(segments) + 1):
@@ -237,3 +488,10 @@ def _shorten(unknowns: Sequence[Unknown], paths: Sequence[str]) -> None:
                 unknown.name = run + unknown.name[len(unknown.quantity) :]
                 unknown.quantity = run
                 break
+
+
+def _short(path: str, paths: Sequence[str]) -> str:
+    """Return the last segments of a path, as few as still name it alone."""
+    segments = path.split(".")
+    runs = (".".join(segments[-k:]) for k in range(1, len(segments) + 1) if not segments[-k].isdigit())
+    return next((run for run in runs if all(p == path or _run(run, p) is None for p in paths)), path)

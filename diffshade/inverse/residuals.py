@@ -1,83 +1,26 @@
-"""Residuals: photographs beside what a scene would show, one block of pixels at a time."""
+"""Residuals of any scene: what each pixel would show, and its derivatives, one block of pixels at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..cameras import AbstractCamera, Projection
 from ..fields import Array
 from ..rendering import radiance, reflected
-from ..scenes import Scene, StackedScene, light_kinds, stack_scene
+from ..scenes import Scene, light_kinds, stack_scene
 from ..surfaces import GBuffer
-from .parameters import Slots
-from .views import Samples, View, find_samples, is_grey
-
-BLOCK = 2048  # pixels; what a block needs stays in a core's cache
-
-
-class Block(eqx.Module):
-    """Pixels of one view, padded with pixels of weight 0 to a fixed number. A block of blocks has a leading axis."""
-
-    view: Int[Array, "..."]
-    row: Float[Array, "... pixels"]
-    column: Float[Array, "... pixels"]
-    target: Float[Array, "... channels pixels"]
-    weight: Float[Array, "... channels pixels"]
-    gbuffers: tuple[GBuffer | None, ...]
-    """For each object that is a G-buffer, its points at these pixels."""
-
-
-class Problem(eqx.Module):
-    """All that the residuals depend on but the unknowns."""
-
-    scene: StackedScene
-    slots: Slots
-    blocks: Block
-    projections: Projection
-    exposures: Float[Array, " views"]
-    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
-    """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
-    grey: Float[Array, " views"]
-
-    def residuals(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
-        """Return exposure * radiance - image, one array a channel, 0 where a sample does not count.
-
-        A grey view is compared with the mean of the three channels.
-        """
-        scene = self.slots.insert(theta, self.scene)
-        view = block.view
-        lights = tuple(
-            _switch(jax.tree.map(lambda leaf, index=index: leaf[index[view]], stack), on[view])
-            for stack, (index, on) in zip(scene.lights, self.lit, strict=True)
-        )
-        scene = eqx.tree_at(lambda s: s.lights, scene, lights)
-        for i, gbuffer in enumerate(block.gbuffers):
-            if gbuffer is not None:
-                scene = eqx.tree_at(lambda s, i=i: s.objects[i].surface, scene, gbuffer)
-        projection = jax.tree.map(lambda leaf: leaf[view], self.projections)
-        rays = projection.rays(block.row, block.column)
-        if len(scene.objects) == 1:  # every pixel shows it: where free geometry makes a ray miss, its nearest point
-            seen = reflected(scene, scene.objects[0], scene.objects[0].surface.intersect(rays), projection)
-        else:
-            seen = radiance(scene, rays, projection)
-        mean = (seen.x + seen.y + seen.z) / 3.0
-        grey = self.grey[view] > 0
-        channels = [mean] if len(block.target) == 1 else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
-        return tuple(
-            (self.exposures[view] * predicted - target) * weight
-            for predicted, target, weight in zip(channels, block.target, block.weight, strict=True)
-        )
-
-
-def _switch(lights: Any, on: Array) -> Any:
-    return eqx.tree_at(lambda light: light.intensity, lights, lights.intensity * on[:, None])
+from .blocks import Block, Observed, Piece
+from .gram import Gram
+from .losses import Likelihood
+from .parameters import Setup, Slots, without_gbuffers
+from .views import View, is_grey
 
 
 class Counts(eqx.Module):
@@ -86,72 +29,133 @@ class Counts(eqx.Module):
     views: int
     pixels: int
     samples: int
-    saturated: int
-    """Samples at the top of the sensor's range, left out."""
+    clipped: int
+    """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
+    left_out: int
+    """Samples at an end of the sensor's range that were left out, with their pixels."""
 
 
-def prepare(scene: Scene, views: Sequence[View], slots: Slots, *, moving: bool) -> tuple[Problem, Counts]:
-    """Lay the views out in blocks, with all that the residuals depend on.
+class Pixels(eqx.Module):
+    """Where a block's pixels are, and for each object that is a G-buffer its points there."""
 
-    `moving` says that a surface is free: then each view needs a mask, which is eroded by one pixel and stays fixed.
-    Raises ValueError that names the view (and the pixel) where something does not fit.
-    """
-    channels = 1 if all(is_grey(view) for view in views) else 3
-    blocks: list[Block] = []
-    saturated = pixels = counting = 0
-    for i, view in enumerate(views):
-        try:
-            samples = find_samples(scene, view, moving=moving)
-        except ValueError as error:
-            raise ValueError(f"views[{i}]: {error}") from None
-        saturated += samples.saturated
-        pixels += int(samples.inside.sum())
-        counting += int(samples.counts.sum())
-        blocks += _blocks(scene, samples, i, channels)
-    problem = Problem(
-        stack_scene(scene),
+    row: Float[Array, "... pixels"]
+    column: Float[Array, "... pixels"]
+    gbuffers: tuple[GBuffer | None, ...]
+
+
+class Problem(eqx.Module):
+    """All that the predictions of a fit depend on but the unknowns and the pixels."""
+
+    setup: Setup
+    slots: Slots
+    projections: Projection
+    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
+    """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
+    grey: Float[Array, " views"]
+    noise: Any
+    """For each view its `Noise`; None where it is not known."""
+
+
+class Rendered(eqx.Module):
+    """The predictions of any scene, by rendering its pixels; derivatives by `jax.linearize`."""
+
+    problem: Problem
+    likelihood: Likelihood
+
+    @property
+    def projects(self) -> bool:
+        """Whether one pass gives the Gram at any linear unknowns: no."""
+        return False
+
+    def points(self, parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[Any]) -> Pixels:
+        """Return what the predictions need to know of the pixels of a chunk."""
+        return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
+
+    def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
+        """Return exposure * radiance + black, one array a channel; of a grey view the mean of the three channels."""
+        problem, view = self.problem, block.view
+        setup = problem.slots.insert(theta, problem.setup)
+        scene = setup.scene
+        lights = tuple(
+            _switch(jax.tree.map(lambda leaf, index=index: leaf[index[view]], stack), on[view])
+            for stack, (index, on) in zip(scene.lights, problem.lit, strict=True)
+        )
+        scene = eqx.tree_at(lambda s: s.lights, scene, lights)
+        for i, gbuffer in enumerate(block.points.gbuffers):
+            if gbuffer is not None:
+                scene = eqx.tree_at(
+                    lambda s, i=i: s.objects[i].surface, scene, gbuffer, is_leaf=lambda node: node is None
+                )
+        projection = jax.tree.map(lambda leaf: leaf[view], problem.projections)
+        rays = projection.rays(block.points.row, block.points.column)
+        if len(scene.objects) == 1:  # every pixel shows it: where free geometry makes a ray miss, its nearest point
+            seen = reflected(scene, scene.objects[0], scene.objects[0].surface.intersect(rays), projection)
+        else:
+            seen = radiance(scene, rays, projection)
+        mean = (seen.x + seen.y + seen.z) / 3.0
+        grey = problem.grey[view] > 0
+        one = len(block.observed.target) == 1
+        channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
+        return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
+
+    def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
+        """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
+        p, views = theta.shape[0], self.problem.grey.shape[0]
+
+        def add(total: Gram, block: Block) -> tuple[Gram, None]:
+            m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
+            J = jax.vmap(derivative)(jnp.eye(p))  # for each channel, J^T: (p, pixels)
+            grams = [
+                Gram(terms.cost.sum(), Jc @ terms.slope, (Jc * terms.curvature[None]) @ Jc.T)
+                for Jc, terms in zip(J, costs(self.likelihood, m, block.observed), strict=True)
+            ]
+            of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
+            return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
+
+        zero = Gram(jnp.zeros(views), jnp.zeros((views, p)), jnp.zeros((views, p, p)))
+        return jax.lax.scan(add, zero, chunk)[0]
+
+    def gram(self, theta: Float[Array, " p"], summary: Gram) -> Gram:
+        """Return the Gram of each view from the sum of the chunks' summaries."""
+        return summary
+
+
+def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[Any]:
+    """Return the likelihood's terms of predictions, channel by channel."""
+    clipped = [None] * len(m) if observed.clipped is None else observed.clipped
+    return [likelihood.terms(*of) for of in zip(m, observed.target, observed.weight, clipped, strict=True)]
+
+
+def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
+    """Gather all that predictions depend on but the unknowns and the pixels."""
+    numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
+    noises = [view.noise for view in views]
+    return Problem(
+        Setup(stack_scene(without_gbuffers(scene)), *numbers),
         slots,
-        jax.tree.map(lambda *leaves: np.stack(leaves), *blocks),
         jax.tree.map(lambda *leaves: np.stack(leaves), *(_projection(view.camera) for view in views)),
-        np.array([float(view.exposure) for view in views]),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
+        None if None in noises else jax.tree.map(lambda *leaves: np.stack(leaves), *noises),
     )
-    return problem, Counts(len(views), pixels, counting, saturated)
 
 
-def _blocks(scene: Scene, samples: Samples, view: int, channels: int) -> list[Block]:
-    """Cut the pixels of a view that count into blocks."""
-    row, column = np.nonzero(samples.inside)
-    count = -(-len(row) // BLOCK)
-
-    def cut(array: Array) -> np.ndarray:
-        """Pad the pixel axis, the first, with zeros to whole blocks."""
-        padded = np.zeros((count * BLOCK, *array.shape[1:]))
-        padded[: len(array)] = array
-        return padded.reshape(count, BLOCK, *array.shape[1:])
-
-    def by_channel(array: Array) -> np.ndarray:
-        """Give a grey view of a set with colour ones two channels more, of weight 0."""
-        wide = np.zeros((len(array), channels))
-        wide[:, : array.shape[1]] = array
-        return cut(wide).transpose(0, 2, 1)
-
-    weight = by_channel(samples.counts[samples.inside])
-    target = by_channel(np.where(samples.counts, samples.values, 0.0)[samples.inside])
-    row, column = cut(row), cut(column)
-    buffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in scene.objects]
-    parts = [_parts(buffer, samples.inside, cut) if buffer is not None else [None] * count for buffer in buffers]
-    return [
-        Block(np.asarray(view), row[b], column[b], target[b], weight[b], tuple(part[b] for part in parts))
-        for b in range(count)
-    ]
+def _switch(lights: Any, on: Array) -> Any:
+    return eqx.tree_at(lambda light: light.intensity, lights, lights.intensity * on[:, None])
 
 
-def _parts(gbuffer: GBuffer, inside: Bool[np.ndarray, "h w"], cut: Callable[[Array], np.ndarray]) -> list[GBuffer]:
-    """Cut a G-buffer's points at the pixels into blocks; a padded pixel has a zero normal and is outside the mask."""
-    flat = jax.tree.map(lambda leaf: cut(np.asarray(leaf)[inside]).astype(leaf.dtype), gbuffer)
-    return [jax.tree.map(lambda leaf, b=b: leaf[b], flat) for b in range(len(flat.mask))]
+def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:
+    """Return a G-buffer's points at the pixels of a chunk; a padded pixel has a zero normal and is outside the mask."""
+
+    def gather(leaf: Array) -> np.ndarray:
+        leaf = np.asarray(leaf)
+        flat = leaf.reshape(-1, *leaf.shape[2:])
+        out = np.zeros((*shape, *leaf.shape[2:]), leaf.dtype)
+        for b, part in enumerate(parts):
+            out[b, : len(part.pixels)] = flat[part.pixels]
+        return out
+
+    return jax.tree.map(gather, gbuffer)
 
 
 @jax.jit

@@ -1,258 +1,171 @@
-"""The least-squares engine: J^T J summed over blocks of pixels, driven by optimistix within bounds."""
+"""The least-squares engine: passes over the pixels on all cores, and between them steps that optimistix decides."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
+import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int, Scalar
+from jaxtyping import Array, Bool, Float, Int
 
-from ..progress import report_step
-from .residuals import Block, Problem
-
-
-class Gram(eqx.Module):
-    """1/2 |r|^2, J^T r and J^T J of residuals r; with a leading axis, one for each view."""
-
-    cost: Float[Array, "..."]
-    gradient: Float[Array, "... p"]
-    hessian: Float[Array, "... p p"]
+from .. import fields
+from .blocks import Block, on_all_cores, total
+from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+from .gram import Gram, Point
 
 
-def gram_by_view(theta: Float[Array, " p"], problem: Problem) -> Gram:
-    """Sum the Gram matrices of the residuals block by block: memory for one block, whatever the number of pixels."""
-    p, views = theta.shape[0], problem.exposures.shape[0]
+class Soft(eqx.Module):
+    """What is known of the unknowns beside the views: a residual for each Gaussian prior and each unit vector."""
 
-    def add(total: Gram, block: Block) -> tuple[Gram, None]:
-        r, derivative = jax.linearize(lambda q: problem.residuals(q, block), theta)
-        J = jax.vmap(derivative)(jnp.eye(p))  # for each channel, J^T: (p, pixels)
-        of_block = Gram(
-            sum(0.5 * jnp.vdot(rc, rc) for rc in r),  # pyright: ignore[reportArgumentType]
-            sum(Jc @ rc for Jc, rc in zip(J, r, strict=True)),  # pyright: ignore[reportArgumentType]
-            sum(Jc @ Jc.T for Jc in J),  # pyright: ignore[reportArgumentType]
-        )
-        return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
+    index: Int[fields.Array, " k"]
+    mean: Float[fields.Array, " k"]
+    weight: Float[fields.Array, " k"]
+    """sigma/width of each prior: sigma is the scale of the views' residuals."""
+    units: Int[fields.Array, "u 3"]
+    unit_weight: Float[fields.Array, ""]
+    """Any weight will do: the length of a unit vector changes no pixel, so that 1 is met exactly."""
 
-    zero = Gram(jnp.zeros(views), jnp.zeros((views, p)), jnp.zeros((views, p, p)))
-    return jax.lax.scan(add, zero, problem.blocks)[0]
+    def gram(self, theta: Float[fields.Array, " p"]) -> Gram:
+        """Return the Gram of these residuals."""
+
+        def residuals(q: Any) -> Array:
+            lengths = jnp.sum(q[self.units] ** 2, -1)
+            return jnp.concatenate(
+                [self.weight * (q[self.index] - self.mean), self.unit_weight * 0.5 * (lengths - 1.0)]
+            )
+
+        r, J = residuals(theta), jax.jacfwd(residuals)(theta)
+        return Gram(0.5 * r @ r, J.T @ r, J.T @ J)
 
 
-def cost_and_gram(theta: Float[Array, " p"], problem: Problem) -> tuple[Scalar, Gram]:
-    """Return 1/2 |r|^2 over all views and, beside it, the Gram of each view."""
-    gram = gram_by_view(theta, problem)
-    return gram.cost.sum(), gram
+class Box(eqx.Module):
+    """The range of the unknowns, and which of them the prediction is linear in."""
+
+    lower: Float[fields.Array, " p"]
+    upper: Float[fields.Array, " p"]
+    linear: Bool[fields.Array, " p"]
 
 
-class BoxNewton(optx.AbstractDescent):
-    """Damped Newton step (H + D/step_size) dy = -g within bounds, by an active set.
+class Task:
+    """What is to be minimised: the form that predicts, what is known beside the views, and the range of the unknowns.
 
-    The step is the minimum of the damped quadratic model over the box. D is the running maximum of diag(H), so that it
-    does not depend on the units of an unknown (More 1978).
+    Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
     """
 
-    lower: Float[Array, " p"]
-    upper: Float[Array, " p"]
-    linear: Bool[Array, " p"]
-    """Unknowns in which the residuals are linear. The first step moves these alone, to their optimum: whatever the
-    images' unit, the others then start beside coefficients of the right size."""
-
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array, Array]:
-        """Return an empty state: the point, its gradient, its Hessian, the scale, and the number of points so far."""
-        p = y.shape[0]
-        return y, jnp.zeros(p), jnp.zeros((p, p)), jnp.zeros(p), jnp.array(0)
-
-    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Array, Array, Array]:
-        """Take a new point."""
-        hessian = f_info.hessian.as_matrix()
-        return y, f_info.grad, hessian, jnp.maximum(state[3], jnp.diagonal(hessian)), state[4] + 1
-
-    def step(self, step_size: Scalar, state: tuple) -> tuple[Array, Any]:
-        """Return the step of damping 1/step_size from the point."""
-        y, g, H, D, points = state
-        D = jnp.maximum(D, 1e-12 * jnp.max(D))
-        scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
-        A = H * jnp.outer(scale, scale) + jnp.eye(len(y)) / step_size
-        low, high = self.lower - y, self.upper - y
-
-        def within(low: Array, high: Array) -> Array:
-            return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale), low, high)
-
-        first = within(jnp.where(self.linear, low, 0.0), jnp.where(self.linear, high, 0.0))
-        moves = jnp.max(jnp.abs(first)) > 1e-6 * jnp.max(jnp.where(self.linear, jnp.abs(y), 0.0))
-        dy = jnp.where((points == 1) & moves, first, within(low, high))
-        finite = jnp.all(jnp.isfinite(dy))
-        result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
-        return jnp.where(finite, dy, 0.0), result
+    def __init__(self, form: Any, soft: Soft, box: Box):
+        self.form, self.soft, self.box = form, soft, box
+        self.form_leaves, self.form_structure = jax.tree.flatten(form)
+        self.leaves, self.structure = jax.tree.flatten((form, soft, box))
 
 
-def box_minimum(A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
-    """Minimise g.z + z.A z/2 over low <= z <= high, where low <= 0 <= high and A is positive definite.
+def evaluate(theta: Float[fields.Array, " p"], form: Any, soft: Soft, box: Box, summary: Any) -> Point:
+    """Return the point at theta, from a pass over the pixels there.
 
-    The primal active-set method (Nocedal and Wright 2006, algorithm 16.3), from z = 0: go towards the minimum over what
-    is free until a bound is in the way and hold that; once there, let go of the bound that pushes the wrong way most.
+    A form that projects gives the Gram at any linear unknowns from one pass: then it is the point at the best linear
+    unknowns within their bounds instead of theta's own.
     """
 
-    def move(state: tuple) -> tuple:
-        z, held, _, count = state
-        free = jnp.where(held, 0.0, 1.0)
-        M = A * jnp.outer(free, free) + jnp.diag(1.0 - free)
-        factor = jax.scipy.linalg.cho_factor(M)
-        target = jnp.where(held, z, -jax.scipy.linalg.cho_solve(factor, free * (g + A @ jnp.where(held, z, 0.0))))
-        bound = jnp.where(target < z, low, high)
-        room = jnp.where(~held & (target != z), (bound - z) / jnp.where(target != z, target - z, 1.0), jnp.inf)
-        nearest = jnp.min(room)
-        blocked = nearest < 1.0
-        hits = blocked & (room <= nearest)
-        z = jnp.where(hits, bound, jnp.where(blocked, z + nearest * (target - z), target))
-        slope = g + A @ z
-        wrong = jnp.where(held, jnp.where(z <= low, -slope, 0.0) + jnp.where(z >= high, slope, 0.0), -jnp.inf)
-        release = ~blocked & (wrong == jnp.max(wrong)) & (wrong > 1e-12 * jnp.max(jnp.abs(g)))
-        return z, (held | hits) & ~release, ~blocked & ~jnp.any(release), count + 1
+    def at(theta: Any) -> Point:
+        views = form.gram(theta, summary)
+        everything = jax.tree.map(lambda view, more: view.sum(0) + more, views, soft.gram(theta))
+        return Point(theta, everything, views)
 
-    z = jnp.zeros_like(g)
-    start = (z, at_bound(z, g, low, high), jnp.array(False), jnp.array(0))
-    return jax.lax.while_loop(lambda state: ~state[2] & (state[3] < 10 * len(g) + 10), move, start)[0]
+    point = at(theta)
+    return at(theta + linear_step(point, box)) if form.projects else point
 
 
-def at_bound(y: Array, gradient: Array, lower: Array, upper: Array) -> Bool[Array, " p"]:
-    """Return the unknowns at a bound which the cost would leave the box to improve."""
-    return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
+def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
+    """Return the step of the linear unknowns alone to their optimum within bounds."""
+    low = jnp.where(box.linear, box.lower - point.theta, 0.0)
+    high = jnp.where(box.linear, box.upper - point.theta, 0.0)
+    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high)
 
 
-class GainRatio(optx.AbstractSearch):
-    """Accept a step that lowers the cost; set the damping by the ratio of actual to predicted gain (Nielsen 1999).
+class Minimum(eqx.Module):
+    """Where the solver ended."""
 
-    With rho that ratio: damping * max(1/3, 1 - (2 rho - 1)^3) after an accepted step, else damping * nu, nu doubled
-    each time.
-    """
+    point: Point
+    steps: int = eqx.field(static=True)
+    message: str = eqx.field(static=True)
+    """Empty where it converged."""
 
-    damping: float = 1e-3
-
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Scalar, Scalar]:
-        """Return the first step size, 1/damping, and nu = 2."""
-        return jnp.asarray(1.0 / self.damping), jnp.asarray(2.0)
-
-    def step(
-        self, first_step: Bool[Array, ""], y: Array, y_eval: Array, f_info: Any, f_eval_info: Any, state: tuple
-    ) -> tuple[Scalar, Bool[Array, ""], Any, tuple[Scalar, Scalar]]:
-        """Judge the step from y to y_eval and return the next step size."""
-        step_size, nu = state
-        dy = y_eval - y
-        predicted = -(f_info.grad @ dy + 0.5 * dy @ f_info.hessian.mv(dy))
-        actual = f_info.as_min() - f_eval_info.as_min()
-        accept = first_step | ((actual > 0) & (predicted > 0))
-        rho = jnp.where(predicted > 0, actual / jnp.where(predicted > 0, predicted, 1.0), 0.0)
-        longer = step_size / jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * rho - 1.0) ** 3)
-        step_size = jnp.where(first_step, step_size, jnp.where(accept, longer, step_size / nu))
-        nu = jnp.where(accept, 2.0, 2.0 * nu)
-        return step_size, accept, optx.RESULTS.successful, (step_size, nu)
+    @property
+    def theta(self) -> np.ndarray:
+        """The unknowns, in the solver's coordinates."""
+        return np.asarray(self.point.theta)
 
 
-class _State(eqx.Module):
-    first: Bool[Array, ""]
-    y_eval: Array  # where to evaluate next
-    cost: Scalar  # of the last accepted point, and its Gram
-    gram: Gram
-    search: Any
-    descent: Any
-    done: Bool[Array, ""]
-    result: Any
-    rejected: Int[Array, ""]  # steps since the last accepted one
-    steps: Int[Array, ""]
+@partial(jax.jit, static_argnums=0)
+def _summary(structure: Any, leaves: list[Any], theta: Array, chunk: Block) -> Any:
+    return jax.tree.unflatten(structure, leaves).summary(theta, chunk)
 
 
-class GramLevenbergMarquardt(optx.AbstractMinimiser):
-    """Levenberg-Marquardt for a function that returns its cost and, beside it, the Gram of each view: one pass a step.
-
-    optimistix's own keeps the whole Jacobian. Stops when the decrease that a Newton step predicts is below `rtol` of
-    the cost (plus `atol`), or when rounding leaves no step that lowers it.
-    """
-
-    descent: optx.AbstractDescent
-    search: optx.AbstractSearch
-    listener: Int[Array, ""] | None = None
-    """Number of the listener that is told of each step (see `progress`)."""
-    rtol: float = 1e-16
-    atol: float = 0.0
-    norm: Callable[[Any], Any] = optx.max_norm
-
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
-        cost, gram = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), (f_struct, aux_struct))
-        info = _info(cost, gram)
-        return _State(
-            first=jnp.array(True),
-            y_eval=y,
-            cost=cost,
-            gram=gram,
-            search=self.search.init(y, info),
-            descent=self.descent.init(y, info),
-            done=jnp.array(False),
-            result=optx.RESULTS.successful,
-            rejected=jnp.array(0),
-            steps=jnp.array(0),
-        )
-
-    def step(self, fn, y, args, options, state, tags) -> tuple[Array, _State, Any]:
-        tried = fn(state.y_eval, args)
-        finite = jnp.isfinite(tried[0]) | ~state.first  # later, the search refuses a step to a cost that is not finite
-        step_size, accept, _, search = self.search.step(
-            state.first, y, state.y_eval, _info(state.cost, state.gram), _info(*tried), state.search
-        )
-        keep = partial(jax.tree.map, lambda new, old: jnp.where(accept, new, old))
-        y = keep(state.y_eval, y)
-        cost, gram = keep(tried, (state.cost, state.gram))
-        info = _info(cost, gram)
-        descent = keep(self.descent.query(y, info, state.descent), state.descent)
-        dy, result = self.descent.step(step_size, descent)
-        rejected = jnp.where(accept, 0, state.rejected + 1)
-
-        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
-        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0) & ~state.first
-        rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
-        if self.listener is not None:
-            jax.debug.callback(report_step, self.listener, state.steps, cost)
-        state = _State(
-            first=jnp.array(False),
-            y_eval=y + dy,
-            cost=cost,
-            gram=gram,
-            search=search,
-            descent=descent,
-            done=small | rounding | (rejected > 40),
-            result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
-            rejected=rejected,
-            steps=state.steps + 1,
-        )
-        return y, state, gram
-
-    def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
-        return state.done, state.result
-
-    def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Gram, dict]:
-        return y, state.gram, {"steps": state.steps, "cost": state.cost}
+@partial(jax.jit, static_argnums=0)
+def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
+    form, soft, box = jax.tree.unflatten(structure, leaves)
+    return evaluate(theta, form, soft, box, summary)
 
 
-def _info(cost: Scalar, gram: Gram) -> Any:
-    hessian = lx.MatrixLinearOperator(gram.hessian.sum(0), lx.positive_semidefinite_tag)
-    return optx.FunctionInfo.EvalGradHessian(cost, gram.gradient.sum(0), hessian)
+def look(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
+    """Return the point at theta, or, for a form that projects, at its best linear unknowns: one pass, on all cores."""
+    summaries = on_all_cores(lambda chunk: _summary(task.form_structure, task.form_leaves, theta, chunk), chunks)
+    return _evaluate(task.structure, task.leaves, theta, total(summaries))
 
 
-@eqx.filter_jit
-def solve(
-    start: Float[Array, " p"],
-    problem: Problem,
-    lower: Float[Array, " p"],
-    upper: Float[Array, " p"],
-    linear: Bool[Array, " p"],
+def _given(y: Array, point: Point) -> tuple[Any, Point]:
+    """Pass a point that is already known through optimistix's interface of a function to minimise."""
+    return point.total.cost, point
+
+
+@jax.jit
+def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
+    f_struct, aux_struct = jax.eval_shape(_given, theta, point)
+    state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)  # of no weak type, as all later ones
+
+
+@jax.jit
+def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point) -> tuple[Array, State, Array]:
+    theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
+    return theta, state, state.done | (state.result != optx.RESULTS.successful)
+
+
+def minimise(
+    theta: Any,
+    task: Task,
+    chunks: Sequence[Block],
+    *,
+    squares: float,
     max_steps: int,
-    listener: Int[Array, ""] | None,
-) -> optx.Solution:
-    """Minimise the sum of squared residuals from `start` within bounds; `aux` of the solution is each view's Gram."""
-    solver = GramLevenbergMarquardt(descent=BoxNewton(lower, upper, linear), search=GainRatio(), listener=listener)
-    return optx.minimise(cost_and_gram, solver, start, problem, has_aux=True, max_steps=max_steps, throw=False)
+    rtol: float = 1e-16,
+    tell: Callable[[int, float], None] = lambda step, cost: None,
+) -> Minimum:
+    """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
+
+    The steps are decided by a compiled program; the passes between them run on all cores.
+    """
+    box, projects = task.box, task.form.projects
+    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    solver = GramLevenbergMarquardt(
+        descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),
+        search=GainRatio(rounding),
+        rtol=rtol,
+        atol=1e-28 * squares,
+        rounding=rounding,
+    )
+    theta = np.asarray(theta)
+    point = look(theta, task, chunks)
+    state, done = _begin(theta, solver, point), False
+    for step in range(1, max_steps + 1):
+        theta, state, done = _advance(theta, state, solver, point)
+        tell(step, float(state.cost))
+        if done or step == max_steps:
+            break
+        point = look(state.y_eval, task, chunks)
+    result = state.result if done else optx.RESULTS.nonlinear_max_steps_reached
+    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), optx.RESULTS[result])

@@ -69,27 +69,64 @@ def plain_covariance(H: Matrix, sigma2: float) -> Matrix:
     return sigma2 * inverse(H)
 
 
-def jackknife_covariance(H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p"]) -> Matrix:
+def jackknife_covariance(
+    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p"], H_0: Matrix, g_0: Vector
+) -> Matrix:
     """Return the covariance by deleting one view at a time, from the Gram of each view; t has views - 1 degrees.
+
+    H_0 and g_0 are of what is known beside the views, and is never deleted.
 
     Without view v the optimum moves, to first order, by -(H - H_v)^-1 (g - g_v); the covariance is (G-1)/G times the
     sum of squared deviations of these moves from their mean (Tukey 1958; Efron and Tibshirani 1993, ch. 11).
     """
     G = len(H)
-    moves = np.array([-inverse(H.sum(0) - H_v) @ (g.sum(0) - g_v) for H_v, g_v in zip(H, g, strict=True)])
+    H_all, g_all = H.sum(0) + H_0, g.sum(0) + g_0
+    moves = np.array([-inverse(H_all - H_v) @ (g_all - g_v) for H_v, g_v in zip(H, g, strict=True)])
     deviations = moves - moves.mean(0)
     return (G - 1) / G * deviations.T @ deviations
 
 
-def deciding_view(H: Float[np.ndarray, "views p p"]) -> int | None:
+def lone_views(H: Float[np.ndarray, "views p p"]) -> Int[np.ndarray, " p"]:
+    """Return for each unknown the one view that alone sees it, such as the view's own exposure; -1 where several do."""
+    seen = np.diagonal(H, axis1=1, axis2=2)
+    sees = seen > 1e-12 * seen.max(0, initial=0.0)
+    return np.where(sees.sum(0) == 1, sees.argmax(0), -1)
+
+
+def without_lone(
+    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p"], H_0: Matrix, lone: Int[np.ndarray, " p"]
+) -> tuple[Float[np.ndarray, "views s s"], Float[np.ndarray, "views s"]]:
+    """Return the Gram of each view for the unknowns that several views see, at the best of those it alone sees.
+
+    The Schur complement: a view that is deleted takes its own unknowns with it.
+    """
+    shared = lone < 0
+    reduced_H, reduced_g = [], []
+    for v, (H_v, g_v) in enumerate(zip(H, g, strict=True)):
+        own = lone == v
+        to_own = H_v[np.ix_(shared, own)] @ inverse((H_v + H_0)[np.ix_(own, own)])
+        reduced_H.append(H_v[np.ix_(shared, shared)] - to_own @ H_v[np.ix_(own, shared)])
+        reduced_g.append(g_v[shared] - to_own @ g_v[own])
+    return np.array(reduced_H), np.array(reduced_g)
+
+
+def deciding_view(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> int | None:
     """Return a view without which less is determined than with it, so that there is no jackknife; or None."""
 
     def rank(H: Matrix) -> int:
         w = np.linalg.eigvalsh(scaled(H)[0])
         return int(np.sum(w > SINGULAR**2 * w.max(initial=0.0)))
 
-    everything = H.sum(0)
+    everything = H.sum(0) + H_0
     return next((v for v in range(len(H)) if rank(everything - H[v]) < rank(everything)), None)
+
+
+def on_unit_vectors(covariance: Matrix, values: Vector, units: Int[np.ndarray, "u 3"]) -> Matrix:
+    """Return the covariance without the lengths of unit vectors, which do not vary: P C P with P = 1 - d d^T."""
+    P = np.eye(len(values))
+    for unit in units:
+        P[np.ix_(unit, unit)] -= np.outer(values[unit], values[unit])
+    return P @ covariance @ P
 
 
 def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_bound: Bool[np.ndarray, " p"]) -> Vector:
@@ -126,7 +163,8 @@ def sentences(
 
 
 # Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
-_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "constant": 1, "linear": 1, "quadratic": 1, "intensity": -1, "ambient": -1}
+_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "constant": 1, "linear": 1, "quadratic": 1}
+_GAUGE_SIGN |= {"intensity": -1, "ambient": -1, "exposure": -1}
 _FADERS = ("constant", "linear", "quadratic")
 
 
@@ -135,7 +173,10 @@ def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) ->
     names = _quantities(unknowns, involved)
     signs = np.array([_GAUGE_SIGN.get(unknowns[int(j)].quantity.split(".")[-1], 0) for j in involved])
     factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
-    fix = next((n for key in ("constant", "intensity", "ambient") for n in names if n.split(".")[-1] == key), names[-1])
+    fix = next(
+        (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),
+        names[-1],
+    )
     if not np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) or factors[0] == 0:
         return (
             f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Bool, Float, Int8, Int32
 
 from ..cameras import AbstractCamera
-from ..fields import Checked, Scalar, as_scalar, check_kind, is_concrete
-from ..rendering import select, visible_points
+from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
+from ..rendering import select, silhouette
 from ..scenes import Scene, check_positions, check_shapes
+from ..surfaces import as_mask
 
 
 def as_image(image: ArrayLike) -> Any:
@@ -28,14 +30,61 @@ def as_lit(lit: Sequence[int] | int | None) -> Any:
     return tuple(int(i) for i in np.ravel(lit))
 
 
+def as_level(level: Any) -> Any:
+    """Make a number a Python float; anything else is handed on for the check to refuse."""
+    return float(level) if np.ndim(level) == 0 and isinstance(level, np.number | int | float | np.ndarray) else level
+
+
+class Noise(Checked):
+    """How much a photograph's samples scatter: variance read^2 + shot m + quantisation, at the level m of the image.
+
+    `read`: standard deviation in the dark. `shot`: variance for each unit of signal, that of counted photons. `levels`:
+    steps of an integer file, 255 for 8 bits, whose rounding adds (s / levels)^2 / 12; `srgb`: 1 where the steps are
+    spaced by the sRGB curve, so that s is its slope at m, else 0 and s = 1. At least 0, in the image's linear units.
+    """
+
+    read: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    shot: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    levels: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    srgb: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 1})
+
+    def check_together(self) -> None:
+        if is_concrete(self.read, self.shot, self.levels) and not (self.read > 0 or self.levels > 0):
+            raise ValueError(
+                f"Noise must not vanish in the dark; got read {self.read} and levels {self.levels}. Give the standard "
+                "deviation of a dark image as read, or the levels of the file."
+            )
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the variance is the same at every level."""
+        return float(self.shot) == 0.0 and (float(self.levels) == 0.0 or float(self.srgb) == 0.0)
+
+    def variance(self, m: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return the variance at the level m."""
+        m = jnp.where(m > 0.0, m, 0.0)
+        bright = m > 0.0031308
+        curve = jnp.where(bright, 2.4 / 1.055 * jnp.where(bright, m, 1.0) ** (1.4 / 2.4), 1.0 / 12.92)
+        spacing = jnp.where(self.srgb > 0.5, curve, 1.0)
+        step = jnp.where(self.levels > 0, spacing / jnp.where(self.levels > 0, self.levels, 1.0), 0.0)
+        return self.read**2 + self.shot * m + step**2 / 12.0
+
+
+def as_noise(noise: Noise | float | None) -> Any:
+    """Make a number the standard deviation of noise that is the same everywhere."""
+    return noise if noise is None or isinstance(noise, Noise) else Noise(read=noise)
+
+
 class View(Checked):
-    """A photograph (or render) and how it was taken: exposure * radiance, clipped by the sensor.
+    """A photograph (or render) and how it was taken: exposure * radiance + black, with noise, clipped by the sensor.
 
     `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a further channel is alpha, and alpha of at least
     half is inside the mask. `camera`: of the image's shape. `mask`: (H, W), True or at least half where pixels count;
     by default the scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`:
-    the factor from radiance to the image, above 0. `saturation`: samples at or above it are clipped and are left out;
-    by default 1 in an image whose largest value is exactly 1, the top of an integer file's range, else none.
+    the factor from radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a
+    `Noise`, or the standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`:
+    samples at or above it are clipped; by default 1 in an image whose largest value is exactly 1, the top of an
+    integer file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
     """
 
     image: Float[np.ndarray, "h w c"] = eqx.field(converter=as_image)
@@ -45,7 +94,10 @@ class View(Checked):
     )
     lit: tuple[int, ...] | None = eqx.field(converter=as_lit, static=True, default=None)
     exposure: Scalar = eqx.field(converter=as_scalar, default=1.0)
-    saturation: float | None = eqx.field(static=True, default=None)
+    black: Scalar = eqx.field(converter=as_scalar, default=0.0)
+    noise: Noise | None = eqx.field(converter=as_noise, default=None)
+    saturation: float | None = eqx.field(converter=as_level, static=True, default=None)
+    floor: float | None = eqx.field(converter=as_level, static=True, default=None)
 
     def check_together(self) -> None:
         check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
@@ -68,6 +120,14 @@ class View(Checked):
             raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give (0, 2), not switches.")
         if self.mask is not None and self.mask.shape != shape:
             raise ValueError(f"View.mask must have the image's shape {shape}; got {self.mask.shape}. Resize it.")
+        for name, level in (("saturation", self.saturation), ("floor", self.floor)):
+            if level is not None and not (isinstance(level, float) and not np.isnan(level)):
+                raise ValueError(f"View.{name} must be a number or None; got {level!r}. Give the level in the image.")
+        if self.mask is not None and self.mask.dtype.kind == "f" and not np.isfinite(self.mask).all():
+            row, column = np.argwhere(~np.isfinite(self.mask))[0]
+            raise ValueError(
+                f"View.mask must be finite; got {self.mask[row, column]} at row {row}, column {column}. Give 0 or 1."
+            )
         if is_concrete(self.exposure) and not self.exposure > 0:
             raise ValueError(f"View.exposure must be above 0; got {self.exposure}. Give 1 if it is not known.")
 
@@ -77,15 +137,30 @@ class Samples(eqx.Module):
 
     inside: Bool[np.ndarray, "h w"]
     """Pixels that show an object."""
-    values: Float[np.ndarray, "h w c"]
-    """The photograph without alpha."""
-    counts: Bool[np.ndarray, "h w c"]
-    """Samples that count: inside, and not clipped."""
+    pixels: Int32[np.ndarray, " n"]
+    """Where those pixels are in the flattened image."""
+    photograph: Float[np.ndarray, "h w c"]
+    """The photograph without alpha, not copied."""
+    floor: float
+    """The sensor's range: samples at or below its floor, and at or above its level, are clipped."""
+    level: float
+    brightest: float
+    """The largest sample."""
 
-    @property
-    def saturated(self) -> int:
-        """Number of samples at the top of the sensor's range, left out."""
-        return int((self.inside[..., None] & ~self.counts).sum())
+    def values(self, pixels: Int32[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
+        """Return the photograph at some of its pixels."""
+        h, w, c = self.photograph.shape
+        return self.photograph.reshape(h * w, c)[pixels]
+
+    def clipped(self, values: Float[np.ndarray, "m c"]) -> Int8[np.ndarray, "m c"]:
+        """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
+        return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
+
+    def ends(self) -> Int8[np.ndarray, "n c"]:
+        """Return `clipped` of all the samples."""
+        if self.brightest < self.level and self.floor == -np.inf:  # nothing can be
+            return np.zeros((len(self.pixels), self.photograph.shape[2]), np.int8)
+        return self.clipped(self.values(self.pixels))
 
 
 def is_grey(view: View) -> bool:
@@ -103,35 +178,49 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     check_shapes(scene, view.camera)
     check_positions(scene, view.camera)
     alpha = view.image.shape[2] in (2, 4)
-    values = view.image[..., :-1] if alpha else view.image
-    inside = np.ones(values.shape[:2], bool) if view.mask is None else view.mask >= 0.5
+    masks = [] if view.mask is None else [as_mask(view.mask)]
     if alpha:
-        inside = inside & (view.image[..., -1] >= 0.5)
+        masks.append(as_mask(view.image[..., -1]))
     if not moving:
-        inside = inside & np.asarray(visible_points(scene.objects, view.camera)[2])
-    elif alpha or view.mask is not None:
-        inside = _erode(inside)
-    else:
+        masks.append(np.asarray(silhouette(scene.objects, view.camera)))
+    elif not masks:
         raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
-    if not inside.any():
+    inside = np.logical_and.reduce(masks)
+    if moving:
+        inside = _erode(inside)
+    pixels = np.flatnonzero(inside).astype(np.int32)
+    if not len(pixels):
         raise ValueError(
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
             "Check that the mask is white on the object, and the camera."
         )
-    wrong = inside & ~np.isfinite(values).all(-1)
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0]
-        raise ValueError(
-            f"the image must be finite inside the mask; got {values[row, column]} at row {row}, column {column} "
-            f"({wrong.sum()} such pixels). Mask them out."
-        )
-    level = view.saturation
-    if level is None:
-        level = 1.0 if values[inside].max() == 1.0 else np.inf
-    counts = inside[..., None] & (values < level)
-    if not counts.any():
+    samples = Samples(inside, pixels, view.image[..., :-1] if alpha else view.image, -np.inf, np.inf, 0.0)
+    least, most = _extremes(samples)
+    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(view.saturation)
+    if least >= level:
         raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
-    return Samples(inside, values, counts)
+    floor = -np.inf if view.floor is None else float(view.floor)
+    return Samples(inside, pixels, samples.photograph, floor, level, most)
+
+
+def _extremes(samples: Samples) -> tuple[float, float]:
+    """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
+    least, most = np.inf, -np.inf
+    for start in range(0, len(samples.pixels), 1 << 16):
+        pixels = samples.pixels[start : start + (1 << 16)]
+        values = samples.values(pixels)
+        low, high = float(values.min()), float(values.max())  # NaN where one is
+        if not np.isfinite(low + high):
+            wrong = ~np.isfinite(values).all(-1)
+            first = int(wrong.argmax())
+            row, column = divmod(int(pixels[first]), samples.inside.shape[1])
+            count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
+            raise ValueError(
+                f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
+                f"({count} such pixels). Mask them out."
+            )
+        least, most = min(least, low), max(most, high)
+    return least, most
 
 
 def _erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

@@ -1,0 +1,126 @@
+"""Blocks: the pixels that count, cut into equal pieces, and a sum over them on every core."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float, Int, Int8, Int32
+
+from ..fields import Array
+from .views import Samples, View, is_grey
+
+T = TypeVar("T")
+BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
+CHUNK = 32  # blocks at most in one call of a compiled program
+
+
+class Observed(eqx.Module):
+    """The samples of a block. A block of blocks, a chunk, has a leading axis."""
+
+    target: Float[Array, "... channels pixels"]
+    weight: Float[Array, "... channels pixels"]
+    """1 or 1/variance; 0 where a sample does not count."""
+    clipped: Int8[Array, "... channels pixels"] | None
+    """See `Samples.clipped`; None where no sample of the fit is."""
+
+
+class Block(eqx.Module):
+    """Pixels of one view, padded with pixels of weight 0 to a fixed number, and the points they show."""
+
+    view: Int[Array, "..."]
+    points: Any
+    observed: Observed
+
+
+class Piece(eqx.Module):
+    """The pixels of a view that a block holds, before it is laid out."""
+
+    view: int = eqx.field(static=True)
+    samples: Samples
+    pixels: Int32[np.ndarray, " n"]
+
+
+def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) -> list[Piece]:
+    """Cut the pixels of each view into blocks of `size`; with `at_most`, of so many pixels, evenly spread over all."""
+    total = sum(len(s.pixels) for s in samples)
+    found = []
+    for view, s in enumerate(samples):
+        pixels = s.pixels
+        if at_most is not None and at_most < total:
+            count = max(len(pixels) * at_most // total, min(len(pixels), 256))
+            pixels = pixels[np.arange(count) * len(pixels) // count]
+        found += [Piece(view, s, pixels[start : start + size]) for start in range(0, len(pixels), size)]
+    return found
+
+
+def block_size(samples: Sequence[Samples]) -> int:
+    """Return how many pixels a block holds: fewer where the views are small, so that little is padding."""
+    mean = sum(len(s.pixels) for s in samples) / len(samples)
+    return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
+
+
+def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
+    """Gather blocks into chunks of few different lengths, so that few programs compile."""
+    return [list(parts[start : start + CHUNK]) for start in range(0, len(parts), CHUNK)]
+
+
+def padded_length(count: int) -> int:
+    """Return the number of blocks of a chunk of at least `count`."""
+    lengths = (1, 2, 3, 4, 6, 8, 12, 16, 24, CHUNK)
+    return next(length for length in lengths if length >= min(count, CHUNK))
+
+
+def observed(
+    parts: Sequence[Piece], views: Sequence[View], size: int, channels: int, *, clipping: bool
+) -> tuple[Observed, Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
+    """Lay a chunk's samples out in blocks, and beside them the row and the column of each pixel."""
+    length = padded_length(len(parts))
+    target, weight = (np.zeros((length, channels, size)) for _ in range(2))
+    clipped = np.zeros((length, channels, size), np.int8) if clipping else None
+    row, column = np.zeros((length, size)), np.zeros((length, size))
+    for b, part in enumerate(parts):
+        n = len(part.pixels)
+        row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.inside.shape[1])
+        values = part.samples.values(part.pixels)
+        used = 1 if is_grey(views[part.view]) else 3
+        target[b, :used, :n] = values.T
+        weight[b, :used, :n] = 1.0
+        if clipped is not None:
+            clipped[b, :used, :n] = part.samples.clipped(values).T
+    return Observed(target, weight, clipped), row, column
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(cores(), thread_name_prefix="diffshade")
+
+
+def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
+    """Return work(item) for each item, in order, in float64, from as many threads as there are cores.
+
+    A scan runs on one core; a compiled program called from several threads runs on as many.
+    """
+
+    def in_float64(item: Any) -> T:
+        with jax.enable_x64(True):  # the context belongs to the thread
+            return jax.block_until_ready(work(item))
+
+    items = list(items)
+    return [in_float64(item) for item in items] if len(items) < 2 else list(_threads().map(in_float64, items))
+
+
+def total(parts: Sequence[Any]) -> Any:
+    """Add trees leaf by leaf, always in the same order."""
+    return functools.reduce(lambda a, b: jax.tree.map(np.add, a, b), [jax.tree.map(np.asarray, p) for p in parts])

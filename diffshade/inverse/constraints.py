@@ -1,0 +1,25 @@
+"""Constraints: what a user knows about free numbers beside their bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Grey:
+    """The channels of `name` are equal: one unknown for the three of each colour (or of each n_s with three)."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Proportional:
+    """`name` is `factor` times `to`, channel by channel; without a factor, the factor is an unknown, at least 0.
+
+    `Proportional("k_s", "k_d")` is a highlight of the surface's own colour. With a factor, `name` is fixed by this
+    constraint and must not be free.
+    """
+
+    name: str
+    to: str
+    factor: float | None = None

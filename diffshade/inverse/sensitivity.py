@@ -1,0 +1,138 @@
+"""Sensitivity: how the fitted numbers move with the photographs and with what was taken as known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..fields import Array
+from .blocks import Block, on_all_cores, total
+from .fitting import look_at
+from .outcome import Fit
+from .parameters import Slots, coordinates, find_unknowns, slots_of, values_in
+from .residuals import costs
+from .study import Study
+from .uncertainty import inverse
+
+
+def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
+    """Return the derivative of the fitted values by the known numbers that `name` names, in the scene's order.
+
+    `name` is any run of whole segments of a dotted path, as in `fit`: "lights.0.intensity" has k = 3. At the minimum
+    the gradient F of the cost is 0 whatever the known numbers phi are, so d theta/d phi = -(dF/d theta)^-1 dF/d phi,
+    with all second derivatives (the implicit function theorem). Values at a bound do not move. The weights of the noise
+    and the scale of a robust loss are held. Raises ValueError where the number is free, or a value is not determined.
+    """
+    known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
+    places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
+    for unknown in known:
+        for path, channel in unknown.places:
+            if (path, channel) in places:
+                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a number that was known.")
+    with jax.enable_x64(True):
+        at = _At(fit)
+        slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
+        phi = coordinates(values_in(fit.scene, fit.views, known), known)
+        z = jnp.asarray(np.concatenate([at.theta, phi]))
+        second = total(on_all_cores(lambda chunk: _second(z, slots, at.study.form, chunk), at.chunks))
+        p = len(at.theta)
+        moves = at.solve(second[:p, :p], second[:p, p:])
+    slope = np.array([1.0 / value if u.logarithmic else 1.0 for u, value in zip(known, np.exp(phi), strict=True)])
+    return moves * slope
+
+
+def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
+    """Return the derivative of the fitted values by each sample of the photograph of one view; 0 where none counts.
+
+    As `sensitivity`, with the photograph for the known numbers. A clipped sample has no derivative: it is no number.
+    """
+    if not 0 <= view < len(fit.views):
+        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view}. Count the views of the fit.")
+    with jax.enable_x64(True):
+        at = _At(fit)
+        theta = jnp.asarray(at.theta)
+        empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
+        second = total(on_all_cores(lambda chunk: _second(theta, empty, at.study.form, chunk), at.chunks))
+        slopes = on_all_cores(lambda chunk: _by_sample(theta, at.study.form, chunk), at.chunks)
+        views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
+        by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
+        samples = at.study.samples[view]
+        _, channels, size = by_block.shape[1:]
+        number = -(-len(samples.pixels) // size)
+        flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(at.theta), number * size, channels)
+        used = samples.photograph.shape[2]
+        moves = at.solve(second, flat[:, : len(samples.pixels), :used].reshape(len(at.theta), -1))
+    image = np.zeros((len(moves), samples.inside.size, used))
+    image[:, samples.pixels] = moves.reshape(len(moves), -1, used)
+    return image.reshape(len(moves), *samples.inside.shape, used)
+
+
+class _At:
+    """A fit laid out again at its end, by the form that any scene has."""
+
+    def __init__(self, fit: Fit):
+        if not fit.determined.all():
+            names = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
+            raise ValueError(f"{names[0]} is not determined, so that the fit has no derivative. Fix it and fit again.")
+        samples, counts = look_at(fit.scene, fit.views, fit.unknowns, fit.clipped)
+        self.study = Study(fit.scene, fit.views, fit.unknowns, samples, counts, fit.likelihood.loss, fit.clipped, True)
+        self.study.use(float(fit.likelihood.sigma), fit.likelihood.loss)
+        self.theta = coordinates(fit.values, fit.unknowns)
+        self.chunks = self.study.reweigh(self.theta, self.study.chunks())
+        self.study.squares = fit.squares
+        self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
+        log = np.array([u.logarithmic for u in fit.unknowns])
+        self.unit = np.where(log, fit.values, 1.0)
+
+    def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
+        """Return -H^-1 of the mixed derivatives, in the values' own units."""
+        everything = np.asarray(hessian) + _soft_hessian(self.study.soft(), jnp.asarray(self.theta))
+        inner = np.ix_(self.free, self.free)
+        moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
+        moves[self.free] = -inverse(everything[inner]) @ np.asarray(mixed)[self.free]
+        return moves * self.unit[:, None]
+
+
+def _soft_hessian(soft: Any, theta: Array) -> np.ndarray:
+    return np.asarray(jax.jit(jax.hessian(lambda q: soft.gram(q).cost))(theta))
+
+
+@jax.jit
+def _second(z: Array, slots: Slots, form: Any, chunk: Block) -> Array:
+    """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order."""
+    p = form.problem.slots.logarithmic.shape[0]
+
+    def cost(z: Array, block: Block) -> Array:
+        setup = slots.insert(z[p:], form.problem.setup) if z.shape[0] > p else form.problem.setup
+        there = eqx.tree_at(lambda f: f.problem.setup, form, setup)
+        terms = costs(there.likelihood, there.predict(z[:p], block), block.observed)
+        return jnp.sum(jnp.stack([jnp.sum(t.cost) for t in terms]))
+
+    def add(sum_: Array, block: Block) -> tuple[Array, None]:
+        return sum_ + jax.jacfwd(jax.grad(cost))(z, block), None
+
+    return jax.lax.scan(add, jnp.zeros((z.shape[0], z.shape[0])), chunk)[0]
+
+
+@jax.jit
+def _by_sample(theta: Array, form: Any, chunk: Block) -> Array:
+    """Return the derivative of the gradient of the cost by each sample: (blocks, p, channels, pixels)."""
+
+    def of_block(block: Block) -> Array:
+        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
+        J = jax.vmap(derivative)(jnp.eye(theta.shape[0]))
+        seen = block.observed
+
+        def slope(y: Array) -> Array:
+            shown = eqx.tree_at(lambda o: o.target, seen, y)
+            return jnp.stack([t.slope for t in costs(form.likelihood, list(m), shown)])
+
+        by_y = jax.jvp(slope, (seen.target,), (jnp.ones_like(seen.target),))[1]
+        return J * (by_y if seen.clipped is None else jnp.where(seen.clipped == 0, by_y, 0.0))[None]
+
+    return jax.lax.map(of_block, chunk)

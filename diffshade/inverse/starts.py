@@ -1,0 +1,151 @@
+"""Starts: where a fit begins that is told nothing: a coarse search over what the image is not linear in.
+
+Each candidate is judged by its cost at the best linear unknowns (k_a, k_d, k_s), which are solved for within their
+bounds, on a part of the pixels. Unknowns of one kind are tried together, one group after another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..fields import Array
+from ..scenes import Scene
+from .blocks import Block
+from .gram import Point
+from .parameters import Unknown, coordinates
+from .solvers import Box, Task, linear_step, look, minimise
+
+EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
+BEST = 3  # candidates that are followed
+SHORT = 30  # steps, on a part of the pixels
+
+Theta = Float[np.ndarray, " p"]
+
+
+def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[Float[np.ndarray, "n p"]]:
+    """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        head = unknown.quantity.rpartition(".")[0]
+        groups.setdefault((unknown.kind, head if unknown.kind in _MOVES else unknown.quantity), []).append(j)
+    found = []
+    for (kind, quantity), members in groups.items():
+        values = np.array([unknowns[j].start for j in members])
+        if "/" in quantity:
+            tried = np.array([[0.03], [0.1], [0.3], [1.0], [3.0]])
+        elif kind in _MOVES:
+            tried = _MOVES[kind](values, scene)
+        else:
+            continue
+        at = np.tile(theta, (len(tried), 1))
+        at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
+        found.append(at)
+    return found
+
+
+def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
+    return np.asarray(factors)[:, None] * np.ones_like(values)
+
+
+def _turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
+    """Return directions at these angles (degrees) off an axis, six around it for each."""
+    axis = axis / np.linalg.norm(axis)
+    u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    u /= np.linalg.norm(u)
+    around = np.deg2rad(60.0 * np.arange(6))[:, None]
+    ring = np.cos(around) * u + np.sin(around) * np.cross(axis, u)
+    tilts = np.deg2rad(np.asarray(angles))[:, None, None]
+    return np.concatenate([axis[None], (np.cos(tilts) * axis + np.sin(tilts) * ring).reshape(-1, 3)])
+
+
+def _middle(scene: Scene) -> np.ndarray:
+    """Return a point in the middle of the objects."""
+    points = []
+    for item in scene.objects:
+        center, position = getattr(item.surface, "center", None), getattr(item.surface, "position", None)
+        if center is not None:
+            points.append(np.asarray(center))
+        elif position is not None:
+            points.append(np.asarray(position)[np.asarray(item.surface.mask)].mean(0))  # pyright: ignore[reportAttributeAccessIssue]
+    return np.mean(points, 0) if points else np.zeros(3)
+
+
+def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return places around the object, nearer and farther than the scene's."""
+    if len(position) != 3:
+        return position[None]
+    middle = _middle(scene)
+    offset = position - middle
+    far = np.linalg.norm(offset)
+    if far == 0:
+        return position[None]
+    turned = _turned(offset, (20.0, 40.0, 70.0))
+    return np.concatenate([position[None], *(middle + far * factor * turned for factor in (0.6, 1.0, 1.6))])
+
+
+def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
+    radius = float(np.mean([getattr(item.surface, "radius", 1.0) for item in scene.objects]))
+    steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])[:, : len(center)]
+    return center + 0.25 * radius * steps
+
+
+_MOVES = {
+    "n_s": lambda values, scene: _scale(values, EXPONENTS),
+    "exponent": lambda values, scene: np.concatenate([values[None], _scale(values, (0.0, 1.0, 4.0, 16.0, 64.0))]),
+    "cutoff": lambda values, scene: np.concatenate([values[None], _scale(values, (10, 20, 30, 40, 50, 60, 75))]),
+    "radius": lambda values, scene: values * np.array([1.0, 0.85, 1.2])[:, None],
+    "direction": lambda values, scene: values[None] if len(values) != 3 else _turned(values, (20.0, 45.0, 80.0)),
+    "position": _positions,
+    "center": _centers,
+}
+
+
+@jax.jit
+def _judge(point: Point, box: Box) -> tuple[Array, Array]:
+    """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
+    step = linear_step(point, box)
+    cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian @ step
+    return point.theta + step, cost
+
+
+def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
+    """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
+    point = look(theta, task, chunks)
+    found, cost = (point.theta, point.total.cost) if task.form.projects else _judge(point, task.box)
+    return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+
+
+def search(unknowns: Sequence[Unknown], scene: Scene, task: Task, chunks: Sequence[Block], squares: float) -> Theta:
+    """Find the best start on a part of the pixels: the lowest candidates, followed most of the way to a minimum."""
+    found = [judge(coordinates(np.array([u.start for u in unknowns]), unknowns), task, chunks)]
+    groups = len(candidates(unknowns, scene, found[0][1]))
+    for _ in range(2 if groups > 1 else 1):
+        for group in range(groups):
+            tried = np.clip(candidates(unknowns, scene, found[0][1])[group], task.box.lower, task.box.upper)
+            judged = [judge(theta, task, chunks) for theta in tried]
+            found += [judged[i] for i in _lowest([cost for cost, _ in judged])]
+            found.sort(key=lambda pair: pair[0])
+    ends = [
+        minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
+        for _, theta in _distinct(found)[:BEST]
+    ]
+    return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
+
+
+def _lowest(costs: Sequence[float]) -> list[int]:
+    """Return where costs have a local minimum along their list."""
+    padded = [np.inf, *costs, np.inf]
+    return [i for i, c in enumerate(costs) if c <= padded[i] and c <= padded[i + 2] and np.isfinite(c)]
+
+
+def _distinct(found: Sequence[tuple[float, Theta]]) -> list[tuple[float, Theta]]:
+    """Leave out points that are there already."""
+    kept: list[tuple[float, Theta]] = []
+    for cost, theta in found:
+        if all(np.abs(theta - other).max() > 1e-9 for _, other in kept):
+            kept.append((cost, theta))
+    return kept

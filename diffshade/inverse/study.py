@@ -1,0 +1,235 @@
+"""A fit at work: pixels laid out, a search for a start, weights and scale settled, and the minimum over all pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..fields import Array
+from ..scenes import Scene
+from ..surfaces import GBuffer
+from .blocks import Block, block_size, chunks, observed, on_all_cores, pieces, total
+from .features import feature_form, has_features
+from .gram import Gram
+from .losses import NOT_CONVEX, Likelihood
+from .parameters import Unknown, coordinates, slots_of, unit_vectors
+from .residuals import Counts, Rendered, prepare
+from .solvers import Box, Minimum, Soft, Task, minimise
+from .starts import search
+from .views import Samples, View, is_grey
+
+MAX_STEPS = 200
+PART = 1 << 15  # pixels that the search for a start looks at
+
+
+class Study:
+    """One fit at work: the pixels laid out, the form that predicts them, the scale of the residuals."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        views: Sequence[View],
+        unknowns: Sequence[Unknown],
+        samples: Sequence[Samples],
+        counts: Counts,
+        loss: str,
+        clipped: str,
+        rendered: bool = False,
+    ):
+        """Gather what the fit needs; `rendered` asks for the form that serves any scene where a faster one would do."""
+        self.scene, self.views, self.unknowns, self.samples = scene, views, unknowns, samples
+        self.loss, self.count = loss, counts.pixels
+        self.clips = counts.clipped > 0
+        self.noisy = views[0].noise is not None
+        self.uniform = all(view.noise is None or view.noise.is_uniform for view in views)
+        self.grey = all(is_grey(view) for view in views)
+        self.likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
+        problem = prepare(scene, views, slots_of(scene, views, unknowns))
+        if has_features(scene, views, unknowns) and not rendered:
+            plain = loss == "squares" and not self.clips and self.uniform
+            form = feature_form(problem, self.likelihood, unknowns, shared=plain, grey=self.grey)
+        else:
+            form = Rendered(problem, self.likelihood)
+        self.form: Any = jax.tree.map(jnp.asarray, form)
+        ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
+        lower, upper = map(jnp.asarray, ends)
+        self.box = Box(lower, upper, jnp.asarray([u.is_linear for u in unknowns]))
+        self.size = block_size(samples)
+
+    def lay_out(self) -> None:
+        """Lay out a part of the pixels, evenly spread, for the search; all follow when the programs are compiled."""
+        self.part = self.chunks(PART)
+        self.whole = self.part if self.count <= PART else []
+        self.measured = on_all_cores(_without_clipped, self.part) if self.clips else self.part
+        self.squares = float(np.sum(on_all_cores(_squares, self.measured))) or 1.0
+
+    def chunks(self, at_most: int | None = None) -> list[Block]:
+        """Return the chunks of all pixels, or of some."""
+        gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
+        channels = 1 if self.grey else 3
+
+        def chunk(parts: list) -> Block:
+            seen, row, column = observed(parts, self.views, self.size, channels, clipping=self.clips)
+            points = self.form.points(parts, row, column, gbuffers)
+            view = np.zeros(len(row), np.int64)
+            view[: len(parts)] = [part.view for part in parts]
+            if self.form.projects:
+                seen = eqx.tree_at(lambda o: o.weight, seen, None)
+            laid = jax.tree.map(jnp.asarray, Block(view, points, seen))
+            return _weigh(None, self.form, laid) if self.noisy and not self.form.projects else laid
+
+        return on_all_cores(chunk, chunks(pieces(self.samples, self.size, at_most)))
+
+    def reweigh(self, theta: np.ndarray, laid: list[Block]) -> list[Block]:
+        """Return the chunks with weights by the noise at the level that theta predicts."""
+        if self.uniform:
+            return laid
+        return on_all_cores(lambda chunk: _weigh(jnp.asarray(theta), self.form, chunk), laid)
+
+    def use(self, sigma: float, loss: str) -> None:
+        """Set the scale of the residuals and the loss."""
+        self.likelihood = Likelihood(jnp.asarray(sigma), loss, self.likelihood.tobit)
+        self.form = eqx.tree_at(lambda f: f.likelihood, self.form, self.likelihood)
+
+    def soft(self) -> Soft:
+        """Return what is known of the unknowns beside the views."""
+        known = [(j, *u.prior) for j, u in enumerate(self.unknowns) if u.prior is not None]
+        index, mean, width = (np.array([row[k] for row in known]) for k in range(3))
+        units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
+        weight = float(self.likelihood.sigma) / width.astype(float)
+        soft = Soft(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(self.squares)))
+        return jax.tree.map(jnp.asarray, soft)
+
+    def solve(self, *, from_scene: bool, tell: Callable[[str], None]) -> Minimum:
+        """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
+        tell("searching for a start")
+        begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
+        theta = begin if from_scene else search(self.unknowns, self.scene, self.task(), self.measured, self.squares)
+        if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
+            theta = self.settle(theta)
+        self.whole = self.reweigh(theta, self.whole or self.chunks())
+        self.squares *= max(self.count / PART, 1.0)
+        return minimise(
+            theta,
+            self.task(),
+            self.whole,
+            squares=self.squares,
+            max_steps=MAX_STEPS,
+            tell=lambda step, cost: tell(f"step {step}, cost {cost:.6g}"),
+        )
+
+    def task(self) -> Task:
+        """Return what is to be minimised."""
+        return Task(self.form, self.soft(), self.box)
+
+    def settle(self, theta: np.ndarray) -> np.ndarray:
+        """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex."""
+        robust = self.loss != "squares"
+        rms = float(np.sqrt(self.squares / min(self.count, PART)))
+        sigma = 0.0
+        for repeat in range(20):
+            self.part = self.reweigh(theta, self.part)
+            new = 1.0 if self.noisy else max(self.scale(theta, robust=robust), 1e-9 * rms)
+            self.use(new, "huber" if robust else "squares")
+            theta = self.polish(theta)
+            if abs(new - sigma) <= 0.01 * new and (self.uniform or repeat > 1):
+                break
+            sigma = new
+        if self.loss in NOT_CONVEX:
+            self.use(float(self.likelihood.sigma), self.loss)
+            theta = self.polish(theta)
+        return theta
+
+    def polish(self, theta: np.ndarray) -> np.ndarray:
+        """Return the minimum on the part of the pixels."""
+        return minimise(theta, self.task(), self.part, squares=self.squares, max_steps=MAX_STEPS).theta
+
+    def scale(self, theta: np.ndarray, *, robust: bool) -> float:
+        """Return the scale of the residuals: 1.4826 times the median of their size, or their root mean square."""
+        found = on_all_cores(lambda chunk: _residuals(jnp.asarray(theta), self.form, chunk), self.part)
+        r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
+        return float(1.4826 * np.median(np.abs(r)) if robust else np.sqrt(np.mean(r**2)))
+
+    def evidence(self, end: Minimum) -> tuple[Any, Any]:
+        """Return the Gram of what is known beside the views, and the sums of `Likelihood.spread` at the end."""
+        theta = jnp.asarray(end.point.theta)
+        cost = float(end.point.views.cost.sum())
+        if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
+            count = float(sum(len(s.pixels) * s.photograph.shape[2] for s in self.samples))
+            return _beside(theta, self.soft()), np.array([count, *[2 * cost] * 2, *[count] * 2])
+        spread = total(on_all_cores(lambda chunk: _spread(theta, self.form, chunk), self.whole))
+        return _beside(theta, self.soft()), spread
+
+
+@jax.jit
+def _soft_gram(theta: Array, soft: Soft) -> Gram:
+    return soft.gram(theta)
+
+
+def _beside(theta: Array, soft: Soft) -> Gram:
+    return jax.tree.map(np.asarray, _soft_gram(theta, soft))
+
+
+@jax.jit
+def _weigh(theta: Array | None, form: Any, chunk: Block) -> Block:
+    """Return a chunk whose samples weigh as the noise says at the level of the prediction; else of the photograph."""
+
+    def weight(block: Block) -> Array:
+        seen = block.observed
+        level = seen.target if theta is None else jnp.stack(form.predict(theta, block))
+        noise = jax.tree.map(lambda leaf: leaf[block.view], form.problem.noise)
+        return jnp.where(seen.weight > 0, 1.0 / noise.variance(level), 0.0)
+
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, jax.lax.map(weight, chunk))
+
+
+@jax.jit
+def _without_clipped(chunk: Block) -> Block:
+    """Return a chunk in which no clipped sample counts."""
+    weight = jnp.where(chunk.observed.clipped == 0, chunk.observed.weight, 0.0)
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, weight)
+
+
+@jax.jit
+def _squares(chunk: Block) -> Array:
+    """Return the sum of squares of a chunk's samples."""
+    seen = chunk.observed
+    return jnp.sum(seen.target**2 if seen.weight is None else seen.weight * seen.target**2)
+
+
+def _weights(block: Block) -> Array:
+    """Return the weight of each sample; where all weigh the same, 1 or, for padding, 0."""
+    seen = block.observed
+    if seen.weight is not None:
+        return seen.weight
+    return jnp.broadcast_to(jnp.where(block.points.counts, 1.0, 0.0), seen.target.shape)
+
+
+@jax.jit
+def _residuals(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
+    """Return the weighted residuals of a chunk, and which samples were measured."""
+
+    def of_block(block: Block) -> tuple[Array, Array]:
+        weight = _weights(block)
+        m = jnp.stack(form.predict(theta, block))
+        measured = weight > 0 if block.observed.clipped is None else (weight > 0) & (block.observed.clipped == 0)
+        return jnp.sqrt(weight) * (m - block.observed.target), measured
+
+    return jax.lax.map(of_block, chunk)
+
+
+@jax.jit
+def _spread(theta: Array, form: Any, chunk: Block) -> Array:
+    """Return the sums of `Likelihood.spread` over a chunk."""
+
+    def add(total: Array, block: Block) -> tuple[Array, None]:
+        seen = block.observed
+        m = jnp.stack(form.predict(theta, block))
+        return total + form.likelihood.spread(m, seen.target, _weights(block), seen.clipped), None
+
+    return jax.lax.scan(add, jnp.zeros(5), chunk)[0]

@@ -1,0 +1,308 @@
+"""The fast form of a fit is the generic form: the same sums over the pixels, and the best linear unknowns exactly."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+from synthetic import light_positions, seen_by, standard_scene
+
+import diffshade as ds
+from diffshade.inverse.blocks import total
+from diffshade.inverse.features import FeatureForm, has_features
+from diffshade.inverse.fitting import look_at
+from diffshade.inverse.gram import Gram
+from diffshade.inverse.parameters import coordinates, find_unknowns
+from diffshade.inverse.residuals import Rendered
+from diffshade.inverse.solvers import Task, look
+from diffshade.inverse.study import Study
+from diffshade.inverse.views import is_grey
+
+SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 9))
+ATTENUATION = ds.RadialAttenuation(1.0, 0.1, 0.05)
+P = light_positions(6)
+POINT = ds.PointLight(P[0], (1.0, 0.8, 0.6), ATTENUATION)
+POINT_2 = ds.PointLight(P[1], 1.5, ATTENUATION)
+SPOT = ds.SpotLight(P[2], -P[2], 2.0, 35.0, 2.0, ATTENUATION, softness=10.0)
+SUN = ds.DirectionalLight((-0.3, -0.5, -1.0), (0.4, 0.5, 0.6))
+CLAMPED = ds.PointLight(2.6 * P[3] / np.linalg.norm(P[3]), 1.2, ds.RadialAttenuation(0.5, 0.1, 0.05, clamp=True))
+PHONG = ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.4, 0.3), 20)
+BLINN = ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.4, 0.3), 20, lobe=ds.Blinn())
+ATTENUATED = ("k_a", "k_d", "k_s", "n_s", "attenuation")
+
+
+@pytest.fixture(autouse=True)
+def _float64():
+    with jax.enable_x64(True):
+        yield
+
+
+class Case(NamedTuple):
+    scene: ds.Scene
+    views: list[ds.View]
+    free: tuple[str, ...]
+    tied: tuple[str, ...] = ()
+    constraints: tuple = ()
+    loss: str = "squares"
+    clipped: str = "hinge"
+    shared: bool = True
+
+    def study(self, *, rendered: bool, bounds: Any = None) -> Study:
+        grey = all(is_grey(view) for view in self.views)
+        options = (self.free, self.tied, bounds, self.constraints)
+        unknowns = find_unknowns(self.scene, self.views, *options, grey=grey)
+        samples, counts = look_at(self.scene, self.views, unknowns, self.clipped)
+        work = Study(self.scene, self.views, unknowns, samples, counts, self.loss, self.clipped, rendered=rendered)
+        work.use(0.2 if self.loss != "squares" else 1.0, self.loss)
+        return work
+
+
+def noise(seed: int, *channels: int) -> np.ndarray:
+    """A photograph of noise, so that residuals are large and of both signs."""
+    return np.random.default_rng(seed).uniform(0.0, 1.0, (*SMALL.shape, *channels))
+
+
+def view(lit: Any = None, seed: int = 0, channels: tuple[int, ...] = (3,), **options: Any) -> ds.View:
+    return ds.View(noise(seed, *channels), SMALL, lit=lit, **options)
+
+
+def all_kinds_of_lights_and_blinn():
+    """None, one, two and three lights lit at once; every coefficient of light is free, one constant among them."""
+    scene = standard_scene(BLINN, [POINT, SUN, SPOT])
+    mask = noise(9) > 0.3
+    views = [view(0), view((2, 1), 1, exposure=0.4), view((), 2, black=0.1), view(None, 3, mask=mask, exposure=2.0)]
+    everything = (*ATTENUATED, "lights.2.attenuation.constant", "intensity", "ambient", "views.1.exposure")
+    return Case(scene, views, (*everything, "views.1.black", "views.2.black"))
+
+
+def tied_attenuation_with_its_constant_free():
+    scene = standard_scene(PHONG, [POINT, POINT_2, ds.PointLight(P[4], 2.0, ATTENUATION)])
+    views = [view((0, 1, 2)), view((0, 2), 1), view(1, 2)]
+    return Case(scene, views, (*ATTENUATED, "constant", "exposure"), ("attenuation", "exposure"))
+
+
+def clamped_attenuation():
+    """Half of what is lit is so near that the attenuation is clamped, where its derivatives are 0."""
+    scene = standard_scene(BLINN, [CLAMPED, POINT])
+    return Case(scene, [view(0), view((0, 1), 1)], (*ATTENUATED, "constant", "lights.0.intensity"))
+
+
+def constraints_and_a_factor():
+    scene = standard_scene(PHONG, [POINT, POINT_2, SUN])
+    constraints = (ds.Grey("k_d"), ds.Proportional("k_s", "k_d"), ds.Proportional("k_a", "k_d", 0.2))
+    return Case(scene, [view(0), view((1, 2), 1)], ("k_d", "k_s", "n_s", "quadratic"), ("quadratic",), constraints)
+
+
+def grey_views():
+    scene = standard_scene(PHONG, [POINT, SUN])
+    views = [view(0, 0, ()), view((0, 1), 1, (2,), exposure=0.5), view(1, 2, (1,))]
+    return Case(scene, views, (*ATTENUATED, "intensity", "black"))
+
+
+def grey_and_colour_views_of_known_noise():
+    scene = standard_scene(PHONG, [POINT, SUN])
+    views = [view(0, 0, (), noise=0.1), view((0, 1), 1, noise=0.02), view(1, 2, noise=ds.Noise(read=0.1, levels=20))]
+    return Case(scene, views, (*ATTENUATED, "ambient", "views.0.exposure"))
+
+
+def a_g_buffer_with_a_mask_and_a_highlight_of_its_own_colour():
+    scene = ds.Scene(ds.Object(seen_by(SMALL), BLINN), [POINT, SPOT])
+    constraints = (ds.Proportional("k_s", "k_d", 0.7), ds.Grey("k_a"), ds.Grey("intensity"))
+    views = [view(0, mask=noise(9) > 0.4), view((0, 1), 1)]
+    return Case(scene, views, ("k_a", "k_d", "n_s", "lights.1.intensity"), (), constraints)
+
+
+def robust_grey_normals_without_positions_and_n_s_known():
+    flat = ds.OrthographicCamera((0, 0, 4), shape=SMALL.shape, local_viewer=False)
+    scene = ds.Scene(ds.Object(ds.GBuffer(seen_by(flat).normal), PHONG), [SUN, ds.DirectionalLight((1, 0, -1))])
+    views = [ds.View(noise(0), flat, lit=(0, 1)), ds.View(noise(1, 1), flat, lit=1)]
+    return Case(scene, views, ("k_d", "k_s"), loss="geman-mcclure", shared=False)
+
+
+def huber_and_clipped_samples():
+    scene = standard_scene(BLINN, [POINT, SPOT])
+    views = [view(0, saturation=0.8), view(1, 1, (), floor=0.2), view((), 2), view(None, 3, exposure=2.0)]
+    return Case(scene, views, (*ATTENUATED, "intensity", "black"), loss="huber", shared=False)
+
+
+def clipped_samples_of_known_noise():
+    """Of a size that grows with the light."""
+    shot = ds.Noise(read=0.3, shot=0.4)
+    scene = standard_scene(PHONG, [CLAMPED, ds.PointLight(P[5], 1.5, CLAMPED.attenuation)])
+    views = [view(0, saturation=0.8, noise=shot), view((0, 1), 1, floor=0.2, noise=shot)]
+    return Case(scene, views, (*ATTENUATED, "constant"), ("attenuation",), clipped="tobit", shared=False)
+
+
+CASES = [
+    all_kinds_of_lights_and_blinn,
+    tied_attenuation_with_its_constant_free,
+    clamped_attenuation,
+    constraints_and_a_factor,
+    grey_views,
+    grey_and_colour_views_of_known_noise,
+    a_g_buffer_with_a_mask_and_a_highlight_of_its_own_colour,
+    robust_grey_normals_without_positions_and_n_s_known,
+    huber_and_clipped_samples,
+    clipped_samples_of_known_noise,
+]
+
+
+@jax.jit
+def summarise(theta, form, chunk):
+    return form.summary(theta, chunk)
+
+
+@jax.jit
+def finish(theta, form, summary):
+    return form.gram(theta, summary)
+
+
+def one_pass(work: Study, theta: np.ndarray) -> Any:
+    return total([summarise(jnp.asarray(theta), work.form, chunk) for chunk in work.chunks()])
+
+
+def gram(work: Study, theta: np.ndarray, passed: Any = None) -> Gram:
+    """Return the Gram of each view, from a pass over the pixels at theta unless one is given."""
+    passed = one_pass(work, theta) if passed is None else passed
+    return jax.tree.map(np.asarray, finish(jnp.asarray(theta), work.form, passed))
+
+
+def random_values(work: Study, random: np.random.Generator) -> np.ndarray:
+    """Unknowns of the size that they have in a scene, in the solver's coordinates."""
+    values = random.uniform(0.2, 0.9, len(work.unknowns))
+    small = np.array([u.kind in ("constant", "linear", "quadratic") for u in work.unknowns])
+    values = np.where(small, 0.4 * values, values)
+    values = np.where([u.logarithmic for u in work.unknowns], random.uniform(3.0, 40.0, len(values)), values)
+    return coordinates(values, work.unknowns)
+
+
+def assert_agree(fast: Gram, generic: Gram) -> None:
+    """To 1e-8 of the lengths of the Jacobian's columns and of the residual."""
+    assert np.all(generic.cost > 0)
+    np.testing.assert_allclose(fast.cost, generic.cost, rtol=1e-8)
+    length = np.sqrt(np.diagonal(generic.hessian, axis1=1, axis2=2))
+    assert np.all(length.max(0) > 0)  # every unknown is seen in some view
+    apart = np.abs(fast.hessian - generic.hessian)
+    assert np.all(apart <= 1e-8 * length[:, :, None] * length[:, None, :])
+    residual = np.sqrt(2.0 * generic.cost)
+    assert np.all(np.abs(fast.gradient - generic.gradient) <= 1e-8 * length * residual[:, None])
+
+
+@pytest.mark.parametrize("make", CASES, ids=lambda case: case.__name__)
+def test_the_fast_form_adds_up_what_the_generic_form_does(make):
+    case = make()
+    fast, generic = (case.study(rendered=rendered) for rendered in (False, True))
+    assert isinstance(fast.form, FeatureForm)
+    assert isinstance(generic.form, Rendered)
+    assert fast.form.shared == fast.form.projects == case.shared
+    random = np.random.default_rng(0)
+    theta = random_values(fast, random)
+    passed = one_pass(fast, theta)
+    assert_agree(gram(fast, theta, passed), gram(generic, theta))
+    linear = [u.is_linear for u in fast.unknowns]
+    elsewhere = np.where(linear, random_values(fast, random), theta) if case.shared else random_values(fast, random)
+    assert np.abs(elsewhere - theta).max() > 0.01
+    # where it is shared, the pass that was made for other linear unknowns serves
+    assert_agree(gram(fast, elsewhere, passed if case.shared else None), gram(generic, elsewhere))
+
+
+def test_a_clamped_attenuation_is_compared_on_both_sides_of_its_clamp():
+    """At the values that the comparison above draws."""
+    work = clamped_attenuation().study(rendered=False)
+    names = [u.name for u in work.unknowns]
+    theta = random_values(work, np.random.default_rng(0))
+    a0, a1, a2 = (theta[names.index(f"lights.0.attenuation.{name}")] for name in ("constant", "linear", "quadratic"))
+    seen = seen_by(SMALL)
+    to_light = CLAMPED.position - np.asarray(seen.position)
+    d = np.linalg.norm(to_light, axis=-1)[(to_light * np.asarray(seen.normal)).sum(-1) > 0]
+    f = 1.0 / (a0 + d * (a1 + d * a2))
+    assert (f > 1.0).sum() > 3
+    assert (f < 1.0).sum() > 3
+
+
+def dense(work: Study, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residuals of every sample and their Jacobian, by rendering."""
+    (chunk,) = work.chunks()
+
+    def residuals(q):
+        predicted = jax.vmap(lambda block: jnp.stack(work.form.predict(q, block)))(chunk)
+        return jnp.ravel(jnp.sqrt(chunk.observed.weight) * (predicted - chunk.observed.target))
+
+    both = jax.jit(lambda q: (residuals(q), jax.jacfwd(residuals)(q)))
+    r, J = both(jnp.asarray(theta))
+    return np.asarray(r), np.asarray(J)
+
+
+@pytest.mark.parametrize(
+    "make", [all_kinds_of_lights_and_blinn, constraints_and_a_factor, grey_and_colour_views_of_known_noise]
+)
+def test_projection_gives_the_best_linear_unknowns_within_their_bounds(make):
+    """Non-negative least squares on the dense Jacobian, for wherever the other unknowns are."""
+    case = make()
+    bounds = {"k_d": (0.0, 0.3)}
+    fast, generic = (case.study(rendered=rendered, bounds=bounds) for rendered in (False, True))
+    fast.lay_out()
+    linear = np.array([u.is_linear for u in fast.unknowns])
+    lower, upper = np.asarray(fast.box.lower), np.asarray(fast.box.upper)
+    held = 0
+    for seed in range(2):
+        theta = np.clip(random_values(fast, np.random.default_rng(seed)), lower, upper)
+        point = look(theta, fast.task(), fast.whole)
+        found = np.asarray(point.theta)
+        np.testing.assert_array_equal(found[~linear], theta[~linear])
+        r, J = dense(generic, theta)
+        A = J[:, linear]
+        best = scipy.optimize.lsq_linear(
+            A, A @ theta[linear] - r, (lower[linear], upper[linear]), method="bvls", tol=1e-15
+        )
+        np.testing.assert_allclose(found[linear], best.x, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(float(point.total.cost), best.cost, rtol=1e-9)
+        held += int(((best.x <= lower[linear]) | (best.x >= upper[linear])).sum())
+        far = jnp.full(len(linear), 1e6)
+        unbound = eqx.tree_at(lambda box: (box.lower, box.upper), fast.box, (-far, far))
+        free = look(theta, Task(fast.form, fast.soft(), unbound), fast.whole)
+        best = theta[linear] - np.linalg.lstsq(A, r)[0]
+        np.testing.assert_allclose(np.asarray(free.theta)[linear], best, rtol=1e-8, atol=1e-8)
+    assert held > 0
+
+
+FIVE = standard_scene(PHONG, [ds.PointLight(position, 1.0, ATTENUATION) for position in P[:5]])
+TWO = ds.Scene([ds.Object(ds.Sphere()), ds.Object(ds.Sphere((1, 1, 1), 0.2))], [POINT])
+BALL = standard_scene(PHONG, [POINT, SPOT, SUN])
+CHANNELS = ds.Material(0.1, 0.5, 0.3, (10, 20, 30))
+
+
+@pytest.mark.parametrize(
+    ("scene", "lit", "free", "has"),
+    [
+        pytest.param(BALL, None, ("material", "attenuation", "constant", "intensity", "ambient"), True, id="light"),
+        pytest.param(BALL, None, ("k_d", "exposure", "black"), True, id="numbers of views"),
+        pytest.param(BALL, None, ("lights.0.position",), False, id="a position"),
+        pytest.param(BALL, None, ("k_d", "lights.2.direction"), False, id="a direction"),
+        pytest.param(BALL, None, ("k_d", "cutoff"), False, id="a cutoff"),
+        pytest.param(BALL, None, ("k_d", "exponent"), False, id="an exponent of a spot"),
+        pytest.param(BALL, None, ("k_d", "radius"), False, id="a radius"),
+        pytest.param(TWO, None, ("k_d",), False, id="two objects"),
+        pytest.param(standard_scene(CHANNELS, [POINT]), None, ("k_d",), False, id="n_s a channel"),
+        pytest.param(standard_scene(CHANNELS, [POINT]), None, ("n_s",), False, id="n_s a channel, free"),
+        pytest.param(FIVE, None, ("k_d",), False, id="five lights at once"),
+        pytest.param(FIVE, (0, 1, 2, 3), ("k_d",), True, id="four of five lights"),
+        pytest.param(standard_scene(ds.Material(n_s=0), [POINT]), None, ("k_d",), False, id="n_s = 0"),
+        pytest.param(standard_scene(ds.Material(n_s=0), [POINT]), None, ("n_s",), True, id="n_s free from 0"),
+        pytest.param(standard_scene(PHONG, []), None, ("k_a",), True, id="no light"),
+    ],
+)
+def test_the_fast_form_serves_where_every_unknown_is_a_coefficient_of_light(scene, lit, free, has):
+    views = [view(0 if scene.lights else ()), view(lit, 1)]
+    assert has_features(scene, views, find_unknowns(scene, views, free)) is has
+
+
+def test_an_ambient_scene_without_a_light_is_the_same_in_both_forms():
+    case = Case(standard_scene(PHONG, []), [view()], ("k_a", "black"))
+    fast, generic = (case.study(rendered=rendered) for rendered in (False, True))
+    assert isinstance(fast.form, FeatureForm)
+    theta = np.array([0.3, 0.2, 0.5, 0.1])
+    assert_agree(gram(fast, theta), gram(generic, theta))
