@@ -1,0 +1,184 @@
+"""Compare ds.fit with what a user would pick instead: time, ratios, memory, and what the answer costs.
+
+Every solver runs in a process of its own, which makes the data, then solves it once cold (compilation included) and
+several times warm. Solvers take turns, round after round, and a time is the median over the rounds: on a shared machine
+compare ratios, not seconds. Peers are given the fields of every pixel ready-made and a start, keep no bounds, give no
+error bars. `solve` is diffshade's share of that same work, with a start of its own; `fit` is the whole call, from
+photographs to error bars. Memory is the peak of the first, cold solve, compiler included, beyond what the process held
+before it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import gc
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+SIZES = ("128x1", "512x1", "512x8", "2048x1")
+OURS = ("diffshade, solve", "diffshade, fit", "one forward render of all views")
+ADAM_AT_MOST = 512 * 512
+
+
+def main() -> None:
+    """Run every solver on every size and print a table for each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", nargs="+", default=SIZES, help="SIZExVIEWS (default: %(default)s)")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds, each in new processes (default: 3)")
+    parser.add_argument("--repeats", type=int, default=3, help="warm solves in each (default: 3)")
+    parser.add_argument("--json", type=Path, help="write every number to this file too")
+    parser.add_argument("--one", nargs=2, metavar=("SOLVER", "SIZE"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.one:
+        print(json.dumps(measure(*arguments.one, arguments.repeats)))
+        return
+    import peers
+
+    found = {}
+    for size in arguments.sizes:
+        pixels, views = map(int, size.split("x"))
+        names = [*OURS, *(n for n in peers.PEERS if "Adam" not in n or pixels**2 * views <= ADAM_AT_MOST)]
+        runs: dict[str, list[dict]] = {name: [] for name in names}
+        jobs = [name for _ in range(arguments.rounds) for name in names]
+        for name in track(jobs, description=size, console=Console(stderr=True), transient=True):
+            runs[name].append(_in_a_process(name, size, arguments.repeats))
+        found[size] = {name: _median(of) for name, of in runs.items()}
+        show(size, found[size])
+        if arguments.json:
+            arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+def show(size: str, rows: dict[str, dict]) -> None:
+    """Print the table of one size."""
+    base = rows["diffshade, solve"]["warm"]
+    best = min(row["cost"] for row in rows.values() if row["cost"] is not None)
+    pixels, views = size.split("x")
+    table = Table(title=f"{views} view{'s' * (views != '1')} of {pixels} x {pixels}, 12 unknowns, float64")
+    for heading in ("", "warm, s", "ratio", "cold, s", "MB beyond the data", "cost above the best"):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for name, row in rows.items():
+        cost = "" if row["cost"] is None else f"{row['cost'] / best - 1:.1e}"
+        cells = f"{row['warm']:.4f}", f"{row['warm'] / base:.1f}", f"{row['cold']:.2f}", f"{row['memory']:.0f}", cost
+        table.add_row(name, *cells)
+    Console(width=110).print(table)
+
+
+def _median(runs: list[dict]) -> dict:
+    return {key: None if runs[0][key] is None else float(np.median([run[key] for run in runs])) for key in runs[0]}
+
+
+def _in_a_process(name: str, size: str, repeats: int) -> dict:
+    command = [sys.executable, __file__, "--one", name, size, "--repeats", str(repeats)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{name} on {size}: {done.stderr[-2000:]}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def measure(name: str, size: str, repeats: int) -> dict:
+    """Solve once cold and several times warm; return times, memory beyond the data, and the cost of the answer."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import peers
+    import problem
+
+    pixels, views = map(int, size.split("x"))
+    made = problem.make(pixels, views)
+    data = None if name == "diffshade, fit" or name.startswith("one") else problem.fields(made)
+    if name in peers.PEERS:
+        solver: Callable = lambda: peers.PEERS[name](data)  # noqa: E731
+    elif name == "diffshade, solve":
+        solver = _solve(made)
+    elif name == "diffshade, fit":
+        solver = lambda: _theta(_fit(made))  # noqa: E731
+    else:
+        solver = lambda: _render(made)  # noqa: E731
+    _forget_peak()
+    before = _memory("VmRSS")
+    started = time.perf_counter()
+    theta = solver()
+    cold = time.perf_counter() - started
+    memory = _memory("VmHWM") - before
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        solver()
+        times.append(time.perf_counter() - started)
+    cost = None
+    if theta is not None:
+        cost = float(problem.compiled_cost(theta, data or problem.fields(made)))
+    return {"cold": cold, "warm": float(np.median(times)), "memory": memory, "cost": cost}
+
+
+def _forget_peak() -> None:
+    """Give freed memory back to the system and start the process's peak anew (Linux)."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def _memory(key: str) -> float:
+    """Return this process's memory now (VmRSS) or at its peak (VmHWM), in MB."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith(key)) / 1024
+
+
+def _fit(made):
+    from problem import FREE, TIED
+
+    import diffshade as ds
+
+    return ds.fit(made.scene, made.views, free=FREE, tied=TIED)
+
+
+def _theta(fit) -> np.ndarray:
+    return np.concatenate([fit.values[:9], [np.log(fit.values[9])], fit.values[10:]])
+
+
+def _solve(made) -> Callable:
+    """Lay the pixels out, as the peers' fields are, and return what solves."""
+    from problem import FREE, TIED
+
+    from diffshade.inverse.fitting import look_at
+    from diffshade.inverse.parameters import find_unknowns
+    from diffshade.inverse.study import Study
+
+    unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
+    samples, counts = look_at(made.scene, made.views, unknowns, "hinge")
+
+    def laid() -> Study:
+        study = Study(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
+        study.lay_out()
+        study.whole = study.whole or study.chunks()
+        return study
+
+    study = laid()
+    squares = study.squares
+
+    def solve() -> np.ndarray:
+        study.squares = squares
+        return study.solve(from_scene=False, tell=lambda words: None).theta
+
+    return solve
+
+
+def _render(made) -> None:
+    import diffshade as ds
+
+    for k, view in enumerate(made.views):
+        np.asarray(ds.render(made.scene, view.camera, lit=k))
+
+
+if __name__ == "__main__":
+    main()
