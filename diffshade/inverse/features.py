@@ -89,6 +89,13 @@ class FeatureForm(eqx.Module):
             view[b] = part.view
         return _fields(self.problem, pixels, view, counts)
 
+    def weights(self) -> Float[Array, " views"]:
+        """Return the weight of the samples of each view where all of a view weigh the same."""
+        noise = self.problem.noise
+        if noise is None:
+            return jnp.ones_like(self.problem.grey)
+        return 1.0 / jax.vmap(lambda of_view: of_view.variance(jnp.zeros(())))(noise)
+
     def rows(self, lamps: Lamps, n_s: Array, view: Array, points: Fields) -> list[Any]:
         """Return F of a block: 1, then u, v and their derivatives for each light."""
         found = [jnp.where(points.counts, 1.0, 0.0)]
@@ -153,12 +160,10 @@ class FeatureForm(eqx.Module):
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return the predictions of a block, one array a channel."""
         predicted, _ = self.coefficients(theta)
-        return self._predict(predicted[block.view], self._block_rows(theta, block))
-
-    def _block_rows(self, theta: Array, block: Block) -> list[Array]:
         scene = self.problem.slots.insert(theta, self.problem.setup).scene
         lamps = _lamps(scene, self.problem.lit)
-        return self.rows(lamps, scene.objects[0].material.n_s, block.view, block.points)
+        rows = self.rows(lamps, scene.objects[0].material.n_s, block.view, block.points)
+        return self._predict(predicted[block.view], rows)
 
     def _predict(self, coefficients: Array, rows: Sequence[Any]) -> tuple[Any, ...]:
         lights = sum(index.shape[1] for index, _ in self.problem.lit)
@@ -220,7 +225,7 @@ class FeatureForm(eqx.Module):
         features = predicted.shape[2]
         FF, Fy = summary[:, :features, :features], summary[:, :features, features:].transpose(0, 2, 1)
         yy = jnp.trace(summary[:, features:, features:], axis1=1, axis2=2)
-        scale = jnp.ones(len(yy)) if self.problem.noise is None else 1.0 / jax.vmap(_dark_variance)(self.problem.noise)
+        scale = self.weights()
         slope = jnp.einsum("vfg,vcg->vcf", FF, predicted) - Fy
         cost = 0.5 * (jnp.einsum("vcf,vcf->v", predicted, slope - Fy) + yy)
         return Gram(
@@ -228,10 +233,6 @@ class FeatureForm(eqx.Module):
             scale[:, None] * jnp.einsum("vcfp,vcf->vp", S, slope),
             scale[:, None, None] * jnp.einsum("vcfp,vfg,vcgq->vpq", S, FF, S),
         )
-
-
-def _dark_variance(noise: Any) -> Array:
-    return noise.variance(jnp.zeros(()))
 
 
 def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:

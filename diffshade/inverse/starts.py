@@ -121,14 +121,17 @@ def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, The
 
 def search(unknowns: Sequence[Unknown], scene: Scene, task: Task, chunks: Sequence[Block], squares: float) -> Theta:
     """Find the best start on a part of the pixels: the lowest candidates, followed most of the way to a minimum."""
-    found = [judge(coordinates(np.array([u.start for u in unknowns]), unknowns), task, chunks)]
-    groups = len(candidates(unknowns, scene, found[0][1]))
-    for _ in range(2 if groups > 1 else 1):
+    first = judge(coordinates(np.array([u.start for u in unknowns]), unknowns), task, chunks)
+    groups = len(candidates(unknowns, scene, first[1]))
+    found: list[tuple[float, Theta]] = [] if groups else [first]
+    for _ in range(2 if groups > 1 else min(groups, 1)):
         for group in range(groups):
-            tried = np.clip(candidates(unknowns, scene, found[0][1])[group], task.box.lower, task.box.upper)
+            theta = found[0][1] if found else first[1]
+            tried = np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper)
             judged = [judge(theta, task, chunks) for theta in tried]
             found += [judged[i] for i in _lowest([cost for cost, _ in judged])]
             found.sort(key=lambda pair: pair[0])
+    found = found or [first]
     ends = [
         minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
         for _, theta in _distinct(found)[:BEST]

@@ -66,7 +66,7 @@ class Study:
         self.part = self.chunks(PART)
         self.whole = self.part if self.count <= PART else []
         self.measured = on_all_cores(_without_clipped, self.part) if self.clips else self.part
-        self.squares = float(np.sum(on_all_cores(_squares, self.measured))) or 1.0
+        self.squares = float(np.sum(on_all_cores(lambda chunk: _squares(self.form, chunk), self.measured))) or 1.0
 
     def chunks(self, at_most: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some."""
@@ -196,18 +196,17 @@ def _without_clipped(chunk: Block) -> Block:
 
 
 @jax.jit
-def _squares(chunk: Block) -> Array:
-    """Return the sum of squares of a chunk's samples."""
-    seen = chunk.observed
-    return jnp.sum(seen.target**2 if seen.weight is None else seen.weight * seen.target**2)
+def _squares(form: Any, chunk: Block) -> Array:
+    """Return the weighted sum of squares of a chunk's samples."""
+    return jnp.sum(jax.lax.map(lambda block: jnp.sum(_weights(form, block) * block.observed.target**2), chunk))
 
 
-def _weights(block: Block) -> Array:
-    """Return the weight of each sample; where all weigh the same, 1 or, for padding, 0."""
+def _weights(form: Any, block: Block) -> Array:
+    """Return the weight of each sample, which a form that projects keeps for the view."""
     seen = block.observed
     if seen.weight is not None:
         return seen.weight
-    return jnp.broadcast_to(jnp.where(block.points.counts, 1.0, 0.0), seen.target.shape)
+    return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
 
 
 @jax.jit
@@ -215,7 +214,7 @@ def _residuals(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
     """Return the weighted residuals of a chunk, and which samples were measured."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        weight = _weights(block)
+        weight = _weights(form, block)
         m = jnp.stack(form.predict(theta, block))
         measured = weight > 0 if block.observed.clipped is None else (weight > 0) & (block.observed.clipped == 0)
         return jnp.sqrt(weight) * (m - block.observed.target), measured
@@ -230,6 +229,6 @@ def _spread(theta: Array, form: Any, chunk: Block) -> Array:
     def add(total: Array, block: Block) -> tuple[Array, None]:
         seen = block.observed
         m = jnp.stack(form.predict(theta, block))
-        return total + form.likelihood.spread(m, seen.target, _weights(block), seen.clipped), None
+        return total + form.likelihood.spread(m, seen.target, _weights(form, block), seen.clipped), None
 
     return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
