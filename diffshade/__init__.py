@@ -1,8 +1,16 @@
 """diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards."""
 
+from .attenuation import DepthCueing as DepthCueing
+from .attenuation import Fog as Fog
 from .attenuation import RadialAttenuation as RadialAttenuation
 from .cameras import Camera as Camera
 from .cameras import OrthographicCamera as OrthographicCamera
+from .fresnel import Dielectric as Dielectric
+from .fresnel import NoFresnel as NoFresnel
+from .fresnel import Schlick as Schlick
+from .gbuffers import GBuffer as GBuffer
+from .gbuffers import height_map as height_map
+from .gbuffers import normal_map as normal_map
 from .images import read_image as read_image
 from .images import read_mask as read_mask
 from .images import srgb_decode as srgb_decode
@@ -18,12 +26,17 @@ from .inverse.sensitivity import image_sensitivity as image_sensitivity
 from .inverse.sensitivity import sensitivity as sensitivity
 from .inverse.views import Noise as Noise
 from .inverse.views import View as View
+from .lights import AreaLight as AreaLight
 from .lights import DirectionalLight as DirectionalLight
 from .lights import PointLight as PointLight
 from .lights import SpotLight as SpotLight
 from .materials import Blinn as Blinn
 from .materials import Material as Material
 from .materials import Phong as Phong
+from .meshes import read_mesh as read_mesh
+from .named_materials import material as material
+from .named_materials import material_names as material_names
+from .patterns import Chequer as Chequer
 from .rendering import intersect as intersect
 from .rendering import render as render
 from .rendering import shade as shade
@@ -34,5 +47,6 @@ from .scene_files import read_scene as read_scene
 from .scene_files import write_scene as write_scene
 from .scenes import Object as Object
 from .scenes import Scene as Scene
-from .surfaces import GBuffer as GBuffer
+from .surfaces import Box as Box
+from .surfaces import Plane as Plane
 from .surfaces import Sphere as Sphere

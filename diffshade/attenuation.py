@@ -1,13 +1,16 @@
-"""Attenuation: how light fades with distance (E2) and off a spot's axis (E3)."""
+"""Attenuation: how light fades with distance (E2), off a spot's axis (E3), and on its way through the air (E14)."""
 
 from __future__ import annotations
+
+import abc
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .fields import Array, Checked, Scalar, as_scalar, is_concrete
+from .fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete
+from .vectors import Vec3
 
 NEAREST = 1e-6  # scene units; below it the distance counts as this, so that 1/d^2 stays finite
 
@@ -66,3 +69,67 @@ def angular_attenuation(
 def _cos_degrees(angle: Scalar) -> Scalar:
     """Return cos angle, which is exactly 0 at 90 degrees."""
     return jnp.sin(jnp.deg2rad(90.0 - angle))
+
+
+class AbstractAtmosphere(Checked):
+    """What is between the surfaces and the eye: a radiance I becomes s I + (1 - s) I_dc (E14).
+
+    s is a function of the distance z: along the camera's view axis, or along the ray where `radial` is true.
+    """
+
+    I_dc: eqx.AbstractVar[Colour]
+    radial: eqx.AbstractVar[bool]
+
+    @abc.abstractmethod
+    def visibility(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return s at the distance z."""
+
+    def __call__(self, radiance: Vec3, z: Float[Array, "..."]) -> Vec3:
+        """Return s I + (1 - s) I_dc."""
+        s = self.visibility(z)
+        return radiance * s + Vec3.of(self.I_dc) * (1.0 - s)
+
+
+class DepthCueing(AbstractAtmosphere):
+    """Linear depth cueing (E14; Foley et al. 1990, 16.1.3): s falls from s_f at z_f to s_b at z_b, constant beyond.
+
+    `s_f`, `s_b`: 0 to 1. `z_f` < `z_b`: distances in scene units. `I_dc`: the colour that depth fades to, RGB or grey.
+    At z_f and z_b the derivative is that of the constant side.
+    """
+
+    z_f: Scalar = eqx.field(converter=as_scalar)
+    z_b: Scalar = eqx.field(converter=as_scalar)
+    s_f: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=1.0, metadata={"lower": 0, "upper": 1})
+    s_b: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 1})
+    I_dc: Colour = eqx.field(kw_only=True, converter=as_colour, default=0.0, metadata={"lower": 0})
+    radial: bool = eqx.field(kw_only=True, static=True, default=False)
+
+    def check_together(self) -> None:
+        if is_concrete(self.z_f, self.z_b) and not self.z_f < self.z_b:
+            raise ValueError(
+                f"DepthCueing.z_f must be less than z_b; got {self.z_f} and {self.z_b}. Give the nearer one as z_f."
+            )
+
+    def visibility(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return s_f up to z_f, s_b from z_b on, and s_b + (s_f - s_b)(z_b - z)/(z_b - z_f) between."""
+        span = self.z_b - self.z_f
+        near = (self.z_b - z) / jnp.where(span > 0, span, 1.0)  # 1 at z_f, 0 at z_b
+        between = self.s_b + (self.s_f - self.s_b) * near
+        return jnp.where(z <= self.z_f, self.s_f, jnp.where(z >= self.z_b, self.s_b, between))
+
+
+class Fog(AbstractAtmosphere):
+    """Exponential fog (E14; OpenGL's GL_EXP): s = exp(-density z), or exp(-(density z)^2) with `squared=True`.
+
+    `density`: at least 0, per scene unit. `I_dc`: the fog's colour, RGB or grey.
+    """
+
+    density: Scalar = eqx.field(converter=as_scalar, metadata={"lower": 0})
+    I_dc: Colour = eqx.field(kw_only=True, converter=as_colour, default=0.0, metadata={"lower": 0})
+    squared: bool = eqx.field(kw_only=True, static=True, default=False)
+    radial: bool = eqx.field(kw_only=True, static=True, default=False)
+
+    def visibility(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return s; 1 for z <= 0."""
+        x = self.density * jnp.where(z > 0, z, 0.0)
+        return jnp.exp(-x * x) if self.squared else jnp.exp(-x)

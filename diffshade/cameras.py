@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
-from .vectors import Vec3, cross, normalize, where
+from .vectors import Vec3, cross, dot, length, normalize, where
 
 
 class Rays(eqx.Module):
@@ -49,6 +49,10 @@ class Projection(eqx.Module):
         if p is None:
             return self.backward
         return where(self.local_viewer > 0, normalize(self.eye - p), self.backward)
+
+    def depth(self, p: Vec3, *, radial: bool) -> Float[Array, "..."]:
+        """Return how far p is from the eye: along the view axis, or in a straight line where `radial` is true."""
+        return length(p - self.eye) if radial else -dot(p - self.eye, self.backward)
 
 
 class AbstractCamera(Checked):

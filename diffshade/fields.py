@@ -61,10 +61,16 @@ def as_colour(value: Numbers) -> Any:
     return colour
 
 
+def as_coefficient(value: Numbers | Checked | None) -> Any:
+    """Make a colour; a pattern stays one, and None, where it stands for no such term, too."""
+    return value if value is None or isinstance(value, Checked) else as_colour(value)
+
+
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     as_scalar: (((),), "a number", "Give one number."),
     as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
     as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_coefficient: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
     as_exponent: (((), (3,)), "1 or 3 numbers", "Give one number, or one a channel (R, G, B)."),
 }
 
@@ -79,8 +85,10 @@ class Checked(eqx.Module):
     def __check_init__(self) -> None:
         for field in dataclasses.fields(self):
             kind = _KINDS.get(field.metadata.get("converter"))
-            if kind is not None:
-                _check_field(f"{type(self).__name__}.{field.name}", getattr(self, field.name), kind, field.metadata)
+            value = getattr(self, field.name)
+            left_out = value is None and field.default is None
+            if kind is not None and not left_out and not isinstance(value, Checked):
+                _check_field(f"{type(self).__name__}.{field.name}", value, kind, field.metadata)
         self.check_together()
 
     def check_together(self) -> None:
@@ -143,18 +151,18 @@ def _modules(tree: Any) -> Iterator[Checked]:
 def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclasses.Field]]:
     """Yield every number, vector and colour of a tree of modules: its dotted path, its value and its field.
 
-    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none.
+    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none, nor is what is left out (None).
     """
     if isinstance(tree, tuple):
         for i, item in enumerate(tree):
             yield from quantities(item, f"{path}.{i}")
     elif isinstance(tree, Checked):
         for field in dataclasses.fields(tree):
-            inner = f"{path}.{field.name}".lstrip(".")
-            if field.metadata.get("converter") in _KINDS:
-                yield inner, getattr(tree, field.name), field
+            inner, value = f"{path}.{field.name}".lstrip("."), getattr(tree, field.name)
+            if field.metadata.get("converter") in _KINDS and value is not None and not isinstance(value, Checked):
+                yield inner, value, field
             else:
-                yield from quantities(getattr(tree, field.name), inner)
+                yield from quantities(value, inner)
 
 
 def did_you_mean(word: str, options: Iterable[str]) -> str:

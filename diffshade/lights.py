@@ -1,15 +1,16 @@
 """Lights: what arrives at a point. A light knows no material."""
 
 import abc
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from .attenuation import RadialAttenuation, angular_attenuation
 from .fields import Array, Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete
-from .vectors import Vec3, dot, length, normalize
+from .vectors import Vec3, cross, dot, length, normalize
 
 
 class Path(NamedTuple):
@@ -23,13 +24,26 @@ class Path(NamedTuple):
     """Angular attenuation (E3); None where it is 1."""
 
 
+def as_counts(value: Any) -> Any:
+    """Make (n_u, n_v); one number is both, and what is not two whole numbers is handed on for the check to refuse."""
+    try:
+        n_u, n_v = (value, value) if np.ndim(value) == 0 else value
+        return (int(n_u), int(n_v)) if (n_u, n_v) == (int(n_u), int(n_v)) else value
+    except (TypeError, ValueError, OverflowError):
+        return value
+
+
 class AbstractLight(Checked):
-    """A light is one function of the point it shines on."""
+    """What shines: one emitter or many."""
 
     @property
     @abc.abstractmethod
     def is_local(self) -> bool:
         """Whether the light stands somewhere, so that it must know where the point is."""
+
+
+class AbstractEmitter(AbstractLight):
+    """A light that reaches a point from one direction: one function of that point."""
 
     @abc.abstractmethod
     def path(self, p: Vec3 | None) -> Path:
@@ -40,7 +54,7 @@ class AbstractLight(Checked):
         """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there."""
 
 
-class PointLight(AbstractLight):
+class PointLight(AbstractEmitter):
     """A light at a position that shines equally to all sides, attenuated with distance (E2).
 
     `position`: scene units. `intensity`: RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it
@@ -72,7 +86,7 @@ class PointLight(AbstractLight):
         return l, Vec3.of(self.intensity) * self.attenuation(d)
 
 
-class DirectionalLight(AbstractLight):
+class DirectionalLight(AbstractEmitter):
     """A light at infinity, so that l = -direction/|direction| everywhere.
 
     `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
@@ -98,7 +112,7 @@ class DirectionalLight(AbstractLight):
         return self.path(p).l, Vec3.of(self.intensity)
 
 
-class SpotLight(AbstractLight):
+class SpotLight(AbstractEmitter):
     """A point light that shines into a cone about `direction` (E3), attenuated with distance (E2).
 
     `cutoff`: half angle of the cone, 0 to 90 degrees. `exponent`: of cos^exponent phi off the axis, at least 0.
@@ -142,6 +156,57 @@ class SpotLight(AbstractLight):
         assert d is not None
         assert f_ang is not None
         return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
+
+
+class AreaLight(AbstractLight):
+    """A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
+
+    `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units. `intensity`: of the whole, RGB or
+    grey, shared equally by emitters at the centres of `samples` = (n_u, n_v) cells. Each is a `SpotLight` along
+    edge_u x edge_v with `cutoff` (half angle, 0 to 90 degrees) and `exponent`, and fades with its own distance. As the
+    samples grow the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
+    """
+
+    corner: Vector = eqx.field(converter=as_vector)
+    edge_u: Vector = eqx.field(converter=as_vector)
+    edge_v: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    cutoff: Scalar = eqx.field(converter=as_scalar, default=90.0, metadata={"lower": 0, "upper": 90})
+    exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    samples: tuple[int, int] = eqx.field(converter=as_counts, static=True, default=(8, 8))
+
+    def check_together(self) -> None:
+        check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        counts = self.samples
+        if not (isinstance(counts, tuple) and len(counts) == 2 and all(isinstance(n, int) and n > 0 for n in counts)):
+            raise ValueError(
+                f"AreaLight.samples must be two whole numbers above 0; got {counts!r}. Give (8, 8), or 8 for both."
+            )
+        if is_concrete(self.edge_u, self.edge_v) and not np.any(np.cross(self.edge_u, self.edge_v)):
+            raise ValueError(
+                f"AreaLight.edge_u and edge_v must span a rectangle; got {self.edge_u} and {self.edge_v}. "
+                "Give two edges that are not along one line."
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def emitters(self) -> SpotLight:
+        """Return the emitters as a stack: a light whose leaves have a leading axis."""
+        n_u, n_v = self.samples
+        u, v = np.divmod(np.arange(n_u * n_v), n_v)
+        u, v = (u + 0.5) / n_u, (v + 0.5) / n_v
+        axis = cross(Vec3.of(self.edge_u), Vec3.of(self.edge_v)).stack()
+
+        def at(u: Scalar, v: Scalar) -> SpotLight:
+            position = self.corner + u * self.edge_u + v * self.edge_v
+            share = self.intensity / (n_u * n_v)
+            return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation)
+
+        return jax.vmap(at)(u, v)
 
 
 def check_direction(name: str, direction: Vector) -> None:

@@ -3,11 +3,28 @@
 from __future__ import annotations
 
 import abc
+from typing import Any
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Float
 
-from .fields import Array, Checked, Colour, Exponent, as_colour, as_exponent, check_kind
+from .fields import (
+    Array,
+    Checked,
+    Colour,
+    Exponent,
+    Numbers,
+    Scalar,
+    as_coefficient,
+    as_colour,
+    as_exponent,
+    as_scalar,
+    check_kind,
+    is_concrete,
+)
+from .fresnel import AbstractFresnel, Dielectric, NoFresnel
+from .patterns import AbstractPattern, colour_at
 from .vectors import Vec3, dot, halfway, reflect
 
 
@@ -35,19 +52,83 @@ class Blinn(AbstractLobe):
         return dot(n, halfway(l, v))
 
 
-class Material(Checked):
-    """The reflection coefficients of a surface (E1, E4-E6); a coefficient that is not given is 0: no such term.
+class Coefficients(eqx.Module):
+    """What a material is at the points that rays hit: patterns have become colours there."""
 
-    `k_a`, `k_d`, `k_s`: ambient, diffuse and specular reflection, RGB or one number (grey), at least 0. `n_s`: the
-    specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel. `lobe`: `Phong()` or
-    `Blinn()`.
+    k_a: Vec3
+    k_d: Vec3
+    k_s: Vec3
+    k_e: Vec3
+    k_t: Vec3
+    n_s: Exponent | Vec3
+    eta: Float[Array, "..."]
+
+
+class Material(Checked):
+    """The coefficients of a surface (E1, E4-E7, E9, E12, E13); one that is not given is 0: no such term.
+
+    `k_a`, `k_d`, `k_s`, `k_e`: ambient, diffuse and specular reflection and emission, RGB or one number (grey), at
+    least 0. `n_s`: the specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel.
+    `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
+    is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
+    default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 does not
+    bend. A colour may be a pattern of the point, for example a `Chequer`.
     """
 
-    k_a: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
-    k_d: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
-    k_s: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
+    k_a: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_d: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_s: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
     n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata={"lower": 0})
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
+    fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
+    k_e: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_t: Colour | AbstractPattern | None = eqx.field(
+        converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1}
+    )
+    eta: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0.1, "upper": 10})
+
+    @staticmethod
+    def foley(
+        *,
+        O_d: Numbers,
+        O_s: Numbers = 1.0,
+        k_a: Numbers = 0.0,
+        k_d: Numbers = 0.0,
+        k_s: Numbers = 0.0,
+        **more: Any,
+    ) -> Material:
+        """Return the material of Foley's form, k_a O_d, k_d O_d and k_s O_s in each channel (E10; Foley et al. 1990).
+
+        `O_d`, `O_s`: the object's diffuse and specular colours. `more`: n_s, lobe and the rest of `Material`.
+        """
+        O_d, O_s = as_colour(O_d), as_colour(O_s)
+        scaled = {"k_a": as_colour(k_a) * O_d, "k_d": as_colour(k_d) * O_d, "k_s": as_colour(k_s) * O_s}
+        return Material(**scaled, **more)
 
     def check_together(self) -> None:
         check_kind("Material.lobe", self.lobe, AbstractLobe, "Phong()")
+        check_kind("Material.fresnel", self.fresnel, AbstractFresnel, "Schlick()")
+        for name in ("k_a", "k_d", "k_s", "k_e", "k_t"):
+            if isinstance(colour := getattr(self, name), Checked):
+                check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
+        if not isinstance(self.fresnel, Dielectric):
+            return
+        if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
+            raise ValueError(
+                f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
+                f"{self.k_s}. Leave k_s out, or use Schlick()."
+            )
+
+    @property
+    def patterns(self) -> tuple[AbstractPattern, ...]:
+        """The patterns among the coefficients."""
+        colours = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t)
+        return tuple(colour for colour in colours if isinstance(colour, AbstractPattern))
+
+    def at(self, p: Vec3 | None) -> Coefficients:
+        """Return the coefficients at the point p; where nothing is a pattern, p need not be known."""
+        k_a, k_d, k_s, k_e = (colour_at(k, p) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
+        opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
+        k_t = opaque if self.k_t is None else colour_at(self.k_t, p)
+        n_s = Vec3.of(self.n_s) if np.ndim(self.n_s) else self.n_s
+        return Coefficients(k_a, k_d, k_s, k_e, k_t, n_s, self.eta)

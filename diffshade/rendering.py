@@ -13,10 +13,10 @@ from jaxtyping import Bool, Float
 from .backend import check_backend
 from .cameras import AbstractCamera, Projection, Rays
 from .fields import Array, check
+from .gbuffers import GBuffer
 from .lights import AbstractLight
-from .reflection import reflection
 from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
-from .surfaces import GBuffer, Hit
+from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
 
@@ -77,29 +77,6 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
     """Return the ray of every pixel of a picture."""
     row, column = jnp.meshgrid(jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float), indexing="ij")
     return projection.rays(row, column)
-
-
-def nearest(hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
-    """Return for each object the rays on which it is the nearest hit."""
-    first = jnp.full(hits[0].distance.shape, jnp.inf)
-    for hit in hits:
-        first = jnp.where(hit.inside & (hit.distance < first), hit.distance, first)
-    return [hit.inside & (hit.distance == first) for hit in hits]
-
-
-def radiance(scene: StackedScene, rays: Rays, projection: Projection) -> Vec3:
-    """Return the radiance that arrives along each ray: that of the nearest object, else the background (E9)."""
-    hits = [item.surface.intersect(rays) for item in scene.objects]
-    image = Vec3.of(scene.background) * jnp.ones_like(rays.direction.x)
-    for item, hit, seen in zip(scene.objects, hits, nearest(hits), strict=True):
-        image = where(seen, reflected(scene, item, hit, projection), image)
-    return image
-
-
-def reflected(scene: StackedScene, item: Object, hit: Hit, projection: Projection) -> Vec3:
-    """Return the radiance that an object's points reflect towards the camera (E9)."""
-    v = projection.viewer(hit.p)
-    return reflection(item.material, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
 
 
 @jax.jit

@@ -11,30 +11,38 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from .attenuation import RadialAttenuation
+from .attenuation import DepthCueing, Fog, RadialAttenuation
 from .cameras import AbstractCamera, Camera, OrthographicCamera
 from .fields import did_you_mean
 from .files import replacing
-from .lights import DirectionalLight, PointLight, SpotLight
+from .fresnel import Dielectric, NoFresnel, Schlick
+from .lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from .materials import Blinn, Material, Phong
+from .patterns import Chequer
 from .scenes import Object, Scene
-from .surfaces import Sphere
+from .surfaces import Box, Plane, Sphere
 
 # What a table may be, by the key that holds it; where there is a choice, `type` makes it, the first by default.
 _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "camera": (Camera, OrthographicCamera),
     "objects": (Object,),
-    "surface": (Sphere,),
+    "surface": (Sphere, Plane, Box),
     "material": (Material,),
     "lobe": (Phong, Blinn),
-    "lights": (PointLight, DirectionalLight, SpotLight),
+    "fresnel": (NoFresnel, Schlick, Dielectric),
+    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight),
     "attenuation": (RadialAttenuation,),
+    "atmosphere": (DepthCueing, Fog),
+    **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
 _SEVERAL = ("objects", "lights")
 
 
 def read_scene(path: str | Path) -> Scene:
-    """Read the scene of a TOML file: `ambient`, `background`, `[[objects]]`, `[[lights]]`; names as in the classes.
+    """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
+
+    Names are those of the classes and their fields; where a class is one of several, `type` names it.
+
 
     Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
     """
@@ -109,7 +117,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
 
 def _value(key: str, value: Any, where: str) -> Any:
     """Make what stands under a key: a module, several, or a plain value."""
-    if key not in _TYPES:
+    if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
         return value
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
@@ -126,7 +134,9 @@ def _value(key: str, value: Any, where: str) -> Any:
 def _table(module: eqx.Module) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for field in dataclasses.fields(module):
-        table[field.name] = _plain(field.name, getattr(module, field.name))
+        value = getattr(module, field.name)
+        if value is not None and not (isinstance(value, str) and not value):  # what is left out
+            table[field.name] = _plain(field.name, value)
     return table
 
 
@@ -143,6 +153,6 @@ def _plain(key: str, value: Any) -> Any:
         if not fields:
             return name
         return {"type": name, **fields} if len(_TYPES[key]) > 1 or key == "surface" else fields
-    if isinstance(value, bool):
+    if isinstance(value, bool | str):
         return value
     return np.asarray(value).tolist()

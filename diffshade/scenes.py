@@ -11,22 +11,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
+from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
 from .fields import Array, Checked, Colour, as_colour, check_kind
+from .gbuffers import GBuffer
 from .lights import AbstractLight
 from .materials import Material
-from .surfaces import AbstractSurface, GBuffer
+from .surfaces import AbstractSurface
 
 
 class Object(Checked):
-    """A surface and what it is made of."""
+    """A surface and what it is made of.
+
+    `name`: a word of your own, which then stands in the names of its parameters: `objects.ball.material.k_d`, or
+    `ball.material.k_d`, instead of `objects.0.material.k_d`.
+    """
 
     surface: AbstractSurface
     material: Material = eqx.field(default_factory=Material)
+    name: str = eqx.field(static=True, default="")
 
     def check_together(self) -> None:
         check_kind("Object.surface", self.surface, AbstractSurface, "Sphere(radius=1)")
         check_kind("Object.material", self.material, Material, "Material(k_d=0.7)")
+        if self.name and not self.name.isidentifier():
+            raise ValueError(f"Object.name must be one word, of letters, digits and _; got {self.name!r}. Rename it.")
 
 
 def as_tuple(value: Any) -> tuple:
@@ -37,21 +46,29 @@ def as_tuple(value: Any) -> tuple:
 class Scene(Checked):
     """Objects, the lights that shine on them, and what surrounds them.
 
-    `objects`: one or several, opaque; the nearest is seen. `lights`: any number of any kind. A light reaches every
-    point that faces it: there are no shadows and no interreflection. `ambient`: I_a, RGB or grey, at least 0, never
-    attenuated (E1). `background`: what a ray that meets nothing sees.
+    `objects`: one or several, in any order; the nearest is seen, and through one with k_t what is behind it. `lights`:
+    any number of any kind. A light reaches every point that faces it, through any object: there are no shadows and no
+    interreflection. `ambient`: I_a, RGB or grey, at least 0, never attenuated (E1). `background`: what a ray that meets
+    nothing sees, never fogged. `atmosphere`: `DepthCueing` or `Fog` (E14); by default none.
     """
 
     objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
     lights: tuple[AbstractLight, ...] = eqx.field(converter=as_tuple, default=())
     ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
     background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
+    atmosphere: AbstractAtmosphere | None = None
 
     def check_together(self) -> None:
         for i, item in enumerate(self.objects):
             check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
         for i, light in enumerate(self.lights):
             check_kind(f"Scene.lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
+        if self.atmosphere is not None:
+            check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
+        names = [item.name for item in self.objects if item.name]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"objects must have different names; got {name!r} twice. Rename one of them.")
         if not self.objects:
             raise ValueError("Scene.objects must hold at least one Object; got none. Give one: Object(Sphere()).")
         buffers = [item.surface for item in self.objects if isinstance(item.surface, GBuffer)]
@@ -76,12 +93,15 @@ def check_positions(scene: Scene, camera: AbstractCamera) -> None:
     """Refuse a G-buffer without positions where something needs them."""
     needing = ["a camera with local_viewer=True"] * camera.local_viewer
     needing += [f"a {type(light).__name__}" for light in scene.lights if light.is_local]
-    buffers = [item.surface for item in scene.objects if isinstance(item.surface, GBuffer)]
-    if needing and any(buffer.position is None for buffer in buffers):
-        raise ValueError(
-            f"{needing[0]} needs to know where the surface is; got a GBuffer without positions. Give GBuffer.position, "
-            "or use directional lights and a camera with local_viewer=False."
-        )
+    needing += [] if scene.atmosphere is None else [f"a {type(scene.atmosphere).__name__}"]
+    for item in scene.objects:
+        if isinstance(item.surface, GBuffer) and item.surface.position is None:
+            here = needing + [f"a {type(pattern).__name__}" for pattern in item.material.patterns]
+            if here:
+                raise ValueError(
+                    f"{here[0]} needs to know where the surface is; got a GBuffer without positions. Give "
+                    "GBuffer.position, or use directional lights and a camera with local_viewer=False."
+                )
 
 
 class StackedScene(eqx.Module):
@@ -95,13 +115,14 @@ class StackedScene(eqx.Module):
     lights: tuple[AbstractLight, ...]
     ambient: Shaped[Array, "3"]
     background: Shaped[Array, "3"]
+    atmosphere: AbstractAtmosphere | None
 
 
 def stack_scene(scene: Scene) -> StackedScene:
     """Stack the lights of a scene by kind, kinds in the order of their first lights."""
     kinds = [[scene.lights[i] for i in members] for members in light_kinds(scene.lights)]
     lights = tuple(jax.tree.map(_stack, *kind) for kind in kinds)
-    return StackedScene(scene.objects, lights, scene.ambient, scene.background)
+    return StackedScene(scene.objects, lights, scene.ambient, scene.background, scene.atmosphere)
 
 
 def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:

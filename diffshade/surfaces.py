@@ -5,14 +5,15 @@ from __future__ import annotations
 import abc
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import Bool, Float
 
 from .cameras import Rays
-from .fields import Array, Checked, Scalar, Vector, as_array, as_scalar, as_vector, is_concrete
+from .fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
 from .vectors import Vec3, dot, normalize, safe_sqrt, where
+
+GRAZING = 1e-12  # a cosine below it: the ray never meets the plane
 
 
 class Hit(eqx.Module):
@@ -35,7 +36,15 @@ class AbstractSurface(Checked):
         """Return the first hit in front of each ray's origin."""
 
 
-class Sphere(AbstractSurface):
+class AbstractSolid(AbstractSurface):
+    """A convex shape with an inside, through which rays can pass."""
+
+    @abc.abstractmethod
+    def leave(self, rays: Rays) -> Hit:
+        """Return the last hit of each ray, where it leaves the solid, with the outward normal."""
+
+
+class Sphere(AbstractSolid):
     """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
 
     The derivative of a hit grows without bound at the silhouette. A ray that misses gets the sphere's nearest point,
@@ -51,69 +60,108 @@ class Sphere(AbstractSurface):
 
     def intersect(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the smallest t > 0."""
-        center = Vec3.of(self.center)
-        o, d = rays.origin - center, rays.direction
-        nearest = -dot(o, d)  # t of the point of the ray nearest to the centre
+        nearest, half_chord, hit, miss = self._chord(rays)
+        outside = nearest > half_chord
+        t = jnp.where(outside, nearest - half_chord, nearest + half_chord)
+        n = self._normal(rays, t, hit, miss)
+        facing = where(hit & ~outside, -n, n)
+        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & (t > 0))
+
+    def leave(self, rays: Rays) -> Hit:
+        """Solve |o + t d - c|^2 = radius^2 for the largest t."""
+        nearest, half_chord, hit, miss = self._chord(rays)
+        t = nearest + half_chord
+        n = self._normal(rays, t, hit, miss)
+        return Hit(t, Vec3.of(self.center) + n * self.radius, n, hit & (t > 0))
+
+    def _chord(self, rays: Rays) -> tuple[Array, Array, Array, Vec3]:
+        """Return t of the point of a ray nearest to the centre, half the chord, whether there is one, and the point."""
+        o, d = rays.origin - Vec3.of(self.center), rays.direction
+        nearest = -dot(o, d)
         miss = o + d * nearest
         half_chord2 = self.radius * self.radius - dot(miss, miss)
-        half_chord = safe_sqrt(half_chord2)
-        hit, outside = half_chord2 > 0, nearest > half_chord
-        t = jnp.where(outside, nearest - half_chord, nearest + half_chord)
-        n = normalize(where(hit, o + d * t, miss))
-        facing = where(hit & ~outside, -n, n)
-        return Hit(t, center + n * self.radius, facing, hit & (t > 0))
+        return nearest, safe_sqrt(half_chord2), half_chord2 > 0, miss
+
+    def _normal(self, rays: Rays, t: Array, hit: Array, miss: Vec3) -> Vec3:
+        """Return the outward normal at t, or of the sphere's point nearest to a ray that misses."""
+        return normalize(where(hit, rays.origin - Vec3.of(self.center) + rays.direction * t, miss))
 
 
-def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
-    """Make a mask boolean: at least half is inside."""
-    mask = mask if isinstance(mask, jax.Array) else np.asarray(mask)
-    return mask if mask.dtype == bool else mask >= 0.5
+class Plane(AbstractSurface):
+    """An infinite plane through `point`; its normal is that of the side the viewer is on.
 
-
-class GBuffer(AbstractSurface):
-    """A surface as one camera sees it: any shape, from a normal map, a mesh or another renderer.
-
-    `normal`: (H, W, 3), unit to within 0.001, never flipped. `position`: (H, W, 3), scene units; needed by point and
-    spot lights, a local viewer and several objects, else it may be left out. `mask`: (H, W), True (or at least half)
-    where the surface is; without it, where the normal is not zero. Outside the mask the numbers are not looked at and
-    not kept.
+    `normal`: of any length but 0. A ray along the plane misses it.
     """
 
-    normal: Float[Array, "h w 3"]
-    position: Float[Array, "h w 3"] | None
-    mask: Bool[Array, "h w"]
-
-    def __init__(self, normal: Array, position: Array | None = None, mask: ArrayLike | None = None):
-        normal = as_array(normal)
-        position = None if position is None else as_array(position)
-        inside = (normal != 0).any(-1) if mask is None else as_mask(mask)
-        for name, array in (("normal", normal), ("position", position)):
-            if array is not None and (inside.ndim != 2 or array.shape != (*inside.shape, 3)):
-                raise ValueError(
-                    f"GBuffer.{name} must have shape (H, W, 3), with the mask's H and W; got {array.shape} with a mask "
-                    f"of shape {inside.shape}. Give one vector a pixel."
-                )
-        keep = np.where if is_concrete(normal, position, inside) else jnp.where
-        self.normal = keep(inside[..., None], normal, 0.0)
-        self.position = None if position is None else keep(inside[..., None], position, 0.0)
-        self.mask = inside
+    point: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    normal: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0))
 
     def check_together(self) -> None:
-        if not is_concrete(self.normal, self.mask):
-            return
-        squared = np.sum(np.square(self.normal), -1)
-        points = self.normal if self.position is None else self.position
-        wrong = np.asarray(self.mask) & ~((np.abs(squared - 1.0) < 2e-3) & np.isfinite(points).all(-1))
-        if wrong.any():
-            row, column = np.argwhere(wrong)[0]
-            raise ValueError(
-                f"GBuffer needs a unit normal and a finite position at every pixel of its mask; at row {row}, column "
-                f"{column} the normal is {self.normal[row, column]} and the position "
-                f"{None if self.position is None else self.position[row, column]}. Normalise it or mask it out."
-            )
+        if is_concrete(self.normal) and not np.any(self.normal):
+            raise ValueError("Plane.normal must not be the zero vector; got [0, 0, 0]. Give the way the plane faces.")
 
     def intersect(self, rays: Rays) -> Hit:
-        """Return the buffer's own points: the rays must be those of the camera that it was made for."""
-        p = None if self.position is None else Vec3.of(self.position)
-        distance = jnp.zeros(self.mask.shape) if p is None else dot(p - rays.origin, rays.direction)
-        return Hit(distance, p, Vec3.of(self.normal), self.mask)
+        """Solve (o + t d - point).n = 0 for t > 0."""
+        n = normalize(Vec3.of(self.normal))
+        n_d = dot(rays.direction, n)
+        meets = jnp.abs(n_d) > GRAZING
+        t = jnp.where(meets, dot(Vec3.of(self.point) - rays.origin, n), 0.0) / jnp.where(meets, n_d, 1.0)
+        one = jnp.ones_like(t)
+        return Hit(t, rays.origin + rays.direction * t, where(n_d > 0, -n * one, n * one), meets & (t > 0))
+
+
+class Box(AbstractSolid):
+    """A box about `center`; normals point outward, or to the viewer's side when seen from inside.
+
+    `size`: width, height and depth, scene units, above 0. `rotation`: degrees about the x, then the y, then the z axis,
+    right-handed, about the centre. At an edge the derivative is that of one of its faces.
+    """
+
+    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    size: Vector = eqx.field(converter=as_vector, default=(1.0, 1.0, 1.0), metadata={"lower": 0})
+    rotation: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+
+    def check_together(self) -> None:
+        if is_concrete(self.size) and not np.all(np.asarray(self.size) > 0):
+            raise ValueError(f"Box.size must be above 0; got {self.size}. Give width, height and depth in scene units.")
+
+    def intersect(self, rays: Rays) -> Hit:
+        """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""
+        (near, entering), (far, leaving) = self._slabs(rays)
+        outside = near > 0
+        t = jnp.where(outside, near, far)
+        n = where(outside, entering, -leaving)
+        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & (far > 0))
+
+    def leave(self, rays: Rays) -> Hit:
+        """Return where a ray crosses the first of the far faces' planes."""
+        (near, _), (far, n) = self._slabs(rays)
+        return Hit(far, rays.origin + rays.direction * far, n, (near < far) & (far > 0))
+
+    def _slabs(self, rays: Rays) -> tuple[tuple[Array, Vec3], tuple[Array, Vec3]]:
+        """Return t and the outward normal of the last plane crossed inwards, and of the first crossed outwards."""
+        pairs = []
+        for axis, size in zip(rotation_axes(self.rotation), (self.size[i] for i in range(3)), strict=True):
+            o, d = dot(rays.origin - Vec3.of(self.center), axis), dot(rays.direction, axis)
+            away = jnp.where(d < 0, -1.0, 1.0)  # which way the ray crosses this pair of faces
+            speed = jnp.where(jnp.abs(d) > GRAZING, jnp.abs(d), GRAZING)
+            middle, half = -o * away / speed, 0.5 * size / speed
+            pairs.append((middle - half, middle + half, axis * away))
+        near, entering = pairs[0][0], -pairs[0][2]
+        far, leaving = pairs[0][1], pairs[0][2]
+        for t_in, t_out, n in pairs[1:]:
+            later, sooner = t_in > near, t_out < far
+            near, entering = jnp.where(later, t_in, near), where(later, -n, entering)
+            far, leaving = jnp.where(sooner, t_out, far), where(sooner, n, leaving)
+        return (near, entering), (far, leaving)
+
+
+def rotation_axes(degrees: Vector) -> tuple[Vec3, Vec3, Vec3]:
+    """Return where the x, y and z axes go when turned about the x, then the y, then the z axis (right-handed)."""
+    (a, b, c) = (jnp.deg2rad(degrees[i]) for i in range(3))
+    (sa, ca), (sb, cb), (sc, cc) = ((jnp.sin(angle), jnp.cos(angle)) for angle in (a, b, c))
+    return (
+        Vec3(cc * cb, sc * cb, -sb),
+        Vec3(cc * sb * sa - sc * ca, sc * sb * sa + cc * ca, cb * sa),
+        Vec3(cc * sb * ca + sc * sa, sc * sb * ca - cc * sa, cb * ca),
+    )

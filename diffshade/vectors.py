@@ -6,11 +6,16 @@ image or a block of pixels alike. Where a formula has no derivative, the one giv
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .fields import Array
+
+T = TypeVar("T")
 
 
 class Vec3(eqx.Module):
@@ -56,9 +61,9 @@ class Vec3(eqx.Module):
     __rmul__ = __mul__
 
 
-def where(condition: Float[Array, "..."] | Array, a: Vec3, b: Vec3) -> Vec3:
-    """Choose between two vectors element by element."""
-    return Vec3(jnp.where(condition, a.x, b.x), jnp.where(condition, a.y, b.y), jnp.where(condition, a.z, b.z))
+def where(condition: Bool[Array, "..."], a: T, b: T) -> T:
+    """Choose element by element between two vectors, or two trees of arrays of one structure."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 def dot(a: Vec3, b: Vec3) -> Float[Array, "..."]:
@@ -100,6 +105,19 @@ def halfway(l: Vec3, v: Vec3) -> Vec3:
     squared = dot(h, h)
     apart = squared > 1e-12  # below it, h would be the direction of a rounding
     return h * jnp.where(apart, 1.0 / jnp.sqrt(jnp.where(apart, squared, 1.0)), 0.0)
+
+
+def refract(v: Vec3, n: Vec3, ratio: Float[Array, "..."]) -> tuple[Vec3, Bool[Array, "..."]]:
+    """Refracted direction T = (ratio cos t_i - cos t_r) n - ratio v, and whether there is one (E12; Snell).
+
+    `v` and `n` point away from the surface to the side that light comes from, cos t_i = n.v; ratio = eta_i/eta_r, so
+    that sin t_r = ratio sin t_i. Where that passes 1 there is total internal reflection: no T, and the vector returned
+    is finite and means nothing. The true derivative is infinite at the critical angle; the one here is that of the
+    totally reflecting side, 0.
+    """
+    cos_i = dot(n, v)
+    cos2_r = 1.0 - ratio * ratio * (1.0 - cos_i * cos_i)
+    return n * (ratio * cos_i - safe_sqrt(cos2_r)) - v * ratio, cos2_r > 0
 
 
 def positive_power(x: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Array, "..."]:

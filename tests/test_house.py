@@ -16,10 +16,11 @@ LAYERS = (
     "backend fields files progress",
     "image_formats images",
     "vectors",
-    "attenuation materials surfaces cameras",
-    "lights",
+    "attenuation cameras fresnel patterns surfaces gbuffers meshes",
+    "lights materials named_materials",
     "reflection transmission",
     "scenes",
+    "tracing",
     "rendering scene_files",
     "inverse",
     "exchange",
@@ -27,9 +28,15 @@ LAYERS = (
     "cli",
 )
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row.split()}
-STRANGERS = {("lights", "materials")}  # a light never knows a material, though it stands below
+STRANGERS = {("lights", "materials"), ("materials", "lights")}  # a light never knows a material, nor it a light
 # Packages that one place alone knows.
-ONLY_IN = {"optimistix": "inverse", "lineax": "inverse", "imageio": "image_formats", "matplotlib": "report"}
+ONLY_IN = {
+    "optimistix": "inverse",
+    "lineax": "inverse",
+    "imageio": "image_formats",
+    "matplotlib": "report",
+    "trimesh": "meshes",
+}
 
 PUBLIC = {name: value for name, value in vars(ds).items() if not name.startswith("_") and not inspect.ismodule(value)}
 

@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float
 
 from ..attenuation import NEAREST
 from ..fields import Array
+from ..fresnel import NoFresnel
 from ..lights import DirectionalLight, PointLight, SpotLight
 from ..materials import Material
 from ..scenes import Scene
@@ -35,7 +36,20 @@ from .views import View
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 MOST_LIGHTS = 4  # on in one view; with more, the generic form is no slower
-KNOWS = {"k_a", "k_d", "k_s", "n_s", "constant", "linear", "quadratic", "intensity", "ambient", "exposure", "black"}
+KNOWS = {
+    "k_a",
+    "k_d",
+    "k_s",
+    "k_e",
+    "n_s",
+    "constant",
+    "linear",
+    "quadratic",
+    "intensity",
+    "ambient",
+    "exposure",
+    "black",
+}
 FADES = ("constant", "linear", "quadratic")
 
 
@@ -130,7 +144,7 @@ class FeatureForm(eqx.Module):
         scene, lamps = setup.scene, _lamps(setup.scene, problem.lit)
         material = scene.objects[0].material
         exposure = setup.exposure[:, None]
-        constant = exposure * (material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, 3)
+        constant = exposure * (material.k_e + material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, 3)
         held = jax.lax.stop_gradient
         zero = jnp.zeros_like(constant)
         predicted, moving = [constant], [constant]
@@ -239,10 +253,15 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
     """Whether this form can serve: one object, few lights at once, and every unknown a coefficient of light."""
     lights = [scene.lights if view.lit is None else [scene.lights[i] for i in view.lit] for view in views]
     names = {path.split(".")[-1] for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
-    n_s = scene.objects[0].material.n_s
+    material = scene.objects[0].material
+    n_s = material.n_s
     return (
         len(scene.objects) == 1
         and names <= KNOWS
+        and isinstance(material.fresnel, NoFresnel)
+        and material.k_t is None
+        and not material.patterns
+        and scene.atmosphere is None
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= RANGES["n_s"][0])
         and max(map(len, lights)) <= MOST_LIGHTS

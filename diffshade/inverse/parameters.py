@@ -13,18 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ..fields import Array, as_colour, as_exponent, as_vector, did_you_mean, quantities
+from ..fields import Array, as_coefficient, as_colour, as_exponent, as_vector, did_you_mean, quantities
+from ..gbuffers import GBuffer
 from ..scenes import Scene, StackedScene, stack_scene
-from ..surfaces import GBuffer
 from .constraints import Grey, Proportional
 from .views import View
 
 # What a search for a start begins with, by the last segment of the name: not the scene's values, which may not be
 # known. Anything else (a light's position, an intensity) begins at the scene's value.
-STARTS = {"k_a": 0.3, "k_d": 0.3, "k_s": 0.3, "n_s": 10.0, "linear": 0.0, "quadratic": 0.0}
-LINEAR = {"k_a", "k_d", "k_s", "black"}  # the image is linear in them
+STARTS = {"k_a": 0.3, "k_d": 0.3, "k_s": 0.3, "k_e": 0.3, "k_t": 0.5, "n_s": 10.0, "linear": 0.0, "quadratic": 0.0}
+LINEAR = {"k_a", "k_d", "k_s", "k_e", "black"}  # the image is linear in them
 LOGARITHMIC = {"n_s"}  # solved for as log n_s: the error of n_s is proportional to it
 RANGES = {"n_s": (0.1, 1e4), "exposure": (1e-9, np.inf)}  # where the range of a fit is narrower than that of the field
+COLOURS = (as_colour, as_coefficient)
 PER_VIEW = ("exposure", "black")  # numbers of a view that can be free
 
 
@@ -127,12 +128,14 @@ def find_unknowns(
     """Return the unknowns that `free` names, in the scene's order.
 
     A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`).
-    `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are a view's numbers. `tied`
-    makes one unknown of the free numbers whose paths are equal after the matched run, channel by channel. `from_scene`
-    starts all at the scene's values; `grey` makes one unknown of the channels of each colour. Raises ValueError for a
-    name that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge is hard.
+    `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are k_e, eta and a view's
+    numbers, which most scenes do without. `tied` makes one unknown of the free numbers whose paths are equal after the
+    matched run, channel by channel. `from_scene` starts all at the scene's values; `grey` makes one unknown of the
+    channels of each colour. Raises ValueError for a name that matches nothing, a contradictory bound, constraint or
+    prior, or a cutoff whose edge is hard.
     """
     known = {path: (value, spec) for path, value, spec in everything(scene, views)}
+    _check_object_names(scene, known)
     free, tied, bounds, priors = _names("free", free, known), _names("tied", tied, known), bounds or {}, priors or {}
     freed = [path for path in known if any(_frees(name, path) for name in free)]
     colourless = _colourless(constraints, freed, known)
@@ -156,7 +159,7 @@ def find_unknowns(
         value, spec = known[path]
         _check_can_be_free(path, known)
         converter = spec.metadata["converter"]
-        colour = converter is as_colour or (converter is as_exponent and np.ndim(value) == 1)
+        colour = converter in COLOURS or (converter is as_exponent and np.ndim(value) == 1)
         channels = "rgb" if colour else "xyz" if converter is as_vector else ""
         quantity = next((n for name in tied if (n := _tied_name(name, path))), path)
         for c, number in enumerate(_numbers(path, value)):
@@ -185,7 +188,8 @@ def find_unknowns(
 
 def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array, dataclasses.Field]]:
     """Yield every number, vector and colour that can be unknown: its dotted path, its value and its field."""
-    yield from quantities(scene)
+    for path, value, spec in quantities(scene):
+        yield _named(path, scene), value, spec
     fields = {spec.name: spec for spec in dataclasses.fields(View)}
     for i, view in enumerate(views):
         for name in PER_VIEW:
@@ -205,7 +209,7 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
         return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= 3 else ()), np.shape(leaf))
 
     leaves, structure = jax.tree_util.tree_flatten_with_path(without_gbuffers(scene))
-    stacked = stack_scene(jax.tree.unflatten(structure, [indices(_name(path), leaf) for path, leaf in leaves]))
+    stacked = stack_scene(jax.tree.unflatten(structure, [indices(_name(path, scene), leaf) for path, leaf in leaves]))
     per_view = [np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))]) for name in PER_VIEW]
     others = [p if product.other is None else product.other for _, product in products]
     return Slots(
@@ -257,7 +261,7 @@ def put_back(
                 product.constant * value * (1.0 if product.other is None else values[product.other]),
             )
     leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
-    new_scene = jax.tree.unflatten(structure, [changed.get(_name(path), leaf) for path, leaf in leaves])
+    new_scene = jax.tree.unflatten(structure, [changed.get(_name(path, scene), leaf) for path, leaf in leaves])
     new_views = []
     for i, view in enumerate(views):
         for name in PER_VIEW:
@@ -279,8 +283,16 @@ def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) 
     return values
 
 
-def _name(path: Any) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".")
+def _name(path: Any, scene: Scene) -> str:
+    return _named(jax.tree_util.keystr(path, simple=True, separator="."), scene)
+
+
+def _named(path: str, scene: Scene) -> str:
+    """Return a dotted path with an object's own name, where it has one, in place of its number."""
+    head, _, rest = path.partition(".")
+    number, _, rest = rest.partition(".")
+    name = scene.objects[int(number)].name if head == "objects" else ""
+    return f"objects.{name}.{rest}" if name else path
 
 
 def _numbers(path: str, value: Array) -> Float[np.ndarray, " n"]:
@@ -299,6 +311,10 @@ def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[
                 f"{where} names '{name}', a number alone. Name what it counts, for example 'lights.{name}'."
             )
         if not any(_run(name, path) is not None for path in known):
+            if name.split(".")[-1] == "k_t":
+                raise ValueError(
+                    f"{where} names '{name}', but no such material lets light through. Give it a k_t, for example 0.5."
+                )
             raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, segments | set(known))}")
     return names
 
@@ -314,7 +330,7 @@ def _run(name: str, path: str) -> int | None:
 
 def _frees(name: str, path: str) -> bool:
     last = path.split(".")[-1]
-    by_its_own_name_only = last == "constant" or last in PER_VIEW
+    by_its_own_name_only = last in ("constant", "k_e", "eta") or last in PER_VIEW
     return _run(name, path) is not None and (not by_its_own_name_only or last in name.split("."))
 
 
@@ -389,7 +405,7 @@ def _colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[str]
         if isinstance(constraint, Grey):
             (name,) = _names("constraints", (constraint.name,), known)
             for path in (path for path in freed if _run(name, path) is not None):
-                if known[path][1].metadata["converter"] not in (as_colour, as_exponent):
+                if known[path][1].metadata["converter"] not in (*COLOURS, as_exponent):
                     raise ValueError(f"Grey needs colours; '{name}' names {path}, which is none. Leave it out.")
                 found.add(path)
     return found
@@ -461,6 +477,13 @@ def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
     if last in ("linear", "quadratic") and not known[f"{head}.constant"][0] > 0:
         return 1.0  # with all three at 0 there is no attenuation to speak of
     return float(STARTS.get(last, number))
+
+
+def _check_object_names(scene: Scene, known: Iterable[str]) -> None:
+    """Refuse an object's name that names a parameter."""
+    for item in scene.objects:
+        if item.name and any(item.name in (p.split(".")[0], *p.split(".")[2:]) for p in known):
+            raise ValueError(f"an object is named '{item.name}', which is a parameter's name. Rename it.")
 
 
 def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:

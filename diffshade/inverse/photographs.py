@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cameras import OrthographicCamera
+from ..gbuffers import GBuffer
 from ..images import read_image, read_mask
 from ..lights import DirectionalLight
 from ..materials import Material
 from ..scenes import Object, Scene
-from ..surfaces import GBuffer
 from .views import View
 
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")

@@ -13,9 +13,9 @@ from jaxtyping import Float, Int
 
 from ..cameras import AbstractCamera, Projection
 from ..fields import Array
-from ..rendering import radiance, reflected
+from ..gbuffers import GBuffer
 from ..scenes import Scene, light_kinds, stack_scene
-from ..surfaces import GBuffer
+from ..tracing import radiance
 from .blocks import Block, Observed, Piece
 from .gram import Gram
 from .losses import Likelihood
@@ -88,10 +88,7 @@ class Rendered(eqx.Module):
                 )
         projection = jax.tree.map(lambda leaf: leaf[view], problem.projections)
         rays = projection.rays(block.points.row, block.points.column)
-        if len(scene.objects) == 1:  # every pixel shows it: where free geometry makes a ray miss, its nearest point
-            seen = reflected(scene, scene.objects[0], scene.objects[0].surface.intersect(rays), projection)
-        else:
-            seen = radiance(scene, rays, projection)
+        seen = radiance(scene, rays, projection, covered=len(scene.objects) == 1)
         mean = (seen.x + seen.y + seen.z) / 3.0
         grey = problem.grey[view] > 0
         one = len(block.observed.target) == 1

@@ -95,6 +95,9 @@ def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
 
 _MOVES = {
     "n_s": lambda values, scene: _scale(values, EXPONENTS),
+    "eta": lambda values, scene: _scale(values**0, np.linspace(1.0, 2.5, 16)),
+    "z_f": lambda values, scene: _scale(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
+    "z_b": lambda values, scene: _scale(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
     "exponent": lambda values, scene: np.concatenate([values[None], _scale(values, (0.0, 1.0, 4.0, 16.0, 64.0))]),
     "cutoff": lambda values, scene: np.concatenate([values[None], _scale(values, (10, 20, 30, 40, 50, 60, 75))]),
     "radius": lambda values, scene: values * np.array([1.0, 0.85, 1.2])[:, None],

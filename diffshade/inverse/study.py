@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fields import Array
+from ..gbuffers import GBuffer
 from ..scenes import Scene
-from ..surfaces import GBuffer
 from .blocks import Block, block_size, chunks, observed, on_all_cores, pieces, total
 from .features import feature_form, has_features
 from .gram import Gram

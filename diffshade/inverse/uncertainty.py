@@ -163,7 +163,7 @@ def sentences(
 
 
 # Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
-_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "constant": 1, "linear": 1, "quadratic": 1}
+_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "k_e": 1, "constant": 1, "linear": 1, "quadratic": 1}
 _GAUGE_SIGN |= {"intensity": -1, "ambient": -1, "exposure": -1}
 _FADERS = ("constant", "linear", "quadratic")
 

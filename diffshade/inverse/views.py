@@ -12,9 +12,9 @@ from jaxtyping import ArrayLike, Bool, Float, Int8, Int32
 
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
+from ..gbuffers import as_mask
 from ..rendering import select, silhouette
 from ..scenes import Scene, check_positions, check_shapes
-from ..surfaces import as_mask
 
 
 def as_image(image: ArrayLike) -> Any:

@@ -1,0 +1,133 @@
+"""G-buffers: surfaces as one camera sees them, a point and a normal for each pixel."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float
+
+from .cameras import OrthographicCamera, Rays, axes
+from .fields import Array, as_array, is_concrete
+from .surfaces import AbstractSurface, Hit
+from .vectors import Vec3, dot
+
+
+def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
+    """Make a mask boolean: at least half is inside."""
+    mask = mask if isinstance(mask, jax.Array) else np.asarray(mask)
+    return mask if mask.dtype == bool else mask >= 0.5
+
+
+class GBuffer(AbstractSurface):
+    """A surface as one camera sees it: any shape, from a normal map, a mesh or another renderer.
+
+    `normal`: (H, W, 3), unit to within 0.001, never flipped. `position`: (H, W, 3), scene units; needed by point and
+    spot lights, a local viewer and several objects, else it may be left out. `mask`: (H, W), True (or at least half)
+    where the surface is; without it, where the normal is not zero. Outside the mask the numbers are not looked at and
+    not kept.
+    """
+
+    normal: Float[Array, "h w 3"]
+    position: Float[Array, "h w 3"] | None
+    mask: Bool[Array, "h w"]
+
+    def __init__(self, normal: Array, position: Array | None = None, mask: ArrayLike | None = None):
+        normal = as_array(normal)
+        position = None if position is None else as_array(position)
+        inside = (normal != 0).any(-1) if mask is None else as_mask(mask)
+        for name, array in (("normal", normal), ("position", position)):
+            if array is not None and (inside.ndim != 2 or array.shape != (*inside.shape, 3)):
+                raise ValueError(
+                    f"GBuffer.{name} must have shape (H, W, 3), with the mask's H and W; got {array.shape} with a mask "
+                    f"of shape {inside.shape}. Give one vector a pixel."
+                )
+        keep = np.where if is_concrete(normal, position, inside) else jnp.where
+        self.normal = keep(inside[..., None], normal, 0.0)
+        self.position = None if position is None else keep(inside[..., None], position, 0.0)
+        self.mask = inside
+
+    def check_together(self) -> None:
+        if not is_concrete(self.normal, self.mask):
+            return
+        squared = np.sum(np.square(self.normal), -1)
+        points = self.normal if self.position is None else self.position
+        wrong = np.asarray(self.mask) & ~((np.abs(squared - 1.0) < 2e-3) & np.isfinite(points).all(-1))
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise ValueError(
+                f"GBuffer needs a unit normal and a finite position at every pixel of its mask; at row {row}, column "
+                f"{column} the normal is {self.normal[row, column]} and the position "
+                f"{None if self.position is None else self.position[row, column]}. Normalise it or mask it out."
+            )
+
+    def intersect(self, rays: Rays) -> Hit:
+        """Return the buffer's own points: the rays must be those of the camera that it was made for."""
+        p = None if self.position is None else Vec3.of(self.position)
+        distance = jnp.zeros(self.mask.shape) if p is None else dot(p - rays.origin, rays.direction)
+        return Hit(distance, p, Vec3.of(self.normal), self.mask)
+
+
+def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
+    """Make the G-buffer of a normal map, whose colours are (n + 1)/2; x to the right, y up, z to the viewer.
+
+    `image`: 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path, srgb=False)`. The normals are
+    made unit. `mask`: (H, W); by default where the map is not black. There are no positions: use directional lights and
+    a camera with `local_viewer=False` that looks along -z. Raises ValueError for a map that is no image of directions.
+    """
+    image = np.asarray(image, np.float64)
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"a normal map must have shape (H, W, 3); got {image.shape}. Give an RGB image.")
+    inside = image.any(-1) if mask is None else np.asarray(as_mask(mask))
+    n = 2.0 * image - 1.0
+    length = np.linalg.norm(n, axis=-1)
+    wrong = inside & ~((length > 0.5) & (length < 1.5))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"a normal map must hold (n + 1)/2 of unit normals; at row {row}, column {column} the length is "
+            f"{length[row, column]:.3g}. Read it without the sRGB curve, or mask the pixel out."
+        )
+    return GBuffer(n / np.where(length > 0, length, 1.0)[..., None], None, inside)
+
+
+def height_map(
+    height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, mask: ArrayLike | None = None
+) -> GBuffer:
+    """Make the G-buffer of a relief: the height of each pixel above the plane through the camera's target.
+
+    `height`: scene units, towards the viewer. The normals are those of central differences, at the borders and beside
+    masked pixels of one-sided ones. Raises ValueError for a height map that is not of the camera's shape.
+    """
+    height = np.asarray(height, np.float64)
+    if height.shape != camera.shape:
+        raise ValueError(f"a height map must have the camera's shape {camera.shape}; got {height.shape}. Resize it.")
+    inside = np.ones(height.shape, bool) if mask is None else np.asarray(as_mask(mask))
+    pixel = float(camera.height) / camera.shape[0]
+    with jax.enable_x64(True):
+        right, up, backward = (np.asarray(axis) for axis in _axes(camera))
+    down, across = np.indices(height.shape) + 0.5
+    x, y = (across - camera.shape[1] / 2) * pixel, (camera.shape[0] / 2 - down) * pixel
+    known = np.where(inside, height, np.nan)
+    slope_x, slope_y = _slope(known, 1) / pixel, -_slope(known, 0) / pixel
+    n = backward - slope_x[..., None] * right - slope_y[..., None] * up
+    z = np.where(inside, height, 0.0)
+    p = np.asarray(camera.target) + x[..., None] * right + y[..., None] * up + z[..., None] * backward
+    return GBuffer(n / np.linalg.norm(n, axis=-1, keepdims=True), p, inside)
+
+
+@jax.jit
+def _axes(camera: OrthographicCamera) -> tuple[Array, ...]:
+    return tuple(axis.stack() for axis in axes(camera))
+
+
+def _slope(height: Float[np.ndarray, "h w"], axis: int) -> Float[np.ndarray, "h w"]:
+    """Return the mean of the steps to the next and from the last pixel, of those that are known."""
+    step = np.diff(height, axis=axis)
+    beyond = [(0, 0), (0, 0)]
+    both = []
+    for side in ((0, 1), (1, 0)):
+        beyond[axis] = side
+        both.append(np.pad(step, beyond, constant_values=np.nan))
+    known = np.isfinite(both)
+    return np.where(known, both, 0.0).sum(0) / np.maximum(known.sum(0), 1)
