@@ -19,6 +19,8 @@ Scalar: TypeAlias = Float[Array, ""]
 Colour: TypeAlias = Float[Array, "3"]
 Vector: TypeAlias = Float[Array, "3"]
 Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
+# A Colour, or a pattern (see patterns.py), or None; Any, so that a type checker takes it for what one knows it is.
+Coefficient: TypeAlias = Any
 Numbers: TypeAlias = ArrayLike | Sequence[Any]  # what people type
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from .fields import (
     Array,
     Checked,
-    Colour,
+    Coefficient,
     Exponent,
     Numbers,
     Scalar,
@@ -75,16 +75,14 @@ class Material(Checked):
     bend. A colour may be a pattern of the point, for example a `Chequer`.
     """
 
-    k_a: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_d: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_s: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
     n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata={"lower": 0})
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
-    k_e: Colour | AbstractPattern = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_t: Colour | AbstractPattern | None = eqx.field(
-        converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1}
-    )
+    k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1})
     eta: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0.1, "upper": 10})
 
     @staticmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -31,14 +32,15 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
             f"reading a mesh needs trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
         ) from None
     try:
-        mesh = trimesh.load(path, force="mesh")
+        mesh: Any = trimesh.load_mesh(path)
     except Exception as error:  # each of trimesh's readers raises its own
         raise ValueError(f"{path} is no mesh that trimesh can read: {error}. Export it as OBJ, PLY or GLB.") from None
     if not len(getattr(mesh, "faces", ())):
         raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
     with jax.enable_x64(True):
         rays = [np.asarray(a) for a in _rays(camera)]
-    face, ray, p = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)
+    hits: Any = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)
+    face, ray, p = hits
     n = mesh.face_normals[face]
     if smooth:
         corners = trimesh.triangles.points_to_barycentric(mesh.triangles[face], p)

@@ -30,7 +30,7 @@ def material_names() -> tuple[str, ...]:
 
 @functools.cache
 def _table() -> dict[str, tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...], float]]:
-    text = files(__package__).joinpath("named_materials.csv").read_text(encoding="utf-8")
+    text = files("diffshade").joinpath("named_materials.csv").read_text(encoding="utf-8")
     rows = {}
     for row in csv.DictReader(text.splitlines()):
         k_a, k_d, k_s = (tuple(float(row[f"k{term}_{channel}"]) for channel in "rgb") for term in "ads")

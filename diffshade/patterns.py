@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from .fields import Checked, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
+from .fields import Checked, Coefficient, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
 from .vectors import Vec3, dot, where
 
 
@@ -46,7 +46,7 @@ class Chequer(AbstractPattern):
         return b + (a - b) * (0.5 + 0.5 * wave) if self.smooth else where(wave > 0, a, b)
 
 
-def colour_at(coefficient: Colour | AbstractPattern, p: Vec3 | None) -> Vec3:
+def colour_at(coefficient: Coefficient, p: Vec3 | None) -> Vec3:
     """Return a coefficient at the point p."""
     if isinstance(coefficient, AbstractPattern):
         assert p is not None

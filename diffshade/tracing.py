@@ -57,7 +57,7 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
         inner = [item.surface.intersect(level.way.inner) for item in objects]
         outer = [item.surface.intersect(level.way.outer) for item in objects]
         within = [hit.inside & (hit.distance < level.way.length) for hit in inner]
-        hits = [_next(*of, level.way, met) for *of, met in zip(inner, outer, within, level.met, strict=True)]
+        hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
         seen = nearest(hits)
         reflected, k = reflected_light(scene, hits, seen, projection)
         more, level = _pass(objects, level, outer, within, seen, reflected, k)
@@ -120,7 +120,7 @@ def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
     return list(kinds.values())
 
 
-def _next(inner: Hit, outer: Hit, within: Array, way: Way, met: Array) -> Hit:
+def _next(inner: Hit, outer: Hit, within: Array, met: Array, way: Way) -> Hit:
     """Return an object's first hit on the rest of a way, at its distance along the way."""
     hit = where(within, inner, eqx.tree_at(lambda h: h.distance, outer, way.length + outer.distance))
     return eqx.tree_at(lambda h: h.inside, hit, (within | outer.inside) & ~met)

@@ -7,6 +7,7 @@ POV-Ray (pov_) or VTK (vtk_) gave them, with the scene in JSON.
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -75,14 +76,14 @@ def _scenes(name: str, params: dict, gbuffer: ds.GBuffer) -> tuple[ds.Scene, ...
     _refuse_unknown(f"{name}: material", given, MATERIAL)
     if any(given.get("emission", ())):
         raise NotImplementedError(f"{name} has emission, which the model does not have yet.")
-    material = {
+    material: dict[str, Any] = {
         "k_a": given["ambient"],
         "k_d": given["diffuse"],
         "k_s": given["specular"],
         "n_s": given["shininess"],
     }
 
-    def scene(colour: str, **changes: float) -> ds.Scene:
+    def scene(colour: str, **changes: Any) -> ds.Scene:
         return ds.Scene(
             ds.Object(gbuffer, ds.Material(**material | changes, lobe=lobe)),
             [_light(f"{name}: lights[{i}]", light, colour) for i, light in enumerate(lights)],

@@ -235,7 +235,7 @@ def test_no_number_of_a_spot_is_negative(name, make):
 @pytest.mark.parametrize("name", ["ambient", "background"])
 def test_no_number_of_a_scene_is_negative(name):
     with pytest.raises(ValueError, match=rf"^Scene\.{name} must be at least 0; got .*-0\.1"):
-        ds.Scene(ds.Object(ds.Sphere()), **{name: -0.1})
+        dataclasses.replace(ds.Scene(ds.Object(ds.Sphere())), **{name: -0.1})
 
 
 def material_of(scene):
