@@ -1,5 +1,6 @@
 """What people type becomes NumPy float64 of one shape; what cannot is refused in one sentence."""
 
+import dataclasses
 import json
 import subprocess
 import sys
