@@ -120,6 +120,13 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
         raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}. Give a value in that range.")
 
 
+def checked_colour(name: str, value: Numbers) -> Any:
+    """Make a colour that is no field of a module, and check it."""
+    colour = as_colour(value)
+    _check_field(name, colour, _KINDS[as_colour], {"lower": 0})
+    return colour
+
+
 def _shown(numbers: np.ndarray) -> str:
     shown = ", ".join(f"{number:.10g}" for number in np.ravel(numbers))
     return f"({shown})" if np.ndim(numbers) else shown

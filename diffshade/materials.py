@@ -17,10 +17,10 @@ from .fields import (
     Numbers,
     Scalar,
     as_coefficient,
-    as_colour,
     as_exponent,
     as_scalar,
     check_kind,
+    checked_colour,
     is_concrete,
 )
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
@@ -71,8 +71,8 @@ class Material(Checked):
     least 0. `n_s`: the specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel.
     `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
     is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
-    default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 does not
-    bend. A colour may be a pattern of the point, for example a `Chequer`.
+    default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 or None
+    does not bend. A colour may be a pattern of the point, for example a `Chequer`.
     """
 
     k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
@@ -83,7 +83,7 @@ class Material(Checked):
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
     k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
     k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1})
-    eta: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0.1, "upper": 10})
+    eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata={"lower": 0.1, "upper": 10})
 
     @staticmethod
     def foley(
@@ -99,8 +99,9 @@ class Material(Checked):
 
         `O_d`, `O_s`: the object's diffuse and specular colours. `more`: n_s, lobe and the rest of `Material`.
         """
-        O_d, O_s = as_colour(O_d), as_colour(O_s)
-        scaled = {"k_a": as_colour(k_a) * O_d, "k_d": as_colour(k_d) * O_d, "k_s": as_colour(k_s) * O_s}
+        given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
+        colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}
+        scaled = {k: colours[k] * colours["O_s" if k == "k_s" else "O_d"] for k in ("k_a", "k_d", "k_s")}
         return Material(**scaled, **more)
 
     def check_together(self) -> None:
@@ -111,6 +112,10 @@ class Material(Checked):
                 check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
         if not isinstance(self.fresnel, Dielectric):
             return
+        if self.eta is None:
+            raise ValueError(
+                "Material.eta must be given with fresnel=Dielectric(); got None. Give for example eta=1.5."
+            )
         if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
             raise ValueError(
                 f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
@@ -129,4 +134,4 @@ class Material(Checked):
         opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
         k_t = opaque if self.k_t is None else colour_at(self.k_t, p)
         n_s = Vec3.of(self.n_s) if np.ndim(self.n_s) else self.n_s
-        return Coefficients(k_a, k_d, k_s, k_e, k_t, n_s, self.eta)
+        return Coefficients(k_a, k_d, k_s, k_e, k_t, n_s, np.ones(()) if self.eta is None else self.eta)

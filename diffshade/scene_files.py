@@ -105,6 +105,8 @@ def _build(cls: type, table: Any, where: str) -> Any:
     for key, field in fields.items():
         if key in table:
             values[key] = _value(key, table[key], f"{where}: {key}" if cls is Scene else f"{where}.{key}")
+            if field.type in (str, "str") and not isinstance(values[key], str):
+                raise ValueError(f"{where}.{key} must be a word; got {values[key]!r}. Write it in quotes.")
             if field.type in (bool, "bool") and not isinstance(values[key], bool):
                 raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:

@@ -34,7 +34,7 @@ class Object(Checked):
     def check_together(self) -> None:
         check_kind("Object.surface", self.surface, AbstractSurface, "Sphere(radius=1)")
         check_kind("Object.material", self.material, Material, "Material(k_d=0.7)")
-        if self.name and not self.name.isidentifier():
+        if self.name and not (isinstance(self.name, str) and self.name.isidentifier()):
             raise ValueError(f"Object.name must be one word, of letters, digits and _; got {self.name!r}. Rename it.")
 
 

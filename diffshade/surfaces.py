@@ -44,6 +44,15 @@ class AbstractSolid(AbstractSurface):
         """Return the last hit of each ray, where it leaves the solid, with the outward normal."""
 
 
+def touching(t: Array, size: Array) -> Array:
+    """Return how near to a solid a ray's origin lies on it: such a ray enters it there or does not meet it.
+
+    Rays go on from points on surfaces, and solids stand on each other. What is decided there must not hang on a
+    rounding: compiled code may compute it more than once, for x of a point and for y, and round each in another way.
+    """
+    return 4.0 * np.sqrt(float(jnp.finfo(t.dtype).eps)) * size
+
+
 class Sphere(AbstractSolid):
     """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
 
@@ -61,11 +70,12 @@ class Sphere(AbstractSolid):
     def intersect(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the smallest t > 0."""
         nearest, half_chord, hit, miss = self._chord(rays)
-        outside = nearest > half_chord
+        on_it = touching(nearest, self.radius)
+        outside = nearest - half_chord > -on_it
         t = jnp.where(outside, nearest - half_chord, nearest + half_chord)
         n = self._normal(rays, t, hit, miss)
         facing = where(hit & ~outside, -n, n)
-        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & (t > 0))
+        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & (nearest + half_chord > on_it))
 
     def leave(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the largest t."""
@@ -128,10 +138,11 @@ class Box(AbstractSolid):
     def intersect(self, rays: Rays) -> Hit:
         """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""
         (near, entering), (far, leaving) = self._slabs(rays)
-        outside = near > 0
+        on_it = touching(near, jnp.max(self.size))
+        outside = near > -on_it
         t = jnp.where(outside, near, far)
         n = where(outside, entering, -leaving)
-        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & (far > 0))
+        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & (far > on_it))
 
     def leave(self, rays: Rays) -> Hit:
         """Return where a ray crosses the first of the far faces' planes."""

@@ -56,7 +56,7 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
         image, level = carry
         inner = [item.surface.intersect(level.way.inner) for item in objects]
         outer = [item.surface.intersect(level.way.outer) for item in objects]
-        within = [hit.inside & (hit.distance < level.way.length) for hit in inner]
+        within = [hit.inside & (hit.distance < (1.0 - 1e-5) * level.way.length) for hit in inner]
         hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
         seen = nearest(hits)
         reflected, k = reflected_light(scene, hits, seen, projection)
@@ -72,13 +72,11 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
 def nearest(hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
     """Return for each object the rays on which it is the nearest hit."""
     first = jnp.full(hits[0].distance.shape, jnp.inf)
-    for hit in hits:
-        first = jnp.where(hit.inside & (hit.distance < first), hit.distance, first)
-    seen, taken = [], jnp.zeros(first.shape, bool)
-    for hit in hits:
-        seen.append(hit.inside & (hit.distance == first) & ~taken)
-        taken = taken | seen[-1]
-    return seen
+    index = jnp.full(first.shape, -1)
+    for i, hit in enumerate(hits):
+        nearer = hit.inside & (hit.distance < first)
+        first, index = jnp.where(nearer, hit.distance, first), jnp.where(nearer, i, index)
+    return [index == i for i in range(len(hits))]
 
 
 def reflected_light(
@@ -143,8 +141,9 @@ def _pass(
     """
     way, through = level.way, jnp.ones(seen[0].shape, bool)
     for item, hit, inside, here in zip(objects, outer, within, seen, strict=True):
-        if item.material.k_t is not None and isinstance(item.surface, AbstractSolid):
-            bent, exists = bend(item.surface, level.way.outer, hit, item.material.eta)
+        eta = item.material.eta
+        if item.material.k_t is not None and eta is not None and isinstance(item.surface, AbstractSolid):
+            bent, exists = bend(item.surface, level.way.outer, hit, eta)
             bends = here & ~inside
             way, through = where(bends, (bent, exists), (way, through))
     some = _any(seen)

@@ -33,7 +33,7 @@ def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -
     solid only leaves.
     """
     far = solid.leave(rays)
-    enters = hit.distance < far.distance
+    enters = hit.distance < (1.0 - 1e-5) * far.distance  # from within, the two are one point, to rounding
     T, enters_at_all = refract(-rays.direction, hit.n, 1.0 / eta)
     assert hit.p is not None
     inside = Rays(hit.p, T)

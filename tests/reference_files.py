@@ -1,20 +1,29 @@
 """Renders by other programs, tests/references/*.npz: the one place that knows their format.
 
-The format is described in the README of the references: points, normals, a mask and the colours that OpenGL (gl_),
-POV-Ray (pov_) or VTK (vtk_) gave them, with the scene in JSON.
+The format is described in the README of the references. `gl_`, `pov_` and `vtk_` hold points, normals, a mask and the
+colours that OpenGL, POV-Ray or VTK gave them, with the scene in JSON; `refraction_` holds where bent rays end.
 """
 
+import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import jax
 import numpy as np
 
 import diffshade as ds
+from diffshade.cameras import AbstractCamera
+from diffshade.lights import AbstractLight
+from diffshade.rendering import pixel_rays
+from diffshade.surfaces import AbstractSolid
+from diffshade.transmission import bend
+from diffshade.vectors import where
 
 FOLDER = Path(__file__).parent / "references"
-TOLERANCES = {"gl": 2e-5, "pov": 2e-5, "vtk": 3e-5}  # the other programs' own float32 and 16-bit rounding
+# the other programs' own float32 and 16-bit rounding
+TOLERANCES = {"gl": 2e-5, "pov": 2e-5, "vtk": 3e-5, "refraction": 6.2e-5}
+PROGRAMS = {"gl": "OpenGL", "pov": "POV-Ray", "vtk": "VTK", "refraction": "POV-Ray"}
 LOBES = {"blinn": ds.Blinn, "phong": ds.Phong}
 MATERIAL = {"ambient", "diffuse", "specular", "shininess", "emission", "transmit"}
 LIGHTS = {
@@ -22,49 +31,101 @@ LIGHTS = {
     "point": {"position", "attenuation", "pov_fade"},
     "spot": {"position", "attenuation", "spot_direction", "spot_cutoff_deg", "spot_exponent"},
     "pov_spot": {"position", "attenuation", "pov_fade", "spot_direction", "radius_deg", "falloff_deg", "tightness"},
+    "area": {"corner", "edge_u", "edge_v", "samples", "attenuation", "pov_fade", "spot_cutoff_deg", "spot_exponent"},
 }
+FOG = {"mode", "start", "end", "density", "color", "distance"}
 
 
 @dataclass(frozen=True)
-class Reference:
+class Shading:
     """What another program rendered: the sum of `scenes`, each shaded at the points of `gbuffer`, plus `add_after`.
 
-    Two scenes where a light has one colour for the diffuse term and another for the highlight. `rgb` is linear and NaN
-    outside the mask.
+    Two scenes where a light has one colour for the diffuse term and another for the highlight: the ambient light, the
+    emission and the colour of the fog are those of the first. `expected` is linear and NaN outside the mask.
     """
 
+    program: str
+    tolerance: float
+    expected: np.ndarray
+    mask: np.ndarray
     scenes: tuple[ds.Scene, ...]
     gbuffer: ds.GBuffer
-    camera: ds.Camera | ds.OrthographicCamera
+    camera: AbstractCamera
     add_after: np.ndarray
-    rgb: np.ndarray
+
+    def found(self) -> np.ndarray:
+        """Return what the library renders."""
+        images = [np.asarray(ds.shade(scene, self.gbuffer, self.camera)) for scene in self.scenes]
+        return np.sum(images, axis=0) + self.add_after
+
+
+@dataclass(frozen=True)
+class Refraction:
+    """Where another program saw each pixel's ray, bent by a solid of index `eta`, meet a plane: x and y there."""
+
+    program: str
     tolerance: float
+    expected: np.ndarray
+    mask: np.ndarray
+    solid: AbstractSolid
+    eta: np.ndarray
+    plane: ds.Plane
+    camera: AbstractCamera
+
+    def found(self) -> np.ndarray:
+        """Return where the library's rays meet it."""
+        return np.asarray(_ends(self.solid, self.eta, self.plane, self.camera))
 
 
-def read_reference(path: Path) -> Reference:
-    """Read one file. Raises NotImplementedError for what the model does not have yet."""
+@jax.jit
+def _ends(solid, eta, plane, camera):
+    rays = pixel_rays(camera.projection(), camera.shape)
+    hit = solid.intersect(rays)
+    way, through = bend(solid, rays, hit, eta)
+    p = plane.intersect(where(hit.inside, way.outer, rays)).p.stack()
+    nowhere = (hit.inside & ~through)[..., None]
+    return jax.numpy.where(nowhere, jax.numpy.nan, p[..., :2])
+
+
+def read_reference(path: Path) -> Shading | Refraction:
+    """Read one file. Raises NotImplementedError for what the model does not have, or this reader does not know."""
+    kind = path.name.split("_")[0]
+    if kind not in PROGRAMS:
+        raise NotImplementedError(f"{path.name} begins with none of {', '.join(PROGRAMS)}.")
     with np.load(path) as file:
         params = json.loads(str(file["params"]))
-        position, normal, mask, eye, rgb = (file[name] for name in ("P", "N", "mask", "eye", "rgb"))
-    if "fog" in params:
-        raise NotImplementedError(f"{path.name} has fog, which the model does not have yet.")
-    gbuffer = ds.GBuffer(normal, position, mask)
+        arrays = {name: file[name] for name in file.files if name != "params"}
+    program, tolerance = PROGRAMS[kind], TOLERANCES[kind]
+    if kind == "refraction":
+        solid, mask = _solid(path.name, params), arrays["mask"]
+        plane = ds.Plane((0, 0, params["plane_z"]), (0, 0, 1))
+        eye = np.asarray(params["eye"], float)
+        camera = _camera({**params, "view": (0, 0, 1), "local_viewer": True}, eye, mask)
+        return Refraction(
+            program, tolerance, arrays["hit"], mask, solid, np.asarray(params["eta"], float), plane, camera
+        )
+    gbuffer = ds.GBuffer(arrays["N"], arrays["P"], arrays["mask"])
+    mask = np.asarray(gbuffer.mask)
+    camera = _camera(params, arrays["eye"], mask)
+    scenes = _scenes(path.name, params, gbuffer)
     add_after = np.asarray(params.get("add_after", (0.0, 0.0, 0.0)))
-    return Reference(
-        _scenes(path.name, params, gbuffer),
-        gbuffer,
-        _camera(params, eye, mask.shape),
-        add_after,
-        rgb,
-        TOLERANCES[path.name.split("_")[0]],
-    )
+    return Shading(program, tolerance, arrays["rgb"], mask, scenes, gbuffer, camera, add_after)
 
 
-def _camera(params: dict, eye: np.ndarray, shape: tuple[int, int]) -> ds.Camera | ds.OrthographicCamera:
-    """Only the viewer matters: the points are given. With `local_viewer` false it is `view`, the backward axis."""
+def _solid(name: str, params: dict) -> AbstractSolid:
+    if params["solid"] == "sphere":
+        return ds.Sphere()
+    if params["solid"] == "slab":
+        top, bottom = max(params["slab"]), min(params["slab"])
+        return ds.Box((0, 0, (top + bottom) / 2), (1e3, 1e3, top - bottom))
+    raise NotImplementedError(f"{name} has the solid {params['solid']}; the reader knows sphere and slab.")
+
+
+def _camera(params: dict, eye: np.ndarray, mask: np.ndarray) -> AbstractCamera:
+    """Where points are given, only the viewer matters and how deep they lie along `view`, the backward axis."""
     view = np.asarray(params["view"], float)
     up = (0, 0, 1) if np.allclose(np.cross(view, (0, 1, 0)), 0) else (0, 1, 0)
-    here = {"eye": eye, "target": eye - view, "up": up, "shape": shape, "local_viewer": params["local_viewer"]}
+    here = {"eye": eye, "target": eye - view, "up": up, "shape": mask.shape, "local_viewer": params["local_viewer"]}
     camera = params["camera"]
     if camera["type"] == "ortho":
         return ds.OrthographicCamera(**here, height=2 * camera["half"])
@@ -72,41 +133,71 @@ def _camera(params: dict, eye: np.ndarray, shape: tuple[int, int]) -> ds.Camera 
 
 
 def _scenes(name: str, params: dict, gbuffer: ds.GBuffer) -> tuple[ds.Scene, ...]:
-    given, lights, lobe = params["material"], params["lights"], LOBES[params["model"]]()
+    given, lights = params["material"], params["lights"]
     _refuse_unknown(f"{name}: material", given, MATERIAL)
-    if any(given.get("emission", ())):
-        raise NotImplementedError(f"{name} has emission, which the model does not have yet.")
-    material: dict[str, Any] = {
-        "k_a": given["ambient"],
-        "k_d": given["diffuse"],
-        "k_s": given["specular"],
-        "n_s": given["shininess"],
-    }
+    material = ds.Material(
+        k_a=given["ambient"],
+        k_d=given["diffuse"],
+        k_s=given["specular"],
+        n_s=given["shininess"],
+        k_e=given.get("emission", 0.0),
+        lobe=LOBES[params["model"]](),
+    )
+    ambient = np.asarray(params["global_ambient"], float) + sum(
+        _ambient(f"{name}: lights[{i}]", light) for i, light in enumerate(lights)
+    )
+    air = _fog(f"{name}: fog", params["fog"]) if params.get("fog") else None
 
-    def scene(colour: str, **changes: Any) -> ds.Scene:
-        return ds.Scene(
-            ds.Object(gbuffer, ds.Material(**material | changes, lobe=lobe)),
-            [_light(f"{name}: lights[{i}]", light, colour) for i, light in enumerate(lights)],
-            params["global_ambient"],
-        )
+    def scene(colour: str, material: ds.Material, air: ds.DepthCueing | ds.Fog | None) -> ds.Scene:
+        of_colour = [_light(f"{name}: lights[{i}]", light, colour) for i, light in enumerate(lights)]
+        return ds.Scene(ds.Object(gbuffer, material), of_colour, ambient, atmosphere=air)
 
     if all(light["diffuse"] == light["specular"] for light in lights):
-        return (scene("diffuse"),)
-    return scene("diffuse", k_s=0), scene("specular", k_a=0, k_d=0)
+        return (scene("diffuse", material, air),)
+    # s (A + B) + (1 - s) I_dc = [s A + (1 - s) I_dc] + [s B + (1 - s) 0]
+    black = None if air is None else dataclasses.replace(air, I_dc=0.0)
+    return (
+        scene("diffuse", dataclasses.replace(material, k_s=0.0), air),
+        scene("specular", dataclasses.replace(material, k_a=0.0, k_d=0.0, k_e=0.0), black),
+    )
 
 
-def _light(name: str, light: dict, colour: str) -> ds.PointLight | ds.DirectionalLight | ds.SpotLight:
+def _ambient(name: str, light: dict) -> np.ndarray:
+    """Return a light's own ambient colour, which is one with the scene's where it is the same everywhere."""
+    ambient = np.asarray(light.get("ambient", (0, 0, 0)), float)
+    fades = "pov_fade" in light or tuple(light.get("attenuation", (1, 0, 0))) != (1, 0, 0)
+    if ambient.any() and (light["type"] not in ("directional", "point") or fades):
+        raise NotImplementedError(f"{name} has an ambient colour that is attenuated, which the model does not have.")
+    return ambient
+
+
+def _fog(name: str, fog: dict) -> ds.DepthCueing | ds.Fog:
+    _refuse_unknown(name, fog, FOG)
+    mode, distance = fog["mode"], fog.get("distance", "eye_z")
+    if distance not in ("eye_z", "radial"):
+        raise NotImplementedError(f"{name} has the distance {distance}; the reader knows eye_z and radial.")
+    if mode == "linear":
+        return ds.DepthCueing(fog["start"], fog["end"], I_dc=fog["color"], radial=distance == "radial")
+    if mode not in ("exp", "exp2"):
+        raise NotImplementedError(f"{name} has the mode {mode}; the reader knows linear, exp and exp2.")
+    return ds.Fog(fog["density"], I_dc=fog["color"], squared=mode == "exp2", radial=distance == "radial")
+
+
+def _light(name: str, light: dict, colour: str) -> AbstractLight:
     if light["type"] not in LIGHTS:
-        raise NotImplementedError(f"{name} is of type {light['type']}, which the model does not have yet.")
+        raise NotImplementedError(f"{name} is of type {light['type']}; the reader knows {', '.join(LIGHTS)}.")
     _refuse_unknown(name, light, LIGHTS[light["type"]] | {"type", "diffuse", "specular", "ambient"})
-    if any(light.get("ambient", ())):
-        raise NotImplementedError(f"{name} has an ambient colour of its own, which the model does not have.")
     intensity = light[colour]
     match light["type"]:
         case "directional":
             return ds.DirectionalLight(-np.asarray(light["to_light"], float), intensity)
         case "point":
             return ds.PointLight(light["position"], intensity, _attenuation(name, light))
+        case "area":
+            where = (light["corner"], light["edge_u"], light["edge_v"])
+            cone = {"cutoff": light.get("spot_cutoff_deg", 90.0), "exponent": light.get("spot_exponent", 1.0)}
+            samples = tuple(light["samples"])
+            return ds.AreaLight(*where, intensity, **cone, attenuation=_attenuation(name, light), samples=samples)
         case "spot":
             cutoff, exponent, softness = light["spot_cutoff_deg"], light["spot_exponent"], 0.0
         case _:  # pov_spot

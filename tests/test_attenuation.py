@@ -9,6 +9,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.attenuation import NEAREST, angular_attenuation
+from diffshade.vectors import Vec3
 
 
 @pytest.mark.parametrize(
@@ -119,3 +120,63 @@ def test_the_cutoff_has_a_derivative_where_the_edge_is_soft():
     slope = (f(jnp.array(40.0001)) - f(jnp.array(39.9999))) / 2e-4
     assert slope > 0.01
     np.testing.assert_allclose(jax.grad(f)(40.0), slope, rtol=1e-6)
+
+
+@jax.jit
+def visibility(air, z):
+    return air.visibility(z)
+
+
+def test_depth_cueing_is_linear_between_its_ends():
+    air = ds.DepthCueing(2, 6, s_f=0.9, s_b=0.1)
+    z = np.array([-1.0, 0, 2, 3, 4, 6, 100])
+    np.testing.assert_allclose(visibility(air, z), [0.9, 0.9, 0.9, 0.7, 0.5, 0.1, 0.1], rtol=1e-14)
+    plain = ds.DepthCueing(2, 6)
+    np.testing.assert_allclose(visibility(plain, np.array([2.0, 5, 6])), [1, 0.25, 0], rtol=1e-14)
+    np.testing.assert_array_equal(plain.I_dc, [0, 0, 0])
+    assert not plain.radial
+
+
+def test_fog_is_exponential():
+    z = np.array([-1.0, 0, 1, 4])
+    np.testing.assert_allclose(visibility(ds.Fog(0.5), z), [1, 1, np.exp(-0.5), np.exp(-2)], rtol=1e-14)
+    np.testing.assert_allclose(visibility(ds.Fog(0.5, squared=True), z), [1, 1, np.exp(-0.25), np.exp(-4)], rtol=1e-14)
+    np.testing.assert_array_equal(visibility(ds.Fog(0.0), z), 1)
+
+
+def test_the_slope_of_depth_cueing_is_that_of_the_constant_side_at_its_ends():
+    def slope(z):
+        return jax.grad(lambda z: visibility(ds.DepthCueing(2, 6, s_f=0.9, s_b=0.1), z))(z)
+
+    assert [float(slope(z)) for z in (1.0, 2.0, 6.0, 7.0)] == [0, 0, 0, 0]
+    np.testing.assert_allclose(slope(4.0), -0.2, rtol=1e-14)
+
+
+def test_what_is_left_of_a_colour():
+    air = ds.Fog(0.5, I_dc=(0.2, 0.4, 0.6))
+    found = jax.jit(lambda air, z: air(Vec3.of(jnp.array([[1.0, 0.5, 0.0]])), z).stack())(air, np.array([2.0]))
+    s = np.exp(-1)
+    np.testing.assert_allclose(found, [[s + 0.2 * (1 - s), 0.5 * s + 0.4 * (1 - s), 0.6 * (1 - s)]], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: ds.DepthCueing(5, 3),
+            "DepthCueing.z_f must be less than z_b; got 5.0 and 3.0. Give the nearer one as z_f.",
+        ),
+        (
+            lambda: ds.DepthCueing(3, 3),
+            "DepthCueing.z_f must be less than z_b; got 3.0 and 3.0. Give the nearer one as z_f.",
+        ),
+        (
+            lambda: ds.DepthCueing(2, 3, s_f=1.5),
+            "DepthCueing.s_f must be between 0 and 1; got 1.5. Give a value in that range.",
+        ),
+        (lambda: ds.Fog(-0.1), "Fog.density must be at least 0; got -0.1. Give a value in that range."),
+    ],
+)
+def test_air_that_is_none(make, message):
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        make()

@@ -81,3 +81,88 @@ def test_defaults():
 def test_a_light_that_is_none(make, message):
     with pytest.raises(ValueError, match=f"^{escape(message)}$"):
         make()
+
+
+def on_the_floor(light, p=(0.0, 0.0, 0.0), n=(0.0, 0.0, 1.0)):
+    """The diffuse light at a point, by the shading of one pixel."""
+    buffer = ds.GBuffer(np.array([[n]], float), np.array([[p]], float))
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(1, 1))
+    return float(
+        np.asarray(ds.shade(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=1)), light), buffer, camera))[0, 0, 0]
+    )
+
+
+def ceiling(samples, **options):
+    """The unit square 1 above the floor, one corner above the origin, which shines down."""
+    return ds.AreaLight((0, 0, 1), (0, 1, 0), (1, 0, 0), samples=samples, **options)
+
+
+def test_an_area_light_is_a_grid_of_spots():
+    f = ds.RadialAttenuation(0.5, 0.2, 0.1)
+    lamp = ds.AreaLight((1, -1, 2), (0, 2, 0), (3, 0, 0), (6, 12, 18), 70, 2.5, f, samples=(2, 3))
+    grid = jax.jit(ds.AreaLight.emitters)(lamp)
+    assert isinstance(grid, ds.SpotLight)
+    expected = [(1 + x, -1 + y, 2) for y in (0.5, 1.5) for x in (0.5, 1.5, 2.5)]
+    np.testing.assert_allclose(sorted(grid.position.tolist()), sorted(expected), rtol=1e-15)
+    np.testing.assert_allclose(grid.intensity, [(1, 2, 3)] * 6, rtol=1e-15)
+    axis = grid.direction / np.linalg.norm(grid.direction, axis=-1, keepdims=True)
+    np.testing.assert_allclose(axis, [(0, 0, -1)] * 6, atol=1e-15)
+    np.testing.assert_array_equal([grid.cutoff, grid.exponent, grid.softness], [[70] * 6, [2.5] * 6, [0] * 6])
+    np.testing.assert_array_equal(grid.attenuation.quadratic, [0.1] * 6)
+    assert lamp.is_local
+
+
+def test_an_area_light_converges_to_the_rectangle():
+    """Pi times the form factor of a parallel rectangle with a corner above the point; errors fall by 4."""
+    right = np.sqrt(0.5) * np.arctan(np.sqrt(0.5))
+    one_over_d2 = ds.RadialAttenuation(0, 0, 1)
+    errors = [on_the_floor(ceiling(n, attenuation=one_over_d2)) - right for n in (2, 4, 8, 16)]
+    assert abs(errors[-1]) < 2e-4
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.1)
+
+
+def test_an_area_light_of_one_sample_is_a_spot_at_its_middle():
+    spot = ds.SpotLight((0.5, 0.5, 1), (0, 0, -3), 1, 90, 1)
+    assert on_the_floor(ceiling(1)) == pytest.approx(on_the_floor(spot), rel=1e-14)
+
+
+def test_an_area_light_is_dark_behind_and_its_samples_share_its_intensity():
+    far = {"p": (0.5, 0.5, -1e4)}
+    for samples in (1, (2, 5), 8):
+        assert on_the_floor(ceiling(samples), (0.5, 0.5, 1.5), (0, 0, -1)) == 0
+        assert on_the_floor(ceiling(samples), **far) == pytest.approx(1, rel=1e-7)
+
+
+def test_256_emitters_compile_as_four_do():
+    """They are scanned: the program does not grow with their number."""
+
+    def size(samples):
+        scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=1, k_s=1)), ceiling(samples))
+        camera = ds.Camera((0, 0, 4), shape=(8, 9))
+        return len(jax.jit(lambda scene: ds.render(scene, camera)).lower(scene).as_text().splitlines())
+
+    assert size((16, 16)) == size((2, 2))
+
+
+def test_area_light_defaults():
+    lamp = ds.AreaLight((0, 0, 1), (0, 1, 0), (1, 0, 0))
+    assert (lamp.samples, lamp.cutoff, lamp.exponent) == ((8, 8), 90, 1)
+    assert ds.AreaLight((0, 0, 1), (0, 1, 0), (1, 0, 0), samples=3).samples == (3, 3)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 2.5, (2,), (2, 0), (1, 2, 3), "ab", None, np.inf])
+def test_an_area_light_without_samples(samples):
+    got = (samples, samples) if samples in (0, -1) else samples  # one number is both
+    message = f"AreaLight.samples must be two whole numbers above 0; got {got!r}. Give (8, 8), or 8 for both."
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ceiling(samples)
+
+
+@pytest.mark.parametrize("edge_v", [(0, 0, 0), (0, 2, 0), (0, -1, 0)])
+def test_an_area_light_whose_edges_span_nothing(edge_v):
+    message = (
+        f"AreaLight.edge_u and edge_v must span a rectangle; got [0. 1. 0.] and {np.array(edge_v, float)}. "
+        "Give two edges that are not along one line."
+    )
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.AreaLight((0, 0, 1), (0, 1, 0), edge_v)

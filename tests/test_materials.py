@@ -1,5 +1,7 @@
 """Materials and the cosine of each highlight."""
 
+from re import escape
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -101,3 +103,65 @@ def test_one_exponent_a_channel_renders_each_channel_as_that_exponent_alone_does
     np.testing.assert_allclose(image((20.0, 20.0, 20.0)), alone[1], rtol=1e-13)
     np.testing.assert_allclose(image(exponents), np.stack([alone[c][..., c] for c in range(3)], -1), rtol=1e-13)
     assert np.abs(alone[0] - alone[2]).max() > 0.1  # they could be told apart
+
+
+def test_foleys_form_is_a_product_in_each_channel():
+    material = ds.Material.foley(
+        O_d=(0.9, 0.5, 0.1), O_s=(1, 0.8, 0.6), k_a=0.2, k_d=(0.5, 0.6, 0.7), k_s=0.5, n_s=7, lobe=ds.Blinn(), k_t=0.3
+    )
+    np.testing.assert_allclose(material.k_a, [0.18, 0.1, 0.02], rtol=1e-14)
+    np.testing.assert_allclose(material.k_d, [0.45, 0.3, 0.07], rtol=1e-14)
+    np.testing.assert_allclose(material.k_s, [0.5, 0.4, 0.3], rtol=1e-14)
+    np.testing.assert_array_equal(material.k_t, [0.3, 0.3, 0.3])
+    assert (float(material.n_s), material.lobe) == (7, ds.Blinn())
+    grey = ds.Material.foley(O_d=0.5, k_d=0.4, k_s=0.3)  # white highlights
+    np.testing.assert_allclose([grey.k_d, grey.k_s], [[0.2] * 3, [0.3] * 3], rtol=1e-14)
+
+
+def test_no_transmission_emission_or_fresnel_unless_given():
+    material = ds.Material()
+    assert material.k_t is None
+    assert isinstance(material.fresnel, ds.NoFresnel)
+    assert material.eta is None
+    np.testing.assert_array_equal(material.k_e, [0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"k_s": 0.5, "fresnel": ds.Dielectric(), "eta": 1.5},
+            "Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got [0.5 0.5 0.5]. "
+            "Leave k_s out, or use Schlick().",
+        ),
+        ({"k_t": 1.1}, "Material.k_t must be between 0 and 1; got (1.1, 1.1, 1.1). Give a value in that range."),
+        ({"k_t": -0.1}, "Material.k_t must be between 0 and 1; got (-0.1, -0.1, -0.1). Give a value in that range."),
+        (
+            {"fresnel": ds.Dielectric()},
+            "Material.eta must be given with fresnel=Dielectric(); got None. Give for example eta=1.5.",
+        ),
+        ({"eta": 0}, "Material.eta must be between 0.1 and 10; got 0. Give a value in that range."),
+        ({"k_e": -1}, "Material.k_e must be at least 0; got (-1, -1, -1). Give a value in that range."),
+    ],
+)
+def test_a_material_that_is_none(options, message):
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.Material(**options)
+
+
+def test_a_pattern_beside_a_dielectric():
+    with pytest.raises(ValueError, match=r"^Material\.k_s must not be given beside fresnel=Dielectric\(\), whose W"):
+        ds.Material(k_s=ds.Chequer(0.1, 0.9), fresnel=ds.Dielectric())
+
+
+@pytest.mark.parametrize(
+    ("colours", "message"),
+    [
+        ({"O_d": (1, 2)}, "Material.foley's O_d must be a colour of 1 or 3 numbers; got shape (2,)."),
+        ({"O_d": "red"}, "Material.foley's O_d must be a colour of 1 or 3 numbers; got 'red'."),
+        ({"O_d": 1, "k_a": -1}, "Material.foley's k_a must be at least 0; got (-1, -1, -1)."),
+    ],
+)
+def test_a_colour_of_foleys_that_is_none(colours, message):
+    with pytest.raises((TypeError, ValueError), match=f"^{escape(message)}"):
+        ds.Material.foley(**colours, k_d=0.5)

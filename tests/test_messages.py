@@ -51,6 +51,11 @@ def unknown_start() -> None:
     inspect.unwrap(ds.fit)(SCENE, VIEW, free="k_d", start="truth")  # pyright: ignore[reportArgumentType]
 
 
+def none(leaf: object) -> bool:
+    return leaf is None
+
+
+NORMALS = ds.GBuffer(np.full((10, 12, 3), (0.0, 0.0, 1.0)))
 PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
 
 CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] = {
@@ -267,6 +272,72 @@ CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] 
     "colour that is not finite": (lambda: ds.Material(k_d=float("nan")), ValueError, ("Material.k_d", "finite", "nan")),
     "colour that is no number": (lambda: ds.Material(k_d="red"), TypeError, ("Material.k_d", "'red'", "Give")),
     "scene without objects": (lambda: ds.Scene(()), ValueError, ("Scene.objects", "got none", "Give one")),
+    "k_s beside Fresnel's equations": (
+        lambda: ds.Material(k_s=0.5, fresnel=ds.Dielectric()),
+        ValueError,
+        ("Material.k_s", "Dielectric", "0.5", "Leave k_s out, or use Schlick()."),
+    ),
+    "k_t above 1": (lambda: ds.Material(k_t=1.5), ValueError, ("Material.k_t", "between 0 and 1", "1.5", "Give")),
+    "a plane that faces nowhere": (lambda: ds.Plane(normal=(0, 0, 0)), ValueError, ("Plane.normal", "zero", "Give")),
+    "a flat box": (lambda: ds.Box(size=(1, 0, 1)), ValueError, ("Box.size", "above 0", "Give width")),
+    "a chequer of no period": (lambda: ds.Chequer(0, 1, 0), ValueError, ("Chequer.period", "above 0", "Give")),
+    "an area light of no samples": (
+        lambda: ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0), samples=0),
+        ValueError,
+        ("AreaLight.samples", "above 0", "(0, 0)", "Give (8, 8), or 8 for both."),
+    ),
+    "an area light of no area": (
+        lambda: ds.AreaLight((0, 0, 1), (1, 0, 0), (-2, 0, 0)),
+        ValueError,
+        ("AreaLight.edge_u and edge_v", "rectangle", "Give two edges"),
+    ),
+    "depth cueing back to front": (
+        lambda: ds.DepthCueing(5, 3),
+        ValueError,
+        ("DepthCueing.z_f", "5.0 and 3.0", "Give"),
+    ),
+    "a name of two words": (
+        lambda: ds.Object(ds.Sphere(), name="my ball"),
+        ValueError,
+        ("Object.name", "one word", "'my ball'", "Rename it."),
+    ),
+    "one name twice": (
+        lambda: ds.Scene([ds.Object(ds.Sphere(), name="a"), ds.Object(ds.Sphere(), name="a")]),
+        ValueError,
+        ("different names", "'a' twice", "Rename one"),
+    ),
+    "fog on normals alone": (
+        lambda: ds.render(
+            eqx.tree_at(lambda s: s.atmosphere, gbuffer_scene(10, 12), ds.Fog(0.1), is_leaf=none), PARALLEL
+        ),
+        ValueError,
+        ("a Fog", "GBuffer without positions", "Give GBuffer.position"),
+    ),
+    "a pattern on normals alone": (
+        lambda: ds.shade(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_a=ds.Chequer(0, 1)))), NORMALS, PARALLEL),
+        ValueError,
+        ("a Chequer", "GBuffer without positions", "Give GBuffer.position"),
+    ),
+    "a material of a wrong name": (
+        lambda: ds.material("emerold"),
+        ValueError,
+        ("'emerold'", "Did you mean 'emerald'?"),
+    ),
+    "a mesh that is missing": (
+        lambda: ds.read_mesh("nowhere.obj", CAMERA),
+        FileNotFoundError,
+        ("nowhere.obj", "no mesh file", "Give the path"),
+    ),
+    "a normal map that is none": (
+        lambda: ds.normal_map(IMAGE),
+        ValueError,
+        ("normal map", "row 0, column 0", "without the sRGB curve"),
+    ),
+    "a height map of another size": (
+        lambda: ds.height_map(np.zeros((12, 10)), PARALLEL),
+        ValueError,
+        ("height map", "(10, 12)", "(12, 10)", "Resize it."),
+    ),
     "surface for an object": (
         lambda: ds.Scene(ds.Sphere()),  # pyright: ignore[reportArgumentType]
         TypeError,

@@ -1,156 +1,37 @@
 """Renders equal those of the oracle, a second implementation that shares nothing with the library."""
 
+import itertools
+
 import numpy as np
 import oracle
 import pytest
+from oracle_scenes import (
+    LOBES,
+    LONG_TO_COMPILE,
+    OFF_AXIS,
+    ONE_OF_EACH,
+    SCENES,
+    assert_same,
+    chequer,
+    directional,
+    fog,
+    library_camera,
+    library_scene,
+    needed,
+    orthographic,
+    perspective,
+    point,
+    scene_of,
+    sphere,
+    spot,
+)
 
 import diffshade as ds
 
-LOBES = {"phong": ds.Phong(), "blinn": ds.Blinn()}
 
-
-def material(k_a=(0.1, 0.05, 0.2), k_d=(0.7, 0.25, 0.2), k_s=(0.4, 0.5, 0.6), n_s=12.5, lobe="phong"):
-    return {"k_a": k_a, "k_d": k_d, "k_s": k_s, "n_s": n_s, "lobe": lobe}
-
-
-def sphere(center=(0, 0, 0), radius=1.0, **coefficients):
-    return {"center": center, "radius": radius, "material": material(**coefficients)}
-
-
-def point(position=(2, 3, 4), intensity=(5, 4, 3), **more):
-    return {"type": "point", "position": position, "intensity": intensity, **more}
-
-
-def directional(direction=(1, -1, -2), intensity=(0.3, 0.6, 0.9)):
-    return {"type": "directional", "direction": direction, "intensity": intensity}
-
-
-def spot(position=(1, 2, 3), direction=(-1, -2.2, -3), intensity=(3, 4, 5), cutoff=20.0, exponent=0.0, **more):
-    here = {"position": position, "direction": direction, "intensity": intensity}
-    return {"type": "spot", **here, "cutoff": cutoff, "exponent": exponent, **more}
-
-
-def scene_of(objects, lights, ambient=(0.9, 1, 0.8), background=(0.01, 0.02, 0.03)):
-    return {"objects": objects, "lights": lights, "ambient": ambient, "background": background}
-
-
-def perspective(eye=(0, 0, 4), target=(0, 0, 0), up=(0, 1, 0), fov=36, shape=(12, 16), local_viewer=True):
-    return {"eye": eye, "target": target, "up": up, "fov": fov, "shape": shape, "local_viewer": local_viewer}
-
-
-def orthographic(eye=(0, 0, 4), target=(0, 0, 0), up=(0, 1, 0), height=2.4, shape=(12, 16), local_viewer=True):
-    return {"eye": eye, "target": target, "up": up, "height": height, "shape": shape, "local_viewer": local_viewer}
-
-
-def library_light(light):
-    numbers = {k: v for k, v in light.items() if k not in ("type", "attenuation", "clamp")}
-    if light["type"] == "directional":
-        return ds.DirectionalLight(**numbers)
-    attenuation = ds.RadialAttenuation(*light.get("attenuation", (1, 0, 0)), clamp=light.get("clamp", False))
-    cls = ds.PointLight if light["type"] == "point" else ds.SpotLight
-    return cls(**numbers, attenuation=attenuation)
-
-
-def library_scene(scene):
-    objects = [
-        ds.Object(
-            ds.Sphere(item["center"], item["radius"]),
-            ds.Material(**item["material"] | {"lobe": LOBES[item["material"]["lobe"]]}),
-        )
-        for item in scene["objects"]
-    ]
-    return ds.Scene(objects, [library_light(light) for light in scene["lights"]], scene["ambient"], scene["background"])
-
-
-def library_camera(camera):
-    return ds.Camera(**camera) if "fov" in camera else ds.OrthographicCamera(**camera)
-
-
-def assert_same(image, expected):
-    np.testing.assert_allclose(image, expected, rtol=1e-12, atol=1e-14)
-
-
-OFF_AXIS = {"eye": (2, 3, 3), "target": (0.2, 0.1, -0.1), "up": (0.3, 1, 0.1)}
-FRONT_AND_BACK = [
-    sphere((0.3, 0, 0.5), 0.7, lobe="blinn", n_s=30),
-    sphere((-0.4, 0.2, -1), 1.1, k_d=(0.2, 0.3, 0.9), n_s=3),
-]
-ONE_OF_EACH = [
-    directional(),
-    point(attenuation=(0.4, 0.2, 0.1)),
-    spot(exponent=5, attenuation=(0, 0, 0.3)),
-    point((-3, 1, 2), attenuation=(0.1, 0.05, 0.02), clamp=True),
-]
-
-SCENES = {
-    "point, none of it attenuated": (scene_of([sphere()], [point()]), perspective()),
-    "point, all three coefficients, Blinn": (
-        scene_of([sphere(lobe="blinn")], [point(attenuation=(0.3, 0.15, 0.07))]),
-        perspective(**OFF_AXIS),
-    ),
-    "point, 1/d": (scene_of([sphere()], [point(attenuation=(0, 1, 0))]), orthographic()),
-    "point, 1/d^2": (scene_of([sphere()], [point(attenuation=(0, 0, 1))]), perspective(shape=(16, 11))),
-    "point, clamped here and there": (
-        # d runs from .5 to 1.1 on the lit side, and .6 d + .6 d^2 is 1 at d = .88
-        scene_of([sphere()], [point((0.8, 0.8, 1), attenuation=(0, 0.6, 0.6), clamp=True)]),
-        perspective(),
-    ),
-    "directional, viewer at infinity": (
-        scene_of([sphere(n_s=27)], [directional((-1, -1, -1))]),
-        orthographic(local_viewer=False),
-    ),
-    "directional, viewer at infinity, Blinn, off axis": (
-        scene_of([sphere(lobe="blinn", n_s=27)], [directional()]),
-        perspective(**OFF_AXIS, local_viewer=False),
-    ),
-    "orthographic, off axis, local viewer": (
-        scene_of([sphere((0.2, -0.1, 0.3), 0.9, n_s=7)], [directional()]),
-        orthographic(**OFF_AXIS, shape=(10, 17), height=3),
-    ),
-    "hard spot": (scene_of([sphere()], [spot(cutoff=12)]), perspective()),
-    "hard spot with exponent": (scene_of([sphere()], [spot(cutoff=12, exponent=40)]), perspective()),
-    "soft spot": (
-        scene_of([sphere(lobe="blinn")], [spot(cutoff=15, exponent=7.5, softness=10, attenuation=(0.5, 0, 0.1))]),
-        perspective(),
-    ),
-    "spot soft up to its axis": (scene_of([sphere()], [spot(cutoff=15, softness=15)]), perspective()),
-    "spot of 90 degrees": (scene_of([sphere()], [spot(cutoff=90, exponent=1)]), perspective()),
-    "spot with its back to the sphere": (scene_of([sphere()], [spot(direction=(1, 2, 3), cutoff=90)]), perspective()),
-    "one light of each kind": (scene_of([sphere()], ONE_OF_EACH), perspective(**OFF_AXIS)),
-    "several of each kind": (
-        scene_of(
-            [sphere(lobe="blinn")],
-            [
-                *ONE_OF_EACH,
-                directional((-1, 0.2, -0.4)),
-                point((-2, -3, 1), attenuation=(0, 0, 1)),
-                spot((3, 0, 1), (-3, 0, -1), cutoff=30, exponent=2),
-                spot((-3, 0, 1), (3, 0, -1), cutoff=17, exponent=0, softness=3),
-            ],
-        ),
-        perspective(**OFF_AXIS),
-    ),
-    "no light": (scene_of([sphere()], []), perspective()),
-    "tilted up past the sphere": (scene_of([sphere()], [point()]), perspective(target=(0, 1.2, 0))),
-    "one sphere before the other": (scene_of(FRONT_AND_BACK, ONE_OF_EACH), perspective(fov=50)),
-    "the same, listed back to front": (scene_of(FRONT_AND_BACK[::-1], ONE_OF_EACH), perspective(fov=50)),
-    "camera inside the sphere": (
-        scene_of([sphere(radius=3)], [point((1, 1, 0), attenuation=(1, 0, 0.5))]),
-        perspective(eye=(0.5, 0.2, 1)),
-    ),
-    "sphere behind the camera": (scene_of([sphere((0, 0, 8))], [point()]), perspective()),
-    "camera between two spheres": (
-        scene_of([sphere((0, 0, 7)), sphere((0.1, 0, 0))], [point()]),
-        perspective(),
-    ),
-    "n_s = 0": (scene_of([sphere(n_s=0)], [directional((1, 0.2, 0.1)), point()]), perspective()),
-    "n_s = 0, Blinn": (scene_of([sphere(n_s=0, lobe="blinn")], [directional((1, 0.2, 0.1)), point()]), perspective()),
-    "n_s = 200": (scene_of([sphere(n_s=200)], [directional(), point()]), perspective(**OFF_AXIS)),
-}
-
-
-@pytest.mark.parametrize(("scene", "camera"), SCENES.values(), ids=SCENES)
-def test_render(scene, camera):
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG_TO_COMPILE)) for n in SCENES])
+def test_render(name):
+    scene, camera = SCENES[name]
     expected = oracle.render(scene, camera)
     assert_same(ds.render(library_scene(scene), library_camera(camera)), expected)
 
@@ -181,6 +62,85 @@ def test_the_scenes_show_what_their_names_say():
         assert (together != alone).any(-1).sum() > 10
 
 
+def without(part, *names):
+    return {k: v for k, v in part.items() if k not in names}
+
+
+def with_materials(scene, change):
+    return scene | {"objects": [item | {"material": change(item["material"])} for item in scene["objects"]]}
+
+
+# For each equation that the first scenes do without: the scene as it would be without that equation.
+LESS = {
+    "E7": lambda scene: with_materials(scene, lambda m: without(m, "fresnel")),
+    "E10": lambda scene: with_materials(scene, lambda m: without(m, "O_d", "O_s")),
+    "E11": lambda scene: (
+        scene
+        | {"lights": [light | {"samples": (1, 1)} if light["type"] == "area" else light for light in scene["lights"]]}
+    ),
+    "E12": lambda scene: with_materials(scene, lambda m: m | {"eta": 1.0}),
+    "E13": lambda scene: with_materials(scene, lambda m: without(m, "k_t")),
+    "E14": lambda scene: without(scene, "atmosphere"),
+}
+
+
+@pytest.mark.parametrize("equation", LESS)
+def test_a_scene_that_needs_an_equation_would_look_different_without_it(equation):
+    of_it = [name for name, (scene, _) in SCENES.items() if equation in needed(scene)]
+    assert of_it
+    for name in of_it:
+        scene, camera = SCENES[name]
+        picture, less = oracle.render(scene, camera), oracle.render(LESS[equation](scene), camera)
+        assert (np.abs(picture - less) > 1e-4).any(-1).mean() > 0.05, name
+
+
+def test_the_scenes_of_glass_show_what_their_names_say():
+    """Total reflection is seen on the rim of a bubble and in a glass box, and nowhere in a glass ball."""
+
+    def opaque(name):
+        """Count the pixels that show the first object and nothing behind it."""
+        scene, camera = SCENES[name]
+        alone = scene | {"objects": scene["objects"][:1]}
+        black, white = (oracle.render(alone | {"background": (x,) * 3}, camera) for x in (0, 9))
+        solid = oracle.render(with_materials(alone, lambda m: without(m, "k_t")) | {"background": (9,) * 3}, camera)
+        return ((black == white) & (solid != 9)).all(-1).sum()
+
+    assert opaque("a bubble before a wall") > 10
+    assert opaque("a glass box before a wall") > 10
+    assert opaque("a box thinner than air before a wall") > 3
+    assert opaque("camera in a glass box") > 10
+    assert opaque("a glass ball before a wall") == 0
+    assert opaque("a slab before a wall") == 0
+    scene, camera = SCENES["three overlap"]
+    alone = [oracle.render(scene | {"objects": [item]}, camera) != scene["background"] for item in scene["objects"]]
+    assert np.all(alone, 0).any(-1).sum() > 5
+    for name in ("depth cueing", "depth cueing, along the ray"):
+        scene, camera = SCENES[name]
+        air = scene["atmosphere"]
+        picture = oracle.render(scene, camera)
+        near = (oracle.render(without(scene, "atmosphere"), camera) == picture) & (picture != scene["background"])
+        assert near.all(-1).sum() > 3  # nearer than z_f
+        assert (picture == air["I_dc"]).all(-1).sum() > 3  # beyond z_b
+        between = ~near & (picture != air["I_dc"]) & (picture != scene["background"])
+        assert between.all(-1).sum() > 10
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3)))[1:])
+def test_the_order_of_transparent_objects_changes_nothing(order):
+    scene, camera = SCENES["three of glass overlap"]
+    reordered = scene | {"objects": [scene["objects"][i] for i in order]}
+    images = [np.asarray(ds.render(library_scene(s), library_camera(camera))) for s in (scene, reordered)]
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-15, atol=0)
+
+
+@pytest.mark.slow
+def test_the_order_of_objects_of_many_kinds_changes_nothing():
+    scene, camera = SCENES["two kinds of glass"]
+    reordered = scene | {"objects": scene["objects"][::-1]}
+    images = [np.asarray(ds.render(library_scene(s), library_camera(camera))) for s in (scene, reordered)]
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-14, atol=0)
+
+
 @pytest.mark.parametrize("lit", [(), (0,), (1,), (2, 0), (0, 1, 2, 3)])
 def test_only_the_lights_that_are_lit(lit):
     scene, camera = scene_of([sphere()], ONE_OF_EACH), perspective()
@@ -203,6 +163,16 @@ def test_shade_a_gbuffer(lobe, local_viewer):
     expected = oracle.shade(scene, normal, position, mask, camera)
     image = ds.shade(library_scene(scene), ds.GBuffer(normal, position, mask), library_camera(camera))
     assert_same(image, expected)
+
+
+def test_shade_a_gbuffer_in_fog():
+    random = np.random.default_rng(8)
+    position = random.normal(size=(12, 16, 3))
+    normal = np.broadcast_to([0.6, 0, 0.8], position.shape)
+    mask = random.random((12, 16)) < 0.7
+    scene, camera = scene_of([sphere(k_d=chequer())], [directional()], atmosphere=fog()), perspective(**OFF_AXIS)
+    expected = oracle.shade(scene, normal, position, mask, camera)
+    assert_same(ds.shade(library_scene(scene), ds.GBuffer(normal, position, mask), library_camera(camera)), expected)
 
 
 def test_shade_normals_alone():

@@ -21,6 +21,29 @@ SCENE = ds.Scene(
     ambient=(0.9, 1, 0.8),
     background=0.1,
 )
+GLASS = ds.Material(0.1, k_t=(0.9, 0.8, 1 / 3), eta=1.5, fresnel=ds.Dielectric(), n_s=(3, 20, 90), k_e=(0.1, 0, 0.2))
+FLOOR = ds.Material(k_a=ds.Chequer(0.1, (0.9, 0.8, 0.3), 0.7, True, (1, 0, 0), (0, 0, 1)), k_t=ds.Chequer(0, 1))
+WHOLE = ds.Scene(
+    [
+        ds.Object(ds.Box((1, 2, 3), (0.1, 0.2, 1 / 3), (10, 20, 30)), GLASS, name="ice"),
+        ds.Object(ds.Plane((0, -1, 0), (0.1, 2, 0)), FLOOR, name="floor"),
+        ds.Object(ds.Plane()),
+        ds.Object(ds.Box(), ds.Material(k_s=0.04, fresnel=ds.Schlick(), lobe=ds.Blinn(), k_t=0)),
+        ds.Object(ds.Sphere(), ds.material("emerald")),
+    ],
+    [
+        ds.AreaLight((1, 2, 3), (1, 0, 0), (0, 0.1, 1), (3, 2, 1), 80, 2, ds.RadialAttenuation(0.5, 0.1, 0.2), (3, 5)),
+        ds.AreaLight((1, 2, 3), (1, 0, 0), (0, 0.1, 1)),
+    ],
+    atmosphere=ds.DepthCueing(1 / 3, 7, s_f=0.9, s_b=0.1, I_dc=(0.1, 0.2, 0.3), radial=True),
+)
+SCENES = {
+    "the first": SCENE,
+    "everything": WHOLE,
+    "fog": ds.Scene(ds.Object(ds.Sphere()), atmosphere=ds.Fog(0.2, I_dc=0.5)),
+    "squared fog": ds.Scene(ds.Object(ds.Sphere()), atmosphere=ds.Fog(0.2, squared=True, radial=True)),
+    "plain depth cueing": ds.Scene(ds.Object(ds.Sphere()), atmosphere=ds.DepthCueing(1, 2)),
+}
 CAMERAS = [
     ds.Camera((0.5, 1, 4), target=(0.1, 0, 0), up=(0, 0.1, 1), fov=35, shape=(12, 16), local_viewer=False),
     ds.OrthographicCamera((0.5, 1, 4), height=1 / 3, shape=(12, 16)),
@@ -44,6 +67,46 @@ def test_it_comes_back_exactly(tmp_path, camera):
     once = path.read_bytes()
     ds.write_scene(str(path), ds.read_scene(str(path)), camera=ds.read_camera(str(path)))
     assert path.read_bytes() == once
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_kind_of_thing_comes_back_exactly(tmp_path, name):
+    path = tmp_path / "scene.toml"
+    ds.write_scene(path, SCENES[name])
+    back = ds.read_scene(path)
+    assert_same(back, SCENES[name])
+    assert [item.name for item in back.objects] == [item.name for item in SCENES[name].objects]
+    once = path.read_bytes()
+    ds.write_scene(path, back)
+    assert path.read_bytes() == once
+
+
+def test_what_people_write_of_the_new_things(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("""
+    atmosphere = { type = "Fog", density = 0.2, I_dc = 0.5 }
+    [[objects]]
+    surface = { type = "Box", size = [1, 2, 3] }
+    name = "ice"
+    material = { k_t = 0.9, eta = 1.5, fresnel = "Schlick", k_d = { a = 0.1, b = [0.9, 0.8, 0.7], smooth = true } }
+    [[objects]]
+    surface = "Plane"
+    material = { fresnel = { type = "Dielectric" } }
+    [[lights]]
+    type = "AreaLight"
+    corner = [0, 0, 2]
+    edge_u = [1, 0, 0]
+    edge_v = [0, 1, 0]
+    samples = 4
+    """)
+    chequer = ds.Chequer(0.1, (0.9, 0.8, 0.7), smooth=True)
+    ice = ds.Material(k_t=0.9, eta=1.5, fresnel=ds.Schlick(), k_d=chequer)
+    objects = [
+        ds.Object(ds.Box(size=(1, 2, 3)), ice, name="ice"),
+        ds.Object(ds.Plane(), ds.Material(fresnel=ds.Dielectric())),
+    ]
+    light = ds.AreaLight((0, 0, 2), (1, 0, 0), (0, 1, 0), samples=(4, 4))
+    assert_same(ds.read_scene(path), ds.Scene(objects, light, atmosphere=ds.Fog(0.2, I_dc=0.5)))
 
 
 def test_without_a_camera(tmp_path):
@@ -247,6 +310,58 @@ BAD = {
         "{ constant = 0 }",
         ": lights[0].attenuation: RadialAttenuation needs one of constant, linear and quadratic above 0; got 0, 0 and "
         "0. Give constant=1 for no attenuation.",
+    ),
+    # patterns, air, transparency
+    "a key of a pattern": (
+        "k_d = 0.7",
+        "k_d = { a = 1, b = 0, perod = 2 }",
+        ": objects[0].material.k_d has no key 'perod'. Did you mean 'period'?",
+    ),
+    "half a pattern": (
+        "k_d = 0.7",
+        "k_d = { a = 1 }",
+        ": objects[0].material.k_d needs the key 'b' of a Chequer. Add it.",
+    ),
+    "no period": (
+        "k_d = 0.7",
+        "k_d = { a = 1, b = 0, period = 0 }",
+        ": objects[0].material.k_d: Chequer.period must be above 0; got 0.0. Give the length of two squares.",
+    ),
+    "a string for a pattern's boolean": (
+        "k_d = 0.7",
+        'k_d = { a = 1, b = 0, smooth = "yes" }',
+        ": objects[0].material.k_d.smooth must be true or false; got 'yes'. Write one of the two.",
+    ),
+    "a type of air": (
+        "ambient = 0.3",
+        'atmosphere = "Fogg"',
+        ": atmosphere has no type 'Fogg'. Did you mean 'Fog'?",
+    ),
+    "air that begins where it ends": (
+        "ambient = 0.3",
+        "atmosphere = { z_f = 3, z_b = 2 }",
+        ": atmosphere: DepthCueing.z_f must be less than z_b; got 3.0 and 2.0. Give the nearer one as z_f.",
+    ),
+    "a type of Fresnel": (
+        "k_d = 0.7",
+        'fresnel = "Schlik"',
+        ": objects[0].material.fresnel has no type 'Schlik'. Did you mean 'Schlick'?",
+    ),
+    "more than all is let through": (
+        "k_d = 0.7",
+        "k_t = 1.5",
+        ": objects[0].material: Material.k_t must be between 0 and 1; got (1.5, 1.5, 1.5). Give a value in that range.",
+    ),
+    "a name of two words": (
+        'surface = "Sphere"',
+        'surface = "Sphere"\nname = "my ball"',
+        ": objects[0]: Object.name must be one word, of letters, digits and _; got 'my ball'. Rename it.",
+    ),
+    "a name that is a number": ('surface = "Sphere"', 'surface = "Sphere"\nname = 5', ": objects[0].name must be a word; got 5. Write it in quotes."),
+    "a box without a size": (
+        '"Sphere"',
+        '{ type = "Box", size = [1, 0, 1] }',
+        ": objects[0].surface: Box.size must be above 0; got [1. 0. 1.]. Give width, height and depth in scene units.",
     ),
     # not TOML
     "not TOML": ("ambient = 0.3", "ambient 0.3", " is no TOML: "),

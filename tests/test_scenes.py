@@ -132,6 +132,22 @@ def test_normals_alone_do_for_a_light_and_a_viewer_at_infinity():
         (lambda s: s.ambient, np.array(-1 + np.zeros(3)), r"^Scene\.ambient must be at least 0"),
         (lambda s: s.objects, (), r"^Scene\.objects must hold at least one Object"),
         (lambda s: s.lights[0], ds.Material(), r"^Scene\.lights\[0\] must be a Light; got Material"),
+        (
+            lambda s: s.objects[0].surface,
+            ds.Blinn(),
+            r"^Object\.surface must be a Surface; got Blinn\. Give for example Sp",
+        ),
+        (lambda s: s.objects[0].material.lobe, ds.Schlick(), r"^Material\.lobe must be a Lobe; got Schlick\. Give for"),
+        (
+            lambda s: s.objects[0].material.fresnel,
+            ds.Phong(),
+            r"^Material\.fresnel must be a Fresnel; got Phong\. Give",
+        ),
+        (
+            lambda s: s.objects[0].material.k_d,
+            ds.Sphere(),
+            r"^Material\.k_d must be a Pattern; got Sphere\. Give for ex",
+        ),
     ],
 )
 def test_render_refuses_what_tree_at_put_in(wrong):
@@ -147,3 +163,48 @@ def test_render_refuses_a_camera_that_tree_at_made():
     camera = eqx.tree_at(lambda c: c.height, FLAT, np.array(-1.0))
     with pytest.raises(ValueError, match=r"^OrthographicCamera\.height must be above 0; got -1\.0"):
         ds.render(ds.Scene(BALL), camera)
+
+
+def named(name):
+    return ds.Object(ds.Sphere(), name=name)
+
+
+@pytest.mark.parametrize("name", ["two words", "1st", "a.b", "a-b", " "])
+def test_a_name_is_one_word(name):
+    message = f"Object.name must be one word, of letters, digits and _; got {name!r}. Rename it."
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        named(name)
+
+
+def test_names_differ():
+    assert ds.Scene([named("a"), named("b"), BALL, BALL]).objects[1].name == "b"
+    message = "objects must have different names; got 'ball' twice. Rename one of them."
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.Scene([named("ball"), BALL, named("ball")])
+
+
+@pytest.mark.parametrize(
+    ("material", "atmosphere", "what"),
+    [
+        (ds.Material(), ds.Fog(0.1), "a Fog"),
+        (ds.Material(), ds.DepthCueing(1, 2), "a DepthCueing"),
+        (ds.Material(k_d=ds.Chequer(0, 1)), None, "a Chequer"),
+    ],
+)
+def test_air_and_patterns_need_positions(material, atmosphere, what):
+    message = (
+        f"{what} needs to know where the surface is; got a GBuffer without positions. Give GBuffer.position, "
+        "or use directional lights and a camera with local_viewer=False."
+    )
+    scene = ds.Scene(ds.Object(ds.GBuffer(NORMAL), material), atmosphere=atmosphere)
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.render(scene, FLAT)
+    image = ds.render(eqx.tree_at(lambda s: s.objects[0].surface, scene, ds.GBuffer(NORMAL, 0.0 * NORMAL)), FLAT)
+    assert np.isfinite(image).all()
+
+
+def test_an_atmosphere_that_is_none():
+    scene = eqx.tree_at(lambda s: s.atmosphere, ds.Scene(BALL), ds.Blinn(), is_leaf=lambda leaf: leaf is None)
+    message = "Scene.atmosphere must be an Atmosphere; got Blinn. Give for example Fog(density=0.1, I_dc=0.5)."
+    with pytest.raises(TypeError, match=f"^{escape(message)}$"):
+        ds.render(scene, FLAT)

@@ -1,4 +1,4 @@
-"""Where rays meet a sphere, and what a G-buffer keeps."""
+"""Where rays meet a sphere, a plane and a box, and what a G-buffer keeps."""
 
 from re import escape
 
@@ -85,6 +85,131 @@ def test_a_sphere_without_a_radius():
         ds.Sphere(radius=0)
     with pytest.raises(ValueError, match=r"^Sphere\.radius must be (above|at least) 0; got -1\."):
         ds.Sphere(radius=-1)
+
+
+def assert_meets(surface, origin, direction, distance, n):
+    """A ray meets a surface at a distance and with a normal, or not at all where the distance is None."""
+    found, p, normal, met = intersect(surface, np.array([origin], float), np.array([direction], float))
+    assert met[0] == (distance is not None)
+    for numbers in (found, p, normal):
+        assert np.isfinite(numbers).all()
+    if distance is not None:
+        np.testing.assert_allclose(found, [distance], rtol=1e-13)
+        np.testing.assert_allclose(p, [np.add(origin, np.multiply(distance, direction))], rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(normal, [n], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "distance", "n"),
+    [
+        ((0, 3, 0), (0, -1, 0), 4, (0, 1, 0)),
+        ((5, -3, 2), (0, 1, 0), 2, (0, -1, 0)),  # from below: the normal on the viewer's side
+        ((0, 0, 0), (0.6, -0.8, 0), 1.25, (0, 1, 0)),
+        ((0, 3, 0), (0, 1, 0), None, None),  # it is behind
+        ((0, 3, 0), (1, 0, 0), None, None),  # along it
+        ((0, -1, 0), (1, 0, 0), None, None),  # in it
+        ((0, 3, 0), (1, -1e-13, 0), None, None),
+    ],
+)
+def test_a_ray_meets_a_plane(origin, direction, distance, n):
+    assert_meets(ds.Plane((7, -1, 8), (0, 2, 0)), origin, direction, distance, n)
+    assert_meets(ds.Plane((7, -1, 8), (0, -0.1, 0)), origin, direction, distance, n)  # both sides alike
+
+
+BOX = ds.Box((1, 0, 0), (2, 4, 6))  # x from 0 to 2, y from -2 to 2, z from -3 to 3
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "distance", "n"),
+    [
+        ((0.5, 1, 5), (0, 0, -1), 2, (0, 0, 1)),
+        ((0.5, 1, -5), (0, 0, 1), 2, (0, 0, -1)),
+        ((5, 1, 1), (-1, 0, 0), 3, (1, 0, 0)),
+        ((1, -7, 1), (0, 1, 0), 5, (0, -1, 0)),
+        ((-1, 0, 0), (0.8, 0.6, 0), 1.25, (-1, 0, 0)),
+        ((0.5, 1, 1), (0, 0, -1), 4, (0, 0, 1)),  # from inside: the far side, and the normal on the viewer's side
+        ((0.5, 1, 1), (0.6, 0.8, 0), 1.25, (0, -1, 0)),
+        ((0.5, 1, 5), (0, 0, 1), None, None),  # it is behind
+        ((2.1, 1, 5), (0, 0, -1), None, None),  # beside it
+        ((-1, -2.1, 0), (0.8, -0.6, 0), None, None),
+        ((-1, 1.3, 0), (0.8, 0.6, 0), None, None),  # above its corner
+    ],
+)
+def test_a_ray_meets_a_box(origin, direction, distance, n):
+    assert_meets(BOX, origin, direction, distance, n)
+
+
+@jax.jit
+def leave(surface, origin, direction):
+    hit = surface.leave(Rays(Vec3.of(origin), Vec3.of(direction)))
+    return hit.distance, hit.p.stack(), hit.n.stack(), hit.inside
+
+
+@pytest.mark.parametrize(
+    ("surface", "origin", "direction", "distance", "n"),
+    [
+        (SPHERE, (0, 1.2, 5), (0, 0, -1), 5.6, (0, 0.6, -0.8)),
+        (SPHERE, (0, 1.2, 1), (0, 0, -1), 1.6, (0, 0.6, -0.8)),
+        (BOX, (0.5, 1, 5), (0, 0, -1), 8, (0, 0, -1)),
+        (BOX, (0.5, 1, 1), (0.6, 0.8, 0), 1.25, (0, 1, 0)),
+    ],
+)
+def test_a_ray_leaves_a_solid_where_its_normal_points_outward(surface, origin, direction, distance, n):
+    found, p, normal, met = leave(surface, np.array([origin], float), np.array([direction], float))
+    assert met[0]
+    np.testing.assert_allclose(found, [distance], rtol=1e-14)
+    np.testing.assert_allclose(p, [np.add(origin, np.multiply(distance, direction))], atol=1e-14)
+    np.testing.assert_allclose(normal, [n], atol=1e-14)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_box_is_turned_about_x_then_y_then_z_right_handed(axis):
+    """A quarter about x takes y to z, about y z to x, about z x to y; then the sizes have changed places."""
+    rotation, size = [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]
+    rotation[axis] = 90.0
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    swapped = list(size)
+    swapped[i], swapped[j] = size[j], size[i]
+    random = np.random.default_rng(6)
+    origin, towards = random.normal(size=(2, 200, 3)) * [[[9]], [[0.7]]]
+    direction = towards - origin
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    turned = intersect(ds.Box(size=size, rotation=rotation), origin, direction)
+    straight = intersect(ds.Box(size=swapped), origin, direction)
+    assert 50 < np.asarray(turned[3]).sum() < 200
+    for a, b in zip(turned, straight, strict=True):
+        np.testing.assert_allclose(np.asarray(a)[turned[3]], np.asarray(b)[turned[3]], atol=1e-12)
+    np.testing.assert_array_equal(turned[3], straight[3])
+
+
+def test_the_order_of_the_turns():
+    """x goes up by the y turn and sideways by the z turn; the face across x is seen from there."""
+    box = ds.Box(size=(2, 1, 1), rotation=(0, -90, 90))  # x to z, which the turn about z leaves
+    assert_meets(box, (0, 0, 5), (0, 0, -1), 4, (0, 0, 1))
+    box = ds.Box(size=(2, 1, 1), rotation=(90, 0, 90))  # x to y
+    assert_meets(box, (0, 5, 0), (0, -1, 0), 4, (0, 1, 0))
+    box = ds.Box(size=(1, 2, 1), rotation=(90, 90, 0))  # y to z to x
+    assert_meets(box, (5, 0, 0), (-1, 0, 0), 4, (1, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: ds.Plane(normal=(0, 0, 0)),
+            "Plane.normal must not be the zero vector; got [0, 0, 0]. Give the way the plane faces.",
+        ),
+        (
+            lambda: ds.Box(size=(1, 0, 2)),
+            "Box.size must be above 0; got [1. 0. 2.]. Give width, height and depth in scene units.",
+        ),
+        (lambda: ds.Box(size=(1, -1, 2)), "Box.size must be at least 0; got (1, -1, 2). Give a value in that range."),
+        (lambda: ds.Box(size=2), "Box.size must be a vector of 3 numbers; got shape (). Give three numbers (x, y, z)."),
+    ],
+)
+def test_a_plane_or_box_that_is_none(make, message):
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        make()
 
 
 NORMAL = np.full((2, 3, 3), (0, 0.6, 0.8))

@@ -122,3 +122,25 @@ def test_the_power_of_what_is_positive(x, n, value, by_x, by_n):
     np.testing.assert_allclose(positive_power(x, n), value, rtol=1e-14)
     np.testing.assert_allclose(jax.jacfwd(positive_power, (0, 1))(x, n), (by_x, by_n), rtol=1e-13)
     np.testing.assert_allclose(jax.jacrev(positive_power, (0, 1))(x, n), (by_x, by_n), rtol=1e-13)
+
+
+def test_the_angle_of_n_and_h_is_half_that_of_v_and_r():
+    """Of vectors in one plane, however it lies; and not of those that are not."""
+    random = np.random.default_rng(4)
+    n, across, v_off = random.normal(size=(3, 200, 3))
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    across -= n * np.sum(n * across, -1, keepdims=True)
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    to_l, to_v = random.uniform(-1.4, 1.4, (2, 200, 1))
+    l, v = (np.cos(a) * n + np.sin(a) * across for a in (to_l, to_v))
+
+    def angles(v):
+        of = Vec3.of(jnp.asarray(n)), Vec3.of(jnp.asarray(l)), Vec3.of(jnp.asarray(v))
+        cosines = dot(of[0], halfway(of[1], of[2])), dot(of[2], reflect(of[1], of[0]))
+        return (np.arccos(np.clip(c, -1, 1)) for c in cosines)
+
+    n_h, v_r = angles(v)
+    np.testing.assert_allclose(n_h, v_r / 2, atol=1e-7)
+    v_off /= np.linalg.norm(v_off, axis=-1, keepdims=True)
+    n_h, v_r = angles(v_off)
+    assert (np.abs(n_h - v_r / 2) > 0.01).mean() > 0.5

@@ -311,9 +311,9 @@ def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[
                 f"{where} names '{name}', a number alone. Name what it counts, for example 'lights.{name}'."
             )
         if not any(_run(name, path) is not None for path in known):
-            if name.split(".")[-1] == "k_t":
+            if (last := name.split(".")[-1]) in ("k_t", "eta"):  # which a scene has only where they are given
                 raise ValueError(
-                    f"{where} names '{name}', but no such material lets light through. Give it a k_t, for example 0.5."
+                    f"{where} names '{name}', but no such material has one. Give it, for example {last}=0.5."
                 )
             raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, segments | set(known))}")
     return names

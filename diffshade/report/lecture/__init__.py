@@ -1,0 +1,82 @@
+"""The figures of a lecture on illumination: each is drawn by the model itself, and each shows one idea."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...fields import did_you_mean
+from ...files import replacing
+from ...progress import showing, silent
+from . import air, diffuse, lamps, specular, transparent, whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DRAWN = (
+    diffuse.diffuse_over_k_d,
+    diffuse.diffuse_over_theta,
+    diffuse.ambient_and_diffuse,
+    specular.lobes,
+    specular.cosine_powers,
+    specular.specular_over_k_s_and_n_s,
+    specular.fresnel_weight,
+    specular.phong_and_blinn,
+    specular.viewers,
+    whole.terms,
+    lamps.kinds_of_light,
+    lamps.attenuation_curves,
+    lamps.parallel_faces,
+    lamps.radial_attenuation,
+    lamps.spot_cone,
+    whole.colour_of_light,
+    whole.materials_and_lights,
+    whole.teapot_materials,
+    transparent.snell,
+    transparent.glass_sphere,
+    transparent.transmission,
+    transparent.three_transparent,
+    air.visibility,
+    air.depth_cueing,
+)
+FIGURES = {draw.__name__: draw for draw in _DRAWN}
+
+
+def write_figures(
+    folder: str | Path, *, only: Iterable[str] | str | None = None, progress: bool = False
+) -> tuple[Path, ...]:
+    """Write the figures of a lecture on illumination as PNG: 01_diffuse_over_k_d.png and so on; return their paths.
+
+    `folder` is made where there is none. `only`: names of figures, without number and suffix; all of them by default.
+    `progress`: show a line on the terminal. Raises ValueError for an unknown name, before anything is written.
+    """
+    names = list(FIGURES)
+    wanted = names if only is None else [only] if isinstance(only, str) else list(only)
+    for name in wanted:
+        _check(name)
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"cannot write figures to {folder}: it is no folder. Give the name of a folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    with showing("figures") if progress else contextlib.nullcontext(silent) as tell:
+        for i, name in enumerate(names):
+            if name in wanted:
+                tell(f"{len(paths) + 1} of {len(wanted)}, {name}")
+                paths.append(folder / f"{i + 1:02}_{name}.png")
+                with replacing(paths[-1]) as temporary:
+                    draw_figure(name).savefig(temporary)
+    return tuple(paths)
+
+
+def draw_figure(name: str) -> Figure:
+    """Draw one of the figures of a lecture; in a notebook it shows itself. Raises ValueError for an unknown name."""
+    _check(name)
+    return FIGURES[name]()
+
+
+def _check(name: str) -> None:
+    if name not in FIGURES:
+        raise ValueError(f"no figure is named '{name}'. {did_you_mean(name, FIGURES)}")

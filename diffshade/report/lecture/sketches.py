@@ -1,0 +1,58 @@
+"""Sketches: vectors, angles and rays, drawn where the library says they are."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from ...vectors import Vec3
+from .pages import GREY
+from .pictures import toward
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+RED = "#d1383d"
+Point: TypeAlias = tuple[Any, Any]
+LETTER: dict[str, Any] = {"fontsize": 14, "fontweight": "bold", "fontstyle": "italic", "family": "serif"}
+
+
+def sheet(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
+    """Make axes a sheet of one scale both ways, without a frame."""
+    axes.set_xlim(*x)
+    axes.set_ylim(*y)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def arrow(axes: Axes, tail: Point, tip: Point, colour: str = "black") -> None:
+    """Draw an arrow."""
+    style: dict[str, Any] = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", tip, tail, arrowprops=style)
+
+
+def ray(axes: Axes, *points: Point, colour: str = RED) -> None:
+    """Draw a ray from point to point, with an arrowhead half-way along each part."""
+    for tail, tip in itertools.pairwise(points):
+        axes.plot([tail[0], tip[0]], [tail[1], tip[1]], color=colour, linewidth=1.8, solid_capstyle="round")
+        middle = 0.45 * np.asarray(tail) + 0.55 * np.asarray(tip)
+        before = middle + 0.1 * (np.asarray(tail) - middle)
+        arrow(axes, (before[0], before[1]), (middle[0], middle[1]), colour)
+
+
+def vector(axes: Axes, direction: Vec3, name: str, colour: str = "black") -> None:
+    """Draw a unit vector from the origin, its name at the tip."""
+    x, y = float(direction.x), float(direction.y)
+    arrow(axes, (0, 0), (x, y), colour)
+    axes.text(1.11 * x, 1.11 * y, name, color=colour, ha="center", va="center", **LETTER)
+
+
+def arc(axes: Axes, start: float, end: float, radius: float, name: str, *, gap: float = 0.12) -> None:
+    """Draw the arc between two angles from the upward normal (degrees, clockwise) about the origin, with its name."""
+    along, middle = toward(np.linspace(start, end, 40)), toward(0.5 * (start + end))
+    axes.plot(radius * along.x, radius * along.y, color=GREY, linewidth=1.2)
+    x, y = (radius + gap) * middle.x, (radius + gap) * middle.y
+    axes.text(float(x), float(y), name, ha="center", va="center", fontsize=10)

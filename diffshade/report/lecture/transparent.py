@@ -1,0 +1,139 @@
+"""Transparent things: how light bends, and what is seen through them (E12, E13)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...cameras import Camera, OrthographicCamera, Rays
+from ...fields import Array
+from ...lights import DirectionalLight, PointLight
+from ...materials import Material
+from ...patterns import Chequer
+from ...scenes import Object, Scene
+from ...surfaces import Box, Plane, Sphere
+from ...transmission import bend
+from ...vectors import Vec3, reflect, refract
+from .pages import GREY, grid, page, place
+from .pictures import Picture, evaluate, picture, toward
+from .sketches import RED, arc, ray, sheet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+GLASS, GREEN, BLUE, INDEX = "#d7e9f4", "#2a8f5b", "#1f5fa8", 1.61
+
+
+def snell() -> Figure:
+    """Draw a ray that enters glass, one that passes a slab, and rays that try to leave."""
+    figure = page(
+        r"Snell's law, $\sin\theta_r = (\eta_i/\eta_r)\,\sin\theta_i$, air and glass of $\eta$ = 1.61", 10.6, 3.9
+    )
+    for i, (draw, title) in enumerate(
+        (
+            (_draw_entering, "into glass: towards the normal"),
+            (_draw_slab, "through a slab: shifted, but parallel"),
+            (_draw_leaving, "out of glass: total reflection beyond 38.4°"),
+        )
+    ):
+        axes = place(figure, 0.2 + 3.45 * i, 0.8, 3.3, 2.95)
+        sheet(axes, (-1.2, 1.2), (-1.07, 1.07))
+        axes.set_title(title, fontsize=10, pad=4)
+        draw(axes)
+    return figure
+
+
+def glass_sphere() -> Figure:
+    """Draw a glass ball before a chequered wall, unbent and refracted."""
+    indices = {r"simple: $\eta$ = 1": 1.0, r"refracted: $\eta$ = 1.1": 1.1, r"refracted: $\eta$ = 1.5": 1.5}
+    row = [_before_chequer(0.9, eta) for eta in indices.values()]
+    return grid("A glass ball magnifies what stands behind it, or turns it round", [row], columns=list(indices))
+
+
+def transmission() -> Figure:
+    """Draw a ball before a chequered wall over k_t."""
+    values = (0.0, 0.25, 0.5, 0.75, 1.0)
+    row = [_before_chequer(k_t, 1.0) for k_t in values]
+    title = r"Transparency, $I = (1 - k_t)\,I_{refl} + k_t\,I_{trans}$: from opaque to invisible"
+    return grid(title, [row], columns=[f"$k_t$ = {k_t:g}" for k_t in values])
+
+
+def three_transparent() -> Figure:
+    """Draw three balls, one behind the other, over k_t and in another order."""
+    panels = {
+        "$k_t$ = 0, red in front": (0.0, (2, 1, 0)),
+        "$k_t$ = 0.3, red in front": (0.3, (2, 1, 0)),
+        "$k_t$ = 0.6, red in front": (0.6, (2, 1, 0)),
+        "$k_t$ = 0.3, blue in front": (0.3, (0, 1, 2)),
+    }
+    row = [_balls(k_t, depths) for k_t, depths in panels.values()]
+    title = "Three transparent balls, back to front: the nearest weighs most"
+    return grid(title, [row], columns=list(panels))
+
+
+def _before_chequer(k_t: float, eta: float) -> Picture:
+    glass = Material(0.02, (0.55, 0.25, 0.15), 0.9, 60, k_t=k_t, eta=eta)
+    wall = Object(Plane((0, 0, -3), (0, 0, 1)), Material(k_a=Chequer((0.12, 0.2, 0.3), (0.8, 0.8, 0.75), 1.2)))
+    red = Object(Sphere((-0.4, 0.45, -2.75), 0.22), Material((0.1, 0.01, 0.01), (0.75, 0.08, 0.06)))
+    scene = Scene([Object(Sphere(), glass), wall, red], PointLight((3, 4, 6)))
+    return picture(scene, Camera((0, 0, 6), fov=24, shape=(220, 220)))
+
+
+def _balls(k_t: float, depths: tuple[int, int, int]) -> Picture:
+    """Return a red, a green and a blue ball at depths, a larger number nearer, before white."""
+    angles, colours = np.deg2rad([90, 210, 330]), ((0.9, 0.06, 0.04), (0.08, 0.6, 0.1), (0.05, 0.12, 0.9))
+    balls = [
+        Object(
+            Sphere((0.5 * np.cos(a), 0.5 * np.sin(a), 2.0 * z), 0.75),
+            Material(0.4 * np.array(k), 0.6 * np.array(k), 0.4, 40, k_t=k_t),
+        )
+        for a, k, z in zip(angles, colours, depths, strict=True)
+    ]
+    camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
+    return picture(Scene(balls, DirectionalLight((-0.4, -0.5, -1)), background=0.9), camera)
+
+
+def _draw_entering(axes: Axes) -> None:
+    axes.fill_between([-1.2, 1.2], -1.1, 0, color=GLASS)
+    l = toward(-30)
+    T, _ = evaluate(refract, l, toward(0), np.asarray(1 / INDEX))
+    theta_r = np.rad2deg(np.arctan2(T.x, -T.y))
+    axes.plot([0, 0], [-1, 1], ":", color=GREY)
+    axes.plot([0, -float(l.x)], [0, -float(l.y)], "--", color=RED, linewidth=1, alpha=0.6)
+    ray(axes, (l.x, l.y), (0, 0), (T.x, T.y))
+    arc(axes, -30.0, 0.0, 0.45, "30°")
+    arc(axes, 180 - float(theta_r), 180.0, 0.6, "")
+    axes.text(-0.08, -0.62, f"{theta_r:.2f}°", ha="right", va="center", fontsize=10)
+    axes.text(1.1, 0.08, r"air, $\eta$ = 1", ha="right", fontsize=9)
+    axes.text(1.1, -0.16, rf"glass, $\eta$ = {INDEX}", ha="right", fontsize=9)
+
+
+def _draw_slab(axes: Axes) -> None:
+    slab, start = Box(size=(4, 0.9, 4)), Vec3(*(np.asarray(x) for x in (-1.05, 1.0, 0.0)))
+
+    def trace(l: Vec3, eta: Array) -> tuple[Vec3, Vec3, Vec3, Vec3]:
+        rays = Rays(start + l * 0.0, -l)
+        hit = slab.intersect(rays)
+        way, _ = bend(slab, rays, hit, eta)
+        enters = rays.origin + rays.direction * hit.distance
+        return enters, way.outer.origin, way.outer.origin + way.outer.direction * 0.7, enters - l * 1.75
+
+    enters, leaves, end, straight = evaluate(trace, toward(-50), np.asarray(INDEX))
+    axes.fill_between([-1.2, 1.2], -0.45, 0.45, color=GLASS)
+    axes.plot([enters.x, straight.x], [enters.y, straight.y], "--", color=RED, linewidth=1, alpha=0.6)
+    ray(axes, *((p.x, p.y) for p in (start, enters, leaves, end)))
+    for p in (enters, leaves):
+        axes.plot([p.x, p.x], [p.y - 0.35, p.y + 0.35], ":", color=GREY)
+
+
+def _draw_leaving(axes: Axes) -> None:
+    axes.fill_between([-1.2, 1.2], -1.1, 0, color=GLASS)
+    axes.plot([0, 0], [-1, 1], ":", color=GREY)
+    for degrees, colour in ((20, GREEN), (36, BLUE), (50, RED)):
+        l, n = toward(180 + degrees), toward(180)
+        out, leaves = evaluate(refract, l, n, np.asarray(INDEX))
+        on = out if leaves else evaluate(reflect, l, n)
+        ray(axes, (l.x, l.y), (0, 0), (on.x, on.y), colour=colour)
+        axes.text(1.1 * float(l.x), 1.1 * float(l.y), f"{degrees}°", color=colour, ha="center", va="center", fontsize=9)

@@ -1,0 +1,67 @@
+"""Patterns: the colour of a chequer at a point."""
+
+from re import escape
+
+import jax
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.vectors import Vec3
+
+A, B = (0.9, 0.8, 0.7), (0.1, 0.2, 0.3)
+
+
+@jax.jit
+def colours(pattern, p):
+    return pattern(Vec3.of(p)).stack()
+
+
+def test_the_squares_are_half_a_period():
+    """a where x and y are in squares of one colour of a chessboard, b where not; z does not matter."""
+    x = np.array([0.5, 1.5, 2.5, -0.5, 0.5, 0.5, -1.5])
+    y = np.array([0.5, 0.5, 0.5, 0.5, 1.5, 2.5, -1.5])
+    p = np.stack([x, y, np.arange(7.0)], -1)
+    expected = [A, B, A, B, B, A, A]
+    np.testing.assert_allclose(colours(ds.Chequer(A, B, 2), p), expected, rtol=1e-15)
+    np.testing.assert_allclose(colours(ds.Chequer(A, B, 2), p + np.array([4, -2, 0])), expected, rtol=1e-15)
+
+
+def test_the_smooth_one_is_a_wave():
+    p = np.array([(0.5, 0.5, 0), (0.5, -0.5, 0), (0, 0.3, 9), (1 / 6, 1 / 6, 0)])
+    half = np.add(A, B) / 2
+    expected = [A, B, half, half + 0.25 * np.subtract(A, B) / 2]
+    np.testing.assert_allclose(colours(ds.Chequer(A, B, 2, smooth=True), p), expected, rtol=1e-14)
+
+
+def test_it_counts_along_u_and_v():
+    p = np.random.default_rng(5).normal(size=(50, 3))
+    floor = ds.Chequer(A, B, 0.7, u=(1, 0, 0), v=(0, 0, 1))
+    np.testing.assert_array_equal(colours(floor, p), colours(ds.Chequer(A, B, 0.7), p[:, [0, 2, 1]]))
+    np.testing.assert_allclose(
+        colours(ds.Chequer(A, B, 1, smooth=True, u=(0, 2, 0), v=(0, 0, 1)), p),
+        colours(ds.Chequer(A, B, 1, smooth=True), p[:, [1, 2, 0]] * [2, 1, 1]),
+        rtol=1e-12,
+    )
+
+
+def test_only_the_smooth_one_has_a_derivative():
+    p = np.array([[0.2, 0.3, 0.0]])
+    for smooth in (False, True):
+        slope = jax.jacfwd(lambda p, smooth=smooth: colours(ds.Chequer(A, B, 1.3, smooth), p))(p)
+        assert np.any(slope) == smooth
+        assert np.isfinite(slope).all()
+
+
+@pytest.mark.parametrize("period", [0.0, -1.0])
+def test_a_period_of_nothing(period):
+    message = f"Chequer.period must be above 0; got {period}. Give the length of two squares."
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.Chequer(A, B, period)
+
+
+def test_a_pattern_is_one_of_colours():
+    with pytest.raises(TypeError, match=r"^Material\.k_d must be a Pattern; got Sphere\. Give for example Chequer"):
+        ds.Material(k_d=ds.Sphere())
+    with pytest.raises(ValueError, match=r"^Chequer\.a must be a colour of 1 or 3 numbers; got shape \(2,\)"):
+        ds.Chequer((1, 2), B)
