@@ -151,9 +151,11 @@ def sentences(
     """Say which unknowns these views do not determine, and what to do about it."""
     said = []
     if zero.any():
-        names = listing(_quantities(unknowns, np.flatnonzero(zero)))
+        names = _quantities(unknowns, np.flatnonzero(zero))
+        it = "it" if len(names) == 1 else "them"
         said.append(
-            f"these views do not determine {names}: no pixel changes with it. Fix it, or add a view that shows it."
+            f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
+            f"shows {it}."
         )
     for direction in directions:
         sentence = _sentence(direction, unknowns, values)
@@ -198,8 +200,11 @@ def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) ->
 
 
 def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
-    """Return the names without their channels, each once."""
-    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
+    """Return the names, each once; without their channels where all channels are meant."""
+    meant = {unknowns[int(j)].name for j in which}
+    partial = {u.quantity for u in unknowns if u.name not in meant}
+    either = (unknowns[int(j)] for j in which)
+    return list(dict.fromkeys(u.name if u.quantity in partial else u.quantity for u in either))
 
 
 def listing(names: Sequence[str]) -> str:
