@@ -155,7 +155,7 @@ def minimise(
         descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),
         search=GainRatio(rounding),
         rtol=rtol,
-        atol=1e-28 * squares,
+        atol=1e-25 * squares,
         rounding=rounding,
     )
     theta = np.asarray(theta)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..fields import Array
+from ..lights import SpotLight
 from ..scenes import Scene
 from .blocks import Block
 from .gram import Point
@@ -23,6 +25,7 @@ EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
+EDGE = 5.0  # degrees
 MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
 
 Theta = Float[np.ndarray, " p"]
@@ -123,6 +126,19 @@ def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, The
     point = look(theta, task, chunks)
     found, cost = (point.theta, point.total.cost) if task.form.projects else _judge(point, task.box)
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+
+
+def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
+    """Return the scene with soft edges at least `EDGE` wide for spots whose cutoff is unknown and softness known.
+
+    Only pixels within the edge tell where it is: of a narrow one a search would see nothing.
+    """
+    free = {path for unknown in unknowns for path, _ in unknown.places}
+    for i, light in enumerate(scene.lights):
+        unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
+        if isinstance(light, SpotLight) and unseen and light.softness < EDGE:
+            scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
+    return scene
 
 
 def is_local(unknowns: Sequence[Unknown]) -> bool:

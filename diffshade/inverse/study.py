@@ -20,7 +20,7 @@ from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, prepare
 from .solvers import Box, Minimum, Soft, Task, minimise
-from .starts import is_local, search
+from .starts import is_local, search, with_wide_edges
 from .views import Samples, View, is_grey
 
 MAX_STEPS = 200
@@ -116,10 +116,7 @@ class Study:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
         tell("searching for a start")
         begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
-        if not from_scene:
-            coarse = self.few() if is_local(self.unknowns) else self.measured
-            begin = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
-        theta = begin
+        theta = begin if from_scene else self.search()
         if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
             theta = self.settle(theta)
         self.whole = self.reweigh(theta, self.whole or self.chunks())
@@ -132,6 +129,18 @@ class Study:
             max_steps=MAX_STEPS,
             tell=lambda step, cost: tell(f"step {step}, cost {cost:.6g}"),
         )
+
+    def search(self) -> np.ndarray:
+        """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
+        sharp = self.form
+        wide = with_wide_edges(self.scene, self.unknowns)
+        if wide is not self.scene:
+            problem = prepare(wide, self.views, slots_of(wide, self.views, self.unknowns))
+            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.tree.map(jnp.asarray, problem))
+        coarse = self.few() if is_local(self.unknowns) else self.measured
+        theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
+        self.form = sharp
+        return theta
 
     def task(self) -> Task:
         """Return what is to be minimised."""
