@@ -151,7 +151,9 @@ def sentences(
     """Say which unknowns these views do not determine, and what to do about it."""
     said = []
     if zero.any():
-        names = _quantities(unknowns, np.flatnonzero(zero))
+        others = {u.quantity for u, here in zip(unknowns, zero, strict=True) if not here}
+        lost = [u for u, here in zip(unknowns, zero, strict=True) if here]  # all channels of it, or some
+        names = list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in lost))
         it = "it" if len(names) == 1 else "them"
         said.append(
             f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
@@ -200,11 +202,8 @@ def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) ->
 
 
 def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
-    """Return the names, each once; without their channels where all channels are meant."""
-    meant = {unknowns[int(j)].name for j in which}
-    partial = {u.quantity for u in unknowns if u.name not in meant}
-    either = (unknowns[int(j)] for j in which)
-    return list(dict.fromkeys(u.name if u.quantity in partial else u.quantity for u in either))
+    """Return the names without their channels, each once."""
+    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
 
 
 def listing(names: Sequence[str]) -> str:
