@@ -25,9 +25,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-SIZES = ("128x1", "512x1", "512x8", "2048x1")
+SIZES = ("128x1", "128x8", "512x1", "512x8", "2048x1", "2048x8")
 OURS = ("diffshade, solve", "diffshade, fit", "one forward render of all views")
 ADAM_AT_MOST = 512 * 512
+PEERS_AT_MOST = 2048 * 2048  # pixels: beyond, their Jacobians do not fit into memory
 
 
 def main() -> None:
@@ -47,7 +48,8 @@ def main() -> None:
     found = {}
     for size in arguments.sizes:
         pixels, views = map(int, size.split("x"))
-        names = [*OURS, *(n for n in peers.PEERS if "Adam" not in n or pixels**2 * views <= ADAM_AT_MOST)]
+        others = [] if pixels**2 * views > PEERS_AT_MOST else list(peers.PEERS)
+        names = [*OURS, *(n for n in others if "Adam" not in n or pixels**2 * views <= ADAM_AT_MOST)]
         runs: dict[str, list[dict]] = {name: [] for name in names}
         jobs = [name for _ in range(arguments.rounds) for name in names]
         for name in track(jobs, description=size, console=Console(stderr=True), transient=True):

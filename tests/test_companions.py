@@ -107,6 +107,41 @@ def test_what_the_scene_has_wrong_is_found_together_with_the_material(build):
     assert fit.rmse == pytest.approx(SIGMA, rel=0.06)
 
 
+def test_lights_that_are_on_together_are_found_from_one_photograph():
+    """Judged one light after another, with the others still out of place, these lead astray."""
+    where = lambda s: [l.position for l in s.lights]  # noqa: E731
+    fade = ds.RadialAttenuation(1.0, 0.0, 0.2)
+    places = np.array([(2.0, 3.0, 4.0), (-2.0, 1.0, 3.0), (0.5, -2.0, 4.0)])
+    truth = standard_scene(ds.Material(0.1, (0.6, 0.4, 0.25), 0.5, 40), [ds.PointLight(p, 5.0, fade) for p in places])
+    told = same_but(truth, where, places + np.array([(-1.0, -2.0, 1.0), (1.0, 0.0, 2.0), (-0.5, 1.0, 1.0)]))
+    fit = ds.fit(forget(told), ds.View(photograph(truth), CAMERA), free=(*OF_MATERIAL, "position"))
+    found, true = fit.values, fit.values_in(truth)
+    np.testing.assert_allclose(found[:-9], true[:-9], rtol=1e-4, atol=1e-4)
+    # which of three equal lights is which is not to be told
+    by_height = [sorted(values[-9:].reshape(3, 3).tolist(), key=lambda place: place[1]) for values in (found, true)]
+    np.testing.assert_allclose(*by_height, rtol=1e-4, atol=1e-4)
+
+
+def test_a_light_told_to_stand_in_the_middle_of_the_sphere_is_found():
+    where = lambda s: [l.position for l in s.lights]  # noqa: E731
+    truth = standard_scene(lights=THREE)
+    told = same_but(truth, where, [np.zeros(3), *light_positions()[1:3]])
+    free = (*OF_MATERIAL, "lights.0.position")
+    fit = ds.fit(forget(told), one_light_each(photographs(truth)), free=free)
+    np.testing.assert_allclose(fit.values, fit.values_in(truth), rtol=1e-5, atol=1e-5)
+
+
+def test_the_cutoff_of_a_spot_whose_edge_is_two_pixels_wide_is_found_from_far_off():
+    """The sphere is 24 pixels wide, so that one of them is 1.5 degrees of the spot's cone."""
+    shape = lambda s: [x for l in s.lights for x in (l.cutoff, l.exponent)]  # noqa: E731
+    spot = ds.SpotLight((0.6, 0.8, 3.0), (-0.6, -0.8, -3.0), 3.0, 11.0, 20.0, softness=3.0)
+    truth = standard_scene(lights=[spot])
+    for cutoff in (7.0, 16.0, 40.0):
+        told = same_but(truth, shape, [cutoff, 0.0])
+        fit = ds.fit(forget(told), ds.View(photograph(truth), CAMERA), free=(*OF_MATERIAL, "cutoff", "exponent"))
+        np.testing.assert_allclose(fit.values[-2:], (11.0, 20.0), rtol=1e-5)
+
+
 # --- directions, which are unit vectors
 
 

@@ -167,3 +167,25 @@ def test_the_error_of_a_value_at_a_bound_is_printed_as_one_sided(bounds, bound, 
     assert inside[3][0].isdigit()
     assert "bound" not in inside
     assert f"k_d.r, k_d.g and k_d.b are at their {side} bound {bound:g}." in found.notes
+
+
+# --- names as the table prints them
+
+
+def test_a_bound_or_a_prior_may_name_one_channel():
+    found = fit(bounds={"k_d.r": (0.0, 0.5)}, priors={"k_a.g": (0.11, 1e-6)})
+    assert value(found, "k_d.r") == 0.5
+    assert list(found.at_bound) == [name == "k_d.r" for name in found.names]
+    assert value(found, "k_a.g") == pytest.approx(0.11, abs=1e-4)
+    assert abs(value(found, "k_a.b") - 0.1) < 0.005
+
+
+def test_a_prior_may_be_a_colour():
+    found = fit(priors={"k_a": ((0.2, 0.3, 0.4), 1e-6)})
+    np.testing.assert_allclose(found.material.k_a, (0.2, 0.3, 0.4), atol=1e-4)
+
+
+def test_an_unknown_factor_can_be_bounded_by_its_printed_name():
+    found = fit(constraints=[ds.Proportional("k_s", "k_d")], bounds={"k_s/k_d": (0.0, 0.4)})
+    assert value(found, "k_s/k_d") == 0.4
+    assert found.at_bound[found.names.index("k_s/k_d")]

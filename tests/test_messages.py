@@ -1,6 +1,8 @@
 """Bad input ends in one clear sentence that names the thing, the value and the remedy."""
 
 import inspect
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,6 +58,7 @@ def none(leaf: object) -> bool:
 
 
 NORMALS = ds.GBuffer(np.full((10, 12, 3), (0.0, 0.0, 1.0)))
+WITH_A_DIRECTION = ds.Scene(ds.Object(ds.Sphere()), ds.DirectionalLight((0, 0, -1)))
 PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
 
 CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] = {
@@ -120,10 +123,41 @@ CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] 
     ),
     "no views": (fit(), ValueError, ("at least one view", "got none", "Give a View for each photograph.")),
     "nothing free": (fit(VIEW, free=()), ValueError, ("free", "got none", "Give for example")),
-    "fewer samples than unknowns": (
-        fit(ds.View(IMAGE, CAMERA, mask=only((4, 6))), free=("k_a", "k_d", "n_s")),
+    "fewer pixels than unknowns": (
+        fit(ds.View(IMAGE, CAMERA, mask=only((4, 6), (4, 7), (5, 6))), free=("k_a", "k_d", "n_s")),
         ValueError,
-        ("fewer samples", "3 for 7", "Free fewer parameters or add views."),
+        ("fewer pixels", "3 for 7", "Free fewer parameters or add views."),
+    ),
+    "nothing but clipped samples": (
+        fit(ds.View(IMAGE, CAMERA, floor=100.0)),
+        ValueError,
+        ("fewer samples that are not clipped", "0 for 4", "Free fewer parameters or add views."),
+    ),
+    "a floor above the saturation": (
+        lambda: ds.View(IMAGE, CAMERA, floor=0.6, saturation=0.5),
+        ValueError,
+        ("View.floor", "0.6 and 0.5", "Give the levels"),
+    ),
+    "half an sRGB curve": (lambda: ds.Noise(0.1, srgb=0.3), ValueError, ("Noise.srgb", "0 or 1", "0.3", "Give")),
+    "a proportion of two known colours": (
+        fit(VIEW, free="n_s", constraints=ds.Proportional("k_s", "k_d", 0.5)),
+        ValueError,
+        ("k_s", "k_d", "both known", "Free objects.0.material.k_d"),
+    ),
+    "a grey colour that follows another": (
+        fit(VIEW, free=("k_s", "k_d"), constraints=(ds.Grey("k_s"), ds.Proportional("k_s", "k_d"))),
+        ValueError,
+        ("Grey", "'k_s'", "Proportional", "Name that instead."),
+    ),
+    "a prior outside of the bounds": (
+        fit(VIEW, priors={"k_d": (-5.0, 0.1)}),
+        ValueError,
+        ("prior of 'k_d'", "[0, inf]", "-5", "Give a value in that range"),
+    ),
+    "bounds that hold no direction": (
+        fit(VIEW, free="direction", bounds={"direction": (0.7, 1.0)}, scene=WITH_A_DIRECTION),
+        ValueError,
+        ("direction", "no unit vector", "Widen them"),
     ),
     "a moving surface without a mask": (
         fit(VIEW, free=("radius",)),
@@ -368,6 +402,38 @@ def test_bad_input_ends_in_a_sentence(name):
     assert_one_clear_sentence(message)
     for part in parts:
         assert part in message
+
+
+WRONG_TYPES = {
+    "ds.View(image, camera, lit=0.5)": "View.lit must hold indices of lights; got 0.5. Give for example (0, 2).",
+    "fit(constraints=('k_s',))": "constraints[0] must be a Grey or a Proportional; got 'k_s'. "
+    "Give for example Grey('k_s').",
+    "fit(free=(3,))": "free must hold names of parameters; got 3. Give for example 'k_d'.",
+    "fit(constraints=ds.Grey(3))": "constraints must hold names of parameters; got 3. Give for example 'k_d'.",
+    "fit(bounds=[('k_d', (0, 1))])": "bounds must be a Mapping; got list. Give for example {'k_s': (0, 1)}.",
+    "ds.sensitivity(scene, 'k_d')": "fit must be a Fit; got Scene. "
+    "Give for example ds.fit(scene, views, free=('k_d',)).",
+}
+
+
+def test_values_of_the_wrong_type_end_in_a_sentence():
+    """In a program of its own, without the checks that these tests put around every call."""
+    program = f"""
+import numpy as np
+import diffshade as ds
+camera = ds.Camera((0, 0, 4), shape=(6, 6))
+image = np.full((6, 6, 3), 0.5)
+scene = ds.Scene(ds.Object(ds.Sphere(radius=2)), ds.DirectionalLight((0, 0, -1)))
+fit = lambda **options: ds.fit(scene, ds.View(image, camera), **({{"free": "k_d"}} | options))
+for call in {list(WRONG_TYPES)}:
+    try:
+        eval(call)
+    except TypeError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.splitlines() == list(WRONG_TYPES.values())
 
 
 def test_a_file_that_is_missing(tmp_path: Path):

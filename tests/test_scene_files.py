@@ -357,7 +357,11 @@ BAD = {
         'surface = "Sphere"\nname = "my ball"',
         ": objects[0]: Object.name must be one word, of letters, digits and _; got 'my ball'. Rename it.",
     ),
-    "a name that is a number": ('surface = "Sphere"', 'surface = "Sphere"\nname = 5', ": objects[0].name must be a word; got 5. Write it in quotes."),
+    "a name that is a number": (
+        'surface = "Sphere"',
+        'surface = "Sphere"\nname = 5',
+        ": objects[0].name must be a word; got 5. Write it in quotes.",
+    ),
     "a box without a size": (
         '"Sphere"',
         '{ type = "Box", size = [1, 0, 1] }',

@@ -128,6 +128,48 @@ def test_an_exponent_that_was_known_is_differentiated_in_its_own_unit():
     np.testing.assert_allclose(by_exponent, difference, rtol=0, atol=1e-3 * np.abs(difference).max())
 
 
+def test_an_exponent_of_0_that_was_known_has_a_derivative():
+    scene = eqx.tree_at(lambda s: s.objects[0].material.n_s, SCENE, np.asarray(0.0))
+    fit = ds.fit(scene, views(IMAGES), free=("k_a", "k_d"))
+    assert np.isfinite(ds.sensitivity(fit, "n_s")).all()
+
+
+def test_a_known_direction_of_any_length_is_differentiated_as_it_is():
+    clean = standard_scene(
+        lights=[ds.DirectionalLight((-1.0, -0.8, -2.0)), ds.DirectionalLight((3.0, -2.0, -5.0), 0.4)]
+    )
+    images = noisy(photographs(clean), SIGMA, 1)
+
+    def fit(scene: ds.Scene, start: str) -> ds.Fit:
+        shown = [ds.View(image, CAMERA, lit=i) for i, image in enumerate(images)]
+        if start == "scene":
+            return ds.fit(scene, shown, free=FREE, start="scene")
+        return ds.fit(scene, shown, free=FREE)
+
+    base = fit(forget(clean), "search")
+    by_direction = ds.sensitivity(base, "lights.1.direction")
+    where = lambda s: s.lights[1].direction  # noqa: E731
+    for axis in range(3):
+        step = STEP * np.eye(3)[axis]
+        ends = [fit(eqx.tree_at(where, base.scene, where(base.scene) + s * step), "scene").values for s in (1, -1)]
+        difference = (ends[0] - ends[1]) / (2.0 * STEP)
+        assert np.abs(difference / base.plain_errors).max() > 1.0
+        np.testing.assert_allclose(by_direction[:, axis], difference, rtol=0, atol=1e-3 * np.abs(difference).max())
+
+
+def test_a_known_colour_that_another_follows_moves_that_too():
+    free, constraints = ("k_s", "n_s"), ds.Proportional("k_s", "k_d")
+    base = ds.fit(SCENE, views(IMAGES), free=free, constraints=constraints)
+    by_colour = ds.sensitivity(base, "k_d")
+    where = lambda s: s.objects[0].material.k_d  # noqa: E731
+    for channel in range(3):
+        step = STEP * np.eye(3)[channel]
+        scenes = [eqx.tree_at(where, base.scene, where(base.scene) + s * step) for s in (1, -1)]
+        ends = [ds.fit(s, views(IMAGES), free=free, constraints=constraints, start="scene").values for s in scenes]
+        difference = (ends[0] - ends[1]) / (2.0 * STEP)
+        np.testing.assert_allclose(by_colour[:, channel], difference, rtol=0, atol=1e-3 * np.abs(difference).max())
+
+
 # --- what is refused
 
 

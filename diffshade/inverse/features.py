@@ -252,7 +252,7 @@ class FeatureForm(eqx.Module):
 def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
     """Whether this form can serve: one object, few lights at once, and every unknown a coefficient of light."""
     lights = [scene.lights if view.lit is None else [scene.lights[i] for i in view.lit] for view in views]
-    names = {path.split(".")[-1] for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
+    names = _kinds(unknowns)
     material = scene.objects[0].material
     n_s = material.n_s
     return (
@@ -273,9 +273,14 @@ def feature_form(
     problem: Problem, likelihood: Likelihood, unknowns: Sequence[Unknown], *, shared: bool, grey: bool
 ) -> FeatureForm:
     """Return the form with the features that these unknowns need."""
-    names = {path.split(".")[-1] for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
+    names = _kinds(unknowns)
     fade = tuple(k for k, name in enumerate(FADES) if name in names)
     return FeatureForm(problem, likelihood, "n_s" in names, fade, shared, grey)
+
+
+def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
+    """Return the last segments of all places that depend on an unknown."""
+    return {path.split(".")[-1] for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
 
 
 def _lamps(scene: Any, lit: Any) -> Lamps:

@@ -32,8 +32,8 @@ def fit(
     free: Iterable[str],
     tied: Iterable[str] = (),
     bounds: Mapping[str, Sequence[float | int]] | None = None,
-    constraints: Sequence[Grey | Proportional] = (),
-    priors: Mapping[str, Sequence[float | int]] | None = None,
+    constraints: Sequence[Grey | Proportional] | Grey | Proportional = (),
+    priors: Mapping[str, Sequence[Any]] | None = None,
     loss: str = "squares",
     clipped: str = "hinge",
     start: str = "search",
@@ -42,16 +42,17 @@ def fit(
     """Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
 
     Minimises sum (exposure * radiance + black - image)^2 over the samples of all views by Levenberg-Marquardt on J^T J
-    within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start: k_a, k_d, k_s are solved
-    for exactly, n_s and the attenuation are searched for whatever the scene says of them, and geometry (a light's
-    position or direction, a spot's shape, a sphere) is searched for around the scene's values.
+    within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start: whatever the scene says
+    of them, k_a, k_d, k_s are solved for exactly, n_s is searched for, and the attenuation begins at none; geometry (a
+    light's position or direction, a spot's shape, a sphere) is searched for around the scene's values.
 
     `free`, `tied`: names, any run of whole segments of a dotted path: `"k_d"`, `"lights.0.intensity"`,
     `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only by its own name), `"exposure"`
     and `"black"` of each view, `"views.0.exposure"`. A direction is fitted as a unit vector. A tied name makes one
-    unknown of the free numbers that are called the same after it. `bounds`: name to (lower, upper); by default
-    coefficients, intensities and attenuation are at least 0 and n_s is in [0.1, 1e4]. `constraints`: `Grey`,
-    `Proportional`. `priors`: name to (value, standard deviation), Gaussian; of n_s the standard deviation of log n_s.
+    unknown of the free numbers that are called the same after it. `bounds`: name to (lower, upper), where a name may
+    end in a channel, as the table prints it ("k_d.r", "position.x"); by default coefficients, intensities and
+    attenuation are at least 0 and n_s is in [0.1, 1e4]. `constraints`: `Grey`, `Proportional`. `priors`: name to
+    (value, standard deviation), Gaussian, where the value may be a colour or vector; of n_s the deviation of log n_s.
     `loss`: "squares"; or, for outliers, "huber", "cauchy" or "geman-mcclure", whose scale is found from the residuals'
     median unless the views' noise is known. `clipped`: what a sample at the end of the sensor's range says: "hinge",
     that the truth is at least (or at most) that; "tobit", the same with the noise known, alone without bias where much
@@ -62,7 +63,8 @@ def fit(
     FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
-    _check_choices(scene, views, loss, clipped, start)
+    constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
+    _check_choices(scene, views, constraints, loss, clipped, start)
     check_backend()
     scene = jax.tree.map(_numpy, scene)
     grey = all(is_grey(view) for view in views)
@@ -103,23 +105,34 @@ def look_at(
     pixels = sum(len(s.pixels) for s in samples)
     number = sum(len(s.pixels) * s.photograph.shape[2] for s in samples)
     left_out = clipped == "leave out"
-    if number < len(unknowns):
-        raise ValueError(
-            f"these views have fewer samples than there are unknowns, {number} for {len(unknowns)}. Free fewer "
-            "parameters or add views."
-        )
+    for noun, have in (
+        ("pixels", pixels),
+        ("samples that are not clipped", number - clipping * (clipped != "leave out")),
+    ):
+        if have < len(unknowns):
+            raise ValueError(
+                f"these views have fewer {noun} than there are unknowns, {have} for {len(unknowns)}. Free fewer "
+                "parameters or add views."
+            )
     if all(s.brightest <= 0.0 for s in samples):
         raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
     return samples, Counts(len(views), pixels, number, 0 if left_out else clipping, clipping if left_out else 0)
 
 
-def _check_choices(scene: Any, views: Sequence[Any], loss: Any, clipped: Any, start: Any) -> None:
+def _check_choices(
+    scene: Any, views: Sequence[Any], constraints: Sequence[Any], loss: Any, clipped: Any, start: Any
+) -> None:
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
     check((scene, tuple(views)))
+    for i, constraint in enumerate(constraints):
+        if not isinstance(constraint, Grey | Proportional):
+            raise TypeError(
+                f"constraints[{i}] must be a Grey or a Proportional; got {constraint!r}. Give for example Grey('k_s')."
+            )
     for name, value, choices in (
         ("loss", loss, tuple(LOSSES)),
         ("clipped", clipped, CLIPPED),

@@ -44,11 +44,12 @@ class Fit:
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"] | None
-    """Standard errors by delete-one-view jackknife, to be used with t of views - 1 degrees of freedom; infinite where
-    nothing is determined; None with fewer than three views."""
+    """Standard errors by delete-one-view jackknife, to be used with t of views - 1 degrees of freedom; of what one view
+    alone shows, such as its exposure, the plain ones (a note says so); infinite where nothing is determined; None with
+    fewer than three views, or where the others determine less without one of them."""
     plain_errors: Float[np.ndarray, " p"]
-    """Standard errors sigma^2 (J^T J)^-1 for independent noise of equal size; too small on real photographs, whose
-    residuals are correlated. Infinite where nothing is determined."""
+    """Standard errors sigma^2 (J^T J)^-1 for independent noise, of equal size or as the views' `Noise` says; too small
+    on real photographs, whose residuals are correlated. Infinite where nothing is determined."""
     covariance: Float[np.ndarray, "p p"]
     """The plain covariance of the determined unknowns that are not at a bound; 0 elsewhere."""
     determined: Bool[np.ndarray, " p"]
@@ -62,6 +63,7 @@ class Fit:
     """Condition number of the Jacobian with columns of unit length; infinite where it is singular."""
     counts: Counts
     steps: int
+    """Passes over all pixels of the last minimisation; the search and the settling of a scale come before."""
     converged: bool
     likelihood: Likelihood
     """The loss, and the scale of the residuals that it was used with."""
@@ -126,7 +128,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """A photograph and what a fit says it should be: exposure * radiance, unclipped, in the photograph's channels."""
+    """A photograph and what a fit says it should be: exposure * radiance + black, unclipped, in its channels."""
 
     target: Float[np.ndarray, "h w c"]
     image: Float[np.ndarray, "h w c"]
@@ -172,6 +174,8 @@ def diagnose(
     values = np.where(log, np.exp(np.where(log, theta, 0.0)), theta)
     for bound in (lower, upper):  # right at the bound, not a rounding beside it
         values = np.where(np.isclose(values, bound, rtol=1e-12, atol=0.0), bound, values)
+    at_bound = (values <= lower) | (values >= upper)
+    at_lower = values <= lower
     units = np.array(unit_vectors(unknowns), int).reshape(-1, 3)
     for unit in units:
         values[unit] /= np.linalg.norm(values[unit])
@@ -180,7 +184,6 @@ def diagnose(
     H, g = np.asarray(end.point.views.hessian) * np.outer(slope, slope), np.asarray(end.point.views.gradient) * slope
     H_0, g_0 = np.asarray(beside.hessian) * np.outer(slope, slope), np.asarray(beside.gradient) * slope
     everything = H.sum(0) + H_0
-    at_bound = (values <= lower) | (values >= upper)
     zero, directions = null_directions(everything)
     determined = ~zero & ~directions.any(0)
     noisy = views[0].noise is not None
@@ -222,9 +225,13 @@ def diagnose(
     covariance = np.zeros_like(everything)
     covariance[np.ix_(known, known)] = plain(~at_bound)[np.ix_(known[~at_bound], known[~at_bound])]
     notes = [
-        *([f"the fit did not converge in {end.steps} steps: {end.message}"] if end.message else []),
+        *(
+            [f"the fit did not converge in {end.steps} steps: {end.message}. Fix or bound an unknown."]
+            if end.message
+            else []
+        ),
         *sentences(zero, directions, unknowns, values),
-        *_warnings(unknowns, values, plain_errors if errors is None else errors, determined, lower, upper),
+        *_warnings(unknowns, values, plain_errors if errors is None else errors, determined, at_bound, at_lower),
         *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
         *_ends(counts),
     ]
@@ -239,7 +246,7 @@ def diagnose(
         covariance=covariance,
         determined=determined,
         at_bound=at_bound,
-        at_lower=values <= lower,
+        at_lower=at_lower,
         rmse=float(np.sqrt(spread[1] / spread[0])),
         condition=condition_number(everything),
         counts=counts,
@@ -270,19 +277,18 @@ def _warnings(
     values: np.ndarray,
     errors: np.ndarray,
     determined: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
+    at_bound: np.ndarray,
+    at_lower: np.ndarray,
 ) -> list[str]:
     """Say which values stand at a bound, are mostly error, or are more than a surface can reflect."""
     said = []
-    for side, bound, there in (("lower", lower, values <= lower), ("upper", upper, values >= upper)):
+    for side, there in (("lower", at_lower), ("upper", at_bound & ~at_lower)):
+        bound = np.array([getattr(u, side) for u in unknowns])
         for value in np.unique(bound[there & determined]):
             names = [u.name for u, at in zip(unknowns, there & determined & (bound == value), strict=True) if at]
             verb = "is at its" if len(names) == 1 else "are at their"
             said.append(f"{listing(names)} {verb} {side} bound {value:g}.")
-    for unknown, value, error, inside in zip(
-        unknowns, values, errors, determined & (values > lower) & (values < upper), strict=True
-    ):
+    for unknown, value, error, inside in zip(unknowns, values, errors, determined & ~at_bound, strict=True):
         if inside and np.isfinite(unknown.lower) and error > 0.3 * abs(value):
             share = f"{error / abs(value):.0%}" if value else "all"
             said.append(f"{unknown.name} is poorly determined: its error is {share} of its value.")

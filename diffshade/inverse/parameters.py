@@ -13,7 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ..fields import Array, as_coefficient, as_colour, as_exponent, as_vector, did_you_mean, quantities
+from ..fields import (
+    Array,
+    as_coefficient,
+    as_colour,
+    as_exponent,
+    as_vector,
+    check_kind,
+    did_you_mean,
+    quantities,
+)
 from ..gbuffers import GBuffer
 from ..scenes import Scene, StackedScene, stack_scene
 from .constraints import Grey, Proportional
@@ -27,6 +36,7 @@ LOGARITHMIC = {"n_s"}  # solved for as log n_s: the error of n_s is proportional
 RANGES = {"n_s": (0.1, 1e4), "exposure": (1e-9, np.inf)}  # where the range of a fit is narrower than that of the field
 COLOURS = (as_colour, as_coefficient)
 PER_VIEW = ("exposure", "black")  # numbers of a view that can be free
+CHANNELS = ("r", "g", "b", "x", "y", "z")
 
 
 @dataclass
@@ -65,6 +75,8 @@ class Product:
     channel: int
     constant: float
     other: int | None = None
+    base: tuple[str, int] | None = None
+    """The known place whose value `constant` is, where it is one."""
 
 
 class Setup(eqx.Module):
@@ -120,7 +132,7 @@ def find_unknowns(
     tied: Iterable[str] = (),
     bounds: Mapping[str, Sequence[float | int]] | None = None,
     constraints: Sequence[Grey | Proportional] = (),
-    priors: Mapping[str, Sequence[float | int]] | None = None,
+    priors: Mapping[str, Sequence[Any]] | None = None,
     *,
     from_scene: bool = False,
     grey: bool = False,
@@ -137,21 +149,15 @@ def find_unknowns(
     known = {path: (value, spec) for path, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
     free, tied, bounds, priors = _names("free", free, known), _names("tied", tied, known), bounds or {}, priors or {}
+    check_kind("bounds", bounds, Mapping, "{'k_s': (0, 1)}")
+    check_kind("priors", priors, Mapping, "{'n_s': (50, 0.2)}")
     freed = [path for path in known if any(_frees(name, path) for name in free)]
     colourless = _colourless(constraints, freed, known)
     proportions = _proportions(constraints, freed, known)
-    for where, names in (
-        ("tied", tied),
-        ("bounds", _names("bounds", bounds, known)),
-        ("priors", _names("priors", priors, known)),
-        ("constraints", _names("constraints", [c.name for c in constraints if not _fixes(c)], known)),
-    ):
-        for name in names:
+    for where, names in (("tied", tied), ("constraints", [c.name for c in constraints if not _fixes(c)])):
+        for name in _names(where, names, known):
             if not any(_run(name, path) is not None for path in freed):
                 raise ValueError(f"{where} names '{name}', which is not free. Add it to free, or leave it out.")
-            if where in ("bounds", "priors") and all(path in proportions for path in freed if _run(name, path)):
-                to = next(to for path, (to, _) in proportions.items() if _run(name, path))
-                raise ValueError(f"{where} names '{name}', which follows {to} by a constraint. Name that instead.")
     unknowns: dict[tuple[str, int], Unknown] = {}
     for path in freed:
         if path in proportions:
@@ -179,10 +185,14 @@ def find_unknowns(
     found = list(unknowns.values())
     for path, (to, factor) in proportions.items():
         found += _proportional(path, to, factor, found, known, from_scene=from_scene)
+    for where, names in (("bounds", bounds), ("priors", priors)):
+        for name in names:
+            _check_names_an_unknown(where, name, found, freed, proportions, known)
+    _shorten(found, list(known))
     for unknown in found:
         _bound(unknown, bounds, known)
         unknown.prior = _prior(unknown, priors)
-    _shorten(found, list(known))
+    _check_directions(found)
     return found
 
 
@@ -272,14 +282,14 @@ def put_back(
 
 
 def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
-    """Return what the unknowns are in a scene, in their own units; of tied numbers, the first."""
+    """Return what the unknowns are in a scene, in their own units; of tied numbers, the first; NaN for 0/0."""
     known = {path: _numbers(path, value) for path, value, _ in everything(scene, views)}
     values = np.array([known[u.places[0][0]][u.places[0][1]] if u.places else np.nan for u in unknowns])
     for j, unknown in enumerate(unknowns):
         if not unknown.places:
-            product = unknown.products[0]
-            other = 1.0 if product.other is None else values[product.other]
-            values[j] = known[product.path][product.channel] / (product.constant * other)
+            bases = [x.constant * (1.0 if x.other is None else values[x.other]) for x in unknown.products]
+            base, product = max(zip(bases, unknown.products, strict=True), key=lambda pair: abs(pair[0]))
+            values[j] = known[product.path][product.channel] / base if base else np.nan
     return values
 
 
@@ -303,9 +313,11 @@ def _numbers(path: str, value: Array) -> Float[np.ndarray, " n"]:
 
 def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[str, ...]:
     """Check that each name is a run of segments of some path."""
-    names = (names,) if isinstance(names, str) else tuple(names)
+    names = (names,) if isinstance(names, str) else tuple(names) if isinstance(names, Iterable) else (names,)
     segments = {segment for path in known for segment in path.split(".") if not segment.isdigit()}
     for name in names:
+        if not isinstance(name, str):
+            raise TypeError(f"{where} must hold names of parameters; got {name!r}. Give for example 'k_d'.")
         if all(segment.isdigit() for segment in name.split(".")):
             raise ValueError(
                 f"{where} names '{name}', a number alone. Name what it counts, for example 'lights.{name}'."
@@ -328,6 +340,57 @@ def _run(name: str, path: str) -> int | None:
     return None
 
 
+def _concerns(name: str, unknown: Unknown, path: str, channel: int) -> bool:
+    """Whether a name means the number at a place: a run of its path, with its channel after it or without."""
+    head, _, letter = name.rpartition(".")
+    own = unknown.name.rpartition(".")[2]
+    return _run(name, path) is not None or (
+        own in CHANNELS
+        and letter in CHANNELS
+        and CHANNELS.index(letter) % 3 == channel
+        and _run(head, path) is not None
+    )
+
+
+def _check_names_an_unknown(
+    where: str,
+    name: str,
+    found: Sequence[Unknown],
+    freed: Sequence[str],
+    proportions: Mapping[str, tuple[str, float | None]],
+    known: Mapping[str, Any],
+) -> None:
+    """Refuse a name in bounds or priors that means no unknown."""
+    if any(name == _ratio(u, known) or any(_concerns(name, u, *place) for place in u.places) for u in found):
+        return
+    head, _, letter = name.rpartition(".")
+    name = head if letter in CHANNELS and head else name
+    if "/" not in name:
+        _names(where, (name,), known)
+    for path, (to, _) in proportions.items():
+        if path in freed and _run(name, path) is not None:
+            raise ValueError(f"{where} names '{name}', which follows {to} by a constraint. Name that instead.")
+    raise ValueError(f"{where} names '{name}', which is not free. Add it to free, or leave it out.")
+
+
+def _ratio(unknown: Unknown, known: Mapping[str, Any]) -> str:
+    """Return the short name of an unknown factor, `k_s/k_d`."""
+    return "/".join(_short(name, list(known)) for name in unknown.quantity.split("/")) if not unknown.places else ""
+
+
+def _check_directions(unknowns: Sequence[Unknown]) -> None:
+    """Refuse bounds that no unit vector is within."""
+    for members in unit_vectors(unknowns):
+        low, high = (np.array([getattr(unknowns[j], end) for j in members]) for end in ("lower", "upper"))
+        nearest = np.linalg.norm(np.clip(0.0, low, high))
+        farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)))
+        if not nearest <= 1.0 <= farthest:
+            raise ValueError(
+                f"the bounds of '{unknowns[members[0]].quantity}' hold no unit vector, which a direction is in a fit. "
+                "Widen them, or bound one component, for example 'direction.z'."
+            )
+
+
 def _frees(name: str, path: str) -> bool:
     last = path.split(".")[-1]
     by_its_own_name_only = last in ("constant", "k_e", "eta") or last in PER_VIEW
@@ -341,9 +404,13 @@ def _tied_name(name: str, path: str) -> str | None:
 
 def _bound(unknown: Unknown, bounds: Mapping[str, Sequence[float | int]], known: Mapping[str, Any]) -> None:
     """Set the range of an unknown: the meet of those of all its places."""
-    for path, _ in unknown.places:
-        lower, upper = _range(path, known[path][1].metadata, bounds)
+    for path, channel in unknown.places:
+        named = {name: pair for name, pair in bounds.items() if _concerns(name, unknown, path, channel)}
+        lower, upper = _range(path, known[path][1].metadata, named)
         unknown.lower, unknown.upper = max(unknown.lower, lower), min(unknown.upper, upper)
+    if not unknown.places:
+        named = {name: pair for name, pair in bounds.items() if name == unknown.name}
+        unknown.lower, unknown.upper = _range(unknown.name, {"lower": 0.0}, named)
     if not unknown.lower < unknown.upper:
         raise ValueError(
             f"the bounds of '{unknown.quantity}' leave nothing between {unknown.lower:g} and {unknown.upper:g}. "
@@ -357,8 +424,6 @@ def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, Sequence
     whole = lower, upper = RANGES.get(path.split(".")[-1], whole)
     allowed = f"[{lower:g}, {upper:g}]"
     for name, pair in bounds.items():
-        if _run(name, path) is None:
-            continue
         low, high = _pair(f"bounds of '{name}'", pair, "(lower, upper)")
         if not low < high:
             raise ValueError(f"bounds of '{name}' must be lower < upper; got ({low:g}, {high:g}). Swap or widen them.")
@@ -368,13 +433,14 @@ def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, Sequence
     return lower, upper
 
 
-def _prior(unknown: Unknown, priors: Mapping[str, Sequence[float | int]]) -> tuple[float, float] | None:
+def _prior(unknown: Unknown, priors: Mapping[str, Sequence[Any]]) -> tuple[float, float] | None:
     """Return the prior of an unknown in the solver's coordinates; of two, the one named last."""
     prior = None
     for name, pair in priors.items():
-        if not any(_run(name, path) is not None for path, _ in unknown.places):
+        channel = next((c for path, c in unknown.places if _concerns(name, unknown, path, c)), None)
+        if channel is None and name != unknown.name:
             continue
-        mean, width = _pair(f"the prior of '{name}'", pair, "(value, standard deviation)")
+        mean, width = _pair(f"the prior of '{name}'", _of_channel(pair, channel or 0), "(value, standard deviation)")
         if not (0 < width < np.inf and np.isfinite(mean)):
             raise ValueError(
                 f"the prior of '{name}' must have a finite value and a standard deviation above 0; got ({mean:g}, "
@@ -382,8 +448,22 @@ def _prior(unknown: Unknown, priors: Mapping[str, Sequence[float | int]]) -> tup
             )
         if unknown.logarithmic and not mean > 0:
             raise ValueError(f"the prior of '{name}' must have a value above 0; got {mean:g}. It is held in log.")
+        if not unknown.lower <= mean <= unknown.upper:
+            raise ValueError(
+                f"the prior of '{name}' must lie within [{unknown.lower:g}, {unknown.upper:g}]; got {mean:g}. Give a "
+                "value in that range, or other bounds."
+            )
         prior = (float(np.log(mean)) if unknown.logarithmic else mean, width)
     return prior
+
+
+def _of_channel(pair: Any, channel: int) -> Any:
+    """Return a prior for one channel, of one whose value is a vector or a colour."""
+    try:
+        value, width = pair
+        return (value, width) if np.ndim(value) == 0 else (np.ravel(value)[channel], width)
+    except (TypeError, ValueError, IndexError):
+        return pair
 
 
 def _pair(what: str, pair: Any, example: str) -> tuple[float, float]:
@@ -407,6 +487,10 @@ def _colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[str]
             for path in (path for path in freed if _run(name, path) is not None):
                 if known[path][1].metadata["converter"] not in (*COLOURS, as_exponent):
                     raise ValueError(f"Grey needs colours; '{name}' names {path}, which is none. Leave it out.")
+                if any(isinstance(c, Proportional) and _run(c.name, path) is not None for c in constraints):
+                    raise ValueError(
+                        f"Grey names '{name}', which Proportional makes follow another. Name that instead."
+                    )
                 found.add(path)
     return found
 
@@ -423,9 +507,9 @@ def _proportions(
             if name.split(".")[-1] not in ("k_a", "k_d", "k_s"):
                 raise ValueError(f"Proportional relates two of k_a, k_d and k_s; got '{name}'. Name one of these.")
         factor = constraint.factor
-        if factor is not None and not 0 <= factor < np.inf:
+        if factor is not None and not (isinstance(factor, float | int | np.number) and 0 <= factor < np.inf):
             raise ValueError(
-                f"the factor of {constraint} must be finite and at least 0; got {factor}. Give such a one."
+                f"the factor of {constraint} must be finite and at least 0; got {factor!r}. Give such a one."
             )
         for path in known:
             if _run(constraint.name, path) is None or (factor is None and path not in freed):
@@ -441,6 +525,10 @@ def _proportions(
                 raise ValueError(
                     f"{constraint} does not say which number {path} is proportional to. Name one that is not "
                     "constrained itself, by its whole path."
+                )
+            if factor is not None and to not in freed:
+                raise ValueError(
+                    f"{constraint} relates {path} and {to}, both known. Free {to}, or set {path} in the scene."
                 )
             found[path] = (to, factor)
     return found
@@ -464,11 +552,12 @@ def _proportional(
         new = [Unknown(f"{path}/{to}", f"{path}/{to}", 0.0, np.inf, start, logarithmic=False)]
     for c in range(len(value)):
         j = at.get((to, c))
-        constant = (1.0 if factor is None else factor) * (1.0 if j is not None else float(base[c]))
-        if new:
-            new[0].products.append(Product(path, c, constant, j))
+        if new and j is None:
+            new[0].products.append(Product(path, c, float(base[c]), base=(to, c)))
+        elif new:
+            new[0].products.append(Product(path, c, 1.0, j))
         elif j is not None:
-            found[j].products.append(Product(path, c, constant))
+            found[j].products.append(Product(path, c, float(factor or 0.0)))
     return new
 
 

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..fields import Array
+from ..fields import Array, check_kind
 from .blocks import Block, on_all_cores, total
 from .fitting import look_at
 from .outcome import Fit
-from .parameters import Slots, coordinates, find_unknowns, slots_of, values_in
+from .parameters import Slots, coordinates, everything, find_unknowns, slots_of, unit_vectors, values_in
 from .residuals import costs
 from .study import Study
 from .uncertainty import inverse
@@ -28,7 +28,10 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     with all second derivatives (the implicit function theorem). Values at a bound do not move. The weights of the noise
     and the scale of a robust loss are held. Raises ValueError where the number is free, or a value is not determined.
     """
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
+    for unknown in known:
+        unknown.logarithmic = False  # a known n_s may be 0
     places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
     for unknown in known:
         for path, channel in unknown.places:
@@ -37,13 +40,19 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     with jax.enable_x64(True):
         at = _At(fit)
         slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
-        phi = coordinates(values_in(fit.scene, fit.views, known), known)
+        phi = values_in(fit.scene, fit.views, known)
+        bases = [x.base for u in fit.unknowns for x in u.products]
+        along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
+            len(bases), len(known)
+        )
         z = jnp.asarray(np.concatenate([at.theta, phi]))
-        second = total(on_all_cores(lambda chunk: _second(z, slots, at.study.form, chunk), at.chunks))
+        second = total(on_all_cores(lambda chunk: _second(z, slots, along, at.study.form, chunk), at.chunks))
         p = len(at.theta)
         moves = at.solve(second[:p, :p], second[:p, p:])
-    slope = np.array([1.0 / value if u.logarithmic else 1.0 for u, value in zip(known, np.exp(phi), strict=True)])
-    return moves * slope
+    values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
+    for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
+        moves[:, unit] /= np.linalg.norm(values[known[unit[0]].places[0][0]])
+    return moves
 
 
 def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
@@ -51,13 +60,15 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
 
     As `sensitivity`, with the photograph for the known numbers. A clipped sample has no derivative: it is no number.
     """
-    if not 0 <= view < len(fit.views):
-        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view}. Count the views of the fit.")
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):
+        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Count the views of the fit.")
     with jax.enable_x64(True):
         at = _At(fit)
         theta = jnp.asarray(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
-        second = total(on_all_cores(lambda chunk: _second(theta, empty, at.study.form, chunk), at.chunks))
+        along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
+        second = total(on_all_cores(lambda chunk: _second(theta, empty, along, at.study.form, chunk), at.chunks))
         slopes = on_all_cores(lambda chunk: _by_sample(theta, at.study.form, chunk), at.chunks)
         views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
@@ -91,25 +102,30 @@ class _At:
 
     def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
         """Return -H^-1 of the mixed derivatives, in the values' own units."""
-        everything = np.asarray(hessian) + _soft_hessian(self.study.soft(), jnp.asarray(self.theta))
+        everything = np.asarray(hessian) + np.asarray(_soft_hessian(self.study.soft(), jnp.asarray(self.theta)))
         inner = np.ix_(self.free, self.free)
         moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
         moves[self.free] = -inverse(everything[inner]) @ np.asarray(mixed)[self.free]
         return moves * self.unit[:, None]
 
 
-def _soft_hessian(soft: Any, theta: Array) -> np.ndarray:
-    return np.asarray(jax.jit(jax.hessian(lambda q: soft.gram(q).cost))(theta))
+@jax.jit
+def _soft_hessian(soft: Any, theta: Array) -> Array:
+    return jax.hessian(lambda q: soft.gram(q).cost)(theta)
 
 
 @jax.jit
-def _second(z: Array, slots: Slots, form: Any, chunk: Block) -> Array:
-    """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order."""
+def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Array:
+    """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
+
+    `along` is 1 where a product of the unknowns (a row) holds a known number (a column) as its constant.
+    """
     p = form.problem.slots.logarithmic.shape[0]
 
     def cost(z: Array, block: Block) -> Array:
         setup = slots.insert(z[p:], form.problem.setup) if z.shape[0] > p else form.problem.setup
-        there = eqx.tree_at(lambda f: f.problem.setup, form, setup)
+        held = form.problem.slots.products[2] + along @ (z[p:] - jax.lax.stop_gradient(z[p:]))
+        there = eqx.tree_at(lambda f: (f.problem.setup, f.problem.slots.products[2]), form, (setup, held))
         terms = costs(there.likelihood, there.predict(z[:p], block), block.observed)
         return jnp.sum(jnp.stack([jnp.sum(t.cost) for t in terms]))
 

@@ -155,7 +155,7 @@ def minimise(
         descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),
         search=GainRatio(rounding),
         rtol=rtol,
-        atol=1e-28 * squares,
+        atol=1e-25 * squares,
         rounding=rounding,
     )
     theta = np.asarray(theta)
@@ -168,4 +168,10 @@ def minimise(
             break
         point = look(state.y_eval, task, chunks)
     result = state.result if done else optx.RESULTS.nonlinear_max_steps_reached
-    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), optx.RESULTS[result])
+    if result == optx.RESULTS.successful:
+        message = ""
+    elif result == optx.RESULTS.nonlinear_max_steps_reached:
+        message = "the cost still falls, along what these views hardly determine"
+    else:
+        message = "a step met a number that is not finite"
+    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message)

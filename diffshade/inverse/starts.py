@@ -1,18 +1,20 @@
 """Starts: where a fit begins that is told nothing: a coarse search over what the image is not linear in.
 
 Each candidate is judged by its cost at the best linear unknowns (k_a, k_d, k_s), which are solved for within their
-bounds, on a part of the pixels. Unknowns of one kind are tried together, one group after another.
+bounds, on a few of the pixels. Unknowns of one kind are tried together, one group after another.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
 
 from ..fields import Array
+from ..lights import SpotLight
 from ..scenes import Scene
 from .blocks import Block
 from .gram import Point
@@ -22,29 +24,32 @@ from .solvers import Box, Task, linear_step, look, minimise
 EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
+FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
+EDGE = 5.0  # degrees
+MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
 
 Theta = Float[np.ndarray, " p"]
 
 
 def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[Float[np.ndarray, "n p"]]:
     """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
-    groups: dict[tuple[str, str], list[int]] = {}
-    for j, unknown in enumerate(unknowns):
-        head = unknown.quantity.rpartition(".")[0]
-        groups.setdefault((unknown.kind, head if unknown.kind in _MOVES else unknown.quantity), []).append(j)
     found = []
-    for (kind, quantity), members in groups.items():
+    for (kind, quantity), members in _groups(unknowns).items():
         values = np.array([unknowns[j].start for j in members])
-        if "/" in quantity:
-            tried = np.array([[0.03], [0.1], [0.3], [1.0], [3.0]])
-        elif kind in _MOVES:
-            tried = _MOVES[kind](values, scene)
-        else:
-            continue
+        tried = _scale(values**0, FACTORS) if "/" in quantity else _MOVES[kind](values, scene)
         at = np.tile(theta, (len(tried), 1))
         at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
         found.append(at)
     return found
+
+
+def _groups(unknowns: Sequence[Unknown]) -> dict[tuple[str, str], list[int]]:
+    """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        if unknown.kind in _MOVES or "/" in unknown.quantity:
+            groups.setdefault((unknown.kind, unknown.quantity), []).append(j)
+    return groups
 
 
 def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
@@ -74,6 +79,11 @@ def _middle(scene: Scene) -> np.ndarray:
     return np.mean(points, 0) if points else np.zeros(3)
 
 
+def _size(scene: Scene) -> float:
+    """Return about half the width of an object."""
+    return float(np.mean([getattr(item.surface, "radius", 1.0) for item in scene.objects]))
+
+
 def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
     """Return places around the object, nearer and farther than the scene's."""
     if len(position) != 3:
@@ -81,16 +91,15 @@ def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
     middle = _middle(scene)
     offset = position - middle
     far = np.linalg.norm(offset)
-    if far == 0:
-        return position[None]
+    if far == 0:  # told to stand in the middle of the object: in front of it, seen along -z, is as good a guess as any
+        offset, far = np.array([0.0, 0.0, 1.0]), 3.0 * _size(scene)
     turned = _turned(offset, (20.0, 40.0, 70.0))
     return np.concatenate([position[None], *(middle + far * factor * turned for factor in (0.6, 1.0, 1.6))])
 
 
 def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
-    radius = float(np.mean([getattr(item.surface, "radius", 1.0) for item in scene.objects]))
     steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])[:, : len(center)]
-    return center + 0.25 * radius * steps
+    return center + 0.25 * _size(scene) * steps
 
 
 _MOVES = {
@@ -122,23 +131,59 @@ def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, The
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
 
-def search(unknowns: Sequence[Unknown], scene: Scene, task: Task, chunks: Sequence[Block], squares: float) -> Theta:
-    """Find the best start on a part of the pixels: the lowest candidates, followed most of the way to a minimum."""
-    first = judge(coordinates(np.array([u.start for u in unknowns]), unknowns), task, chunks)
-    groups = len(candidates(unknowns, scene, first[1]))
-    found: list[tuple[float, Theta]] = [] if groups else [first]
-    for _ in range(2 if groups > 1 else min(groups, 1)):
-        for group in range(groups):
-            theta = found[0][1] if found else first[1]
-            tried = np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper)
-            judged = [judge(theta, task, chunks) for theta in tried]
-            found += [judged[i] for i in _lowest([cost for cost, _ in judged])]
+def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
+    """Return the scene with soft edges at least `EDGE` wide for spots whose cutoff is unknown and softness known.
+
+    Only pixels within the edge tell where it is: of a narrow one a search would see nothing.
+    """
+    free = {path for unknown in unknowns for path, _ in unknown.places}
+    for i, light in enumerate(scene.lights):
+        unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
+        if isinstance(light, SpotLight) and unseen and light.softness < EDGE:
+            scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
+    return scene
+
+
+def is_local(unknowns: Sequence[Unknown]) -> bool:
+    """Whether the search is for more than a material: around what the scene says of a light's place, say."""
+    return any(unknown.kind in _MOVES and unknown.kind not in MATERIAL for unknown in unknowns)
+
+
+def search(
+    unknowns: Sequence[Unknown],
+    scene: Scene,
+    task: Task,
+    coarse: Sequence[Block],
+    chunks: Sequence[Block],
+    squares: float,
+) -> Theta:
+    """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
+
+    What the scene says of lights and surfaces is always followed too, with the best material for it and with a plain
+    one: where several of these are unknown, judging them one after another can lead astray, and so can a highlight that
+    vanishes at the best k_s because it is out of place.
+    """
+    begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
+    first = judge(begin, task, coarse)
+
+    def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
+        within = np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper)
+        judged = [judge(candidate, task, coarse) for candidate in within]
+        return [judged[i] for i in _lowest([cost for cost, _ in judged])]
+
+    kinds = [kind for kind, _ in _groups(unknowns)]
+    found: list[tuple[float, Theta]] = [] if kinds else [first]
+    for _ in range(2 if len(kinds) > 1 else min(len(kinds), 1)):
+        for group in range(len(kinds)):
+            found += tried(group, found[0][1] if found else first[1])
             found.sort(key=lambda pair: pair[0])
-    found = found or [first]
-    ends = [
-        minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
-        for _, theta in _distinct(found)[:BEST]
-    ]
+    followed = _distinct(found or [first])[:BEST]
+    if is_local(unknowns):
+        as_told = first
+        for group in (g for g, kind in enumerate(kinds) if kind in MATERIAL):
+            as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
+        followed = _distinct([*followed, as_told, (np.inf, begin)])
+    ends = [minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6) for _, theta in followed]
     return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
 
 

@@ -20,11 +20,12 @@ from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, prepare
 from .solvers import Box, Minimum, Soft, Task, minimise
-from .starts import search
+from .starts import is_local, search, with_wide_edges
 from .views import Samples, View, is_grey
 
 MAX_STEPS = 200
-PART = 1 << 15  # pixels that the search for a start looks at
+PART = 1 << 15  # pixels on which the search for a start follows its candidates
+FEW = 1 << 12  # pixels on which it judges them, where they are many
 
 
 class Study:
@@ -68,13 +69,19 @@ class Study:
         self.measured = on_all_cores(_without_clipped, self.part) if self.clips else self.part
         self.squares = float(np.sum(on_all_cores(lambda chunk: _squares(self.form, chunk), self.measured))) or 1.0
 
-    def chunks(self, at_most: int | None = None) -> list[Block]:
-        """Return the chunks of all pixels, or of some."""
+    def few(self) -> list[Block]:
+        """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
+        laid = self.chunks(FEW, min(self.size, FEW // max(len(self.views), 2)))
+        return on_all_cores(_without_clipped, laid) if self.clips else laid
+
+    def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
+        """Return the chunks of all pixels, or of some; in blocks of another size than usual where it is given."""
+        size = size or self.size
         gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
         channels = 1 if self.grey else 3
 
         def chunk(parts: list) -> Block:
-            seen, row, column = observed(parts, self.views, self.size, channels, clipping=self.clips)
+            seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips)
             points = self.form.points(parts, row, column, gbuffers)
             view = np.zeros(len(row), np.int64)
             view[: len(parts)] = [part.view for part in parts]
@@ -83,7 +90,7 @@ class Study:
             laid = jax.tree.map(jnp.asarray, Block(view, points, seen))
             return _weigh(None, self.form, laid) if self.noisy and not self.form.projects else laid
 
-        return on_all_cores(chunk, chunks(pieces(self.samples, self.size, at_most)))
+        return on_all_cores(chunk, chunks(pieces(self.samples, size, at_most)))
 
     def reweigh(self, theta: np.ndarray, laid: list[Block]) -> list[Block]:
         """Return the chunks with weights by the noise at the level that theta predicts."""
@@ -109,7 +116,7 @@ class Study:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
         tell("searching for a start")
         begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
-        theta = begin if from_scene else search(self.unknowns, self.scene, self.task(), self.measured, self.squares)
+        theta = begin if from_scene else self.search()
         if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
             theta = self.settle(theta)
         self.whole = self.reweigh(theta, self.whole or self.chunks())
@@ -122,6 +129,18 @@ class Study:
             max_steps=MAX_STEPS,
             tell=lambda step, cost: tell(f"step {step}, cost {cost:.6g}"),
         )
+
+    def search(self) -> np.ndarray:
+        """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
+        sharp = self.form
+        wide = with_wide_edges(self.scene, self.unknowns)
+        if wide is not self.scene:
+            problem = prepare(wide, self.views, slots_of(wide, self.views, self.unknowns))
+            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.tree.map(jnp.asarray, problem))
+        coarse = self.few() if is_local(self.unknowns) else self.measured
+        theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
+        self.form = sharp
+        return theta
 
     def task(self) -> Task:
         """Return what is to be minimised."""

@@ -151,9 +151,13 @@ def sentences(
     """Say which unknowns these views do not determine, and what to do about it."""
     said = []
     if zero.any():
-        names = listing(_quantities(unknowns, np.flatnonzero(zero)))
+        others = {u.quantity for u, here in zip(unknowns, zero, strict=True) if not here}
+        lost = [u for u, here in zip(unknowns, zero, strict=True) if here]  # all channels of it, or some
+        names = list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in lost))
+        it = "it" if len(names) == 1 else "them"
         said.append(
-            f"these views do not determine {names}: no pixel changes with it. Fix it, or add a view that shows it."
+            f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
+            f"shows {it}."
         )
     for direction in directions:
         sentence = _sentence(direction, unknowns, values)

@@ -25,14 +25,15 @@ def as_image(image: ArrayLike) -> Any:
 
 def as_lit(lit: Sequence[int] | int | None) -> Any:
     """Make a tuple of the indices of the lights that are on; None is all of them, and switches are no indices."""
-    if lit is None or np.asarray(lit).dtype == bool:
+    if lit is None or (np.size(lit) and not np.issubdtype(np.asarray(lit).dtype, np.integer)):
         return lit
     return tuple(int(i) for i in np.ravel(lit))
 
 
 def as_level(level: Any) -> Any:
     """Make a number a Python float; anything else is handed on for the check to refuse."""
-    return float(level) if np.ndim(level) == 0 and isinstance(level, np.number | int | float | np.ndarray) else level
+    number = isinstance(level, np.number | int | float | np.ndarray) and not isinstance(level, bool)
+    return float(level) if np.ndim(level) == 0 and number else level
 
 
 class Noise(Checked):
@@ -49,6 +50,8 @@ class Noise(Checked):
     srgb: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 1})
 
     def check_together(self) -> None:
+        if is_concrete(self.srgb) and self.srgb not in (0.0, 1.0):
+            raise ValueError(f"Noise.srgb must be 0 or 1; got {self.srgb}. Give 1 where the file has the sRGB curve.")
         if is_concrete(self.read, self.shot, self.levels) and not (self.read > 0 or self.levels > 0):
             raise ValueError(
                 f"Noise must not vanish in the dark; got read {self.read} and levels {self.levels}. Give the standard "
@@ -83,8 +86,8 @@ class View(Checked):
     by default the scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`:
     the factor from radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a
     `Noise`, or the standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`:
-    samples at or above it are clipped; by default 1 in an image whose largest value is exactly 1, the top of an
-    integer file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
+    samples at or above it are clipped; by default 1 in an image whose largest value that counts is exactly 1, the top
+    of an integer file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
     """
 
     image: Float[np.ndarray, "h w c"] = eqx.field(converter=as_image)
@@ -116,13 +119,18 @@ class View(Checked):
                 f"View.image must have the camera's shape {shape}; got {image.shape[:2]}. "
                 f"Give the camera shape={image.shape[:2]}."
             )
-        if (self.lit is not None and not isinstance(self.lit, tuple)) or (self.lit and isinstance(self.lit[0], bool)):
-            raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give (0, 2), not switches.")
+        if self.lit is not None and not (isinstance(self.lit, tuple) and all(type(i) is int for i in self.lit)):
+            raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give for example (0, 2).")
         if self.mask is not None and self.mask.shape != shape:
             raise ValueError(f"View.mask must have the image's shape {shape}; got {self.mask.shape}. Resize it.")
         for name, level in (("saturation", self.saturation), ("floor", self.floor)):
             if level is not None and not (isinstance(level, float) and not np.isnan(level)):
                 raise ValueError(f"View.{name} must be a number or None; got {level!r}. Give the level in the image.")
+        if self.saturation is not None and self.floor is not None and not self.floor < self.saturation:
+            raise ValueError(
+                f"View.floor must be less than saturation; got {self.floor:g} and {self.saturation:g}. Give the levels "
+                "of the sensor in the dark and in full light."
+            )
         if self.mask is not None and self.mask.dtype.kind == "f" and not np.isfinite(self.mask).all():
             row, column = np.argwhere(~np.isfinite(self.mask))[0]
             raise ValueError(
