@@ -40,9 +40,9 @@ def as_array(value: Numbers) -> Any:
     return array.astype(np.float64) if array.dtype.kind in "biuf" else value
 
 
-def as_scalar(value: Numbers) -> Any:
-    """Make one number."""
-    return as_array(value)
+def as_scalar(value: Numbers | None) -> Any:
+    """Make one number; None, where it stands for one that is left out, stays what it is."""
+    return value if value is None else as_array(value)
 
 
 def as_vector(value: Numbers) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..materials import Material
+from ..patterns import Chequer
 from ..rendering import render
 from ..scenes import Scene
 from .gram import Gram
@@ -234,6 +235,7 @@ def diagnose(
         *_warnings(unknowns, values, plain_errors if errors is None else errors, determined, at_bound, at_lower),
         *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
         *_ends(counts),
+        *_jumps(scene, unknowns),
     ]
     fitted, seen = put_back(scene, views, unknowns, values)
     return Fit(
@@ -257,6 +259,21 @@ def diagnose(
         squares=squares,
         notes=tuple(notes),
     )
+
+
+def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[str]:
+    """Say which unknowns move hard squares over the pixels: a jump, of which a derivative sees nothing."""
+    hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
+    movers = {u.quantity: None for u in unknowns for path, _ in u.places if _moves_points(path)}
+    if not (hard and movers):
+        return []
+    names = listing(list(movers))
+    return [f"hard squares of a Chequer jump with {names}, of which a fit sees nothing. Give the Chequer smooth=True."]
+
+
+def _moves_points(path: str) -> bool:
+    segments = path.split(".")
+    return "surface" in segments or segments[-1] in ("eta", "period", "u", "v")
 
 
 def _ends(counts: Counts) -> list[str]:

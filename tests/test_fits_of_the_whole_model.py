@@ -1,0 +1,108 @@
+"""Fits of what came after the material: glass, depth cueing, area lights, several objects by name."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+import diffshade as ds
+
+CAMERA = ds.Camera((0, 0.2, 5), fov=34, shape=(28, 28))
+
+
+def photograph(scene: ds.Scene, camera: ds.Camera = CAMERA, sigma: float = 0.0) -> np.ndarray:
+    image = np.asarray(ds.render(scene, camera), np.float64)
+    return image + sigma * np.random.default_rng(0).standard_normal(image.shape)
+
+
+# --- a glass ball before a chequer, and what it shows of it
+
+
+def glass(eta: float, k_t: float, *, smooth: bool = True) -> ds.Scene:
+    ball = ds.Material(k_a=0.05, k_d=0.1, k_s=0.4, n_s=60, k_t=k_t, eta=eta)
+    wall = ds.Material(k_a=ds.Chequer((0.9, 0.8, 0.2), (0.1, 0.2, 0.5), period=1.5, smooth=smooth))
+    return ds.Scene(
+        [ds.Object(ds.Sphere(), ball, "ball"), ds.Object(ds.Plane((0, 0, -3), (0, 0, 1)), wall, "wall")],
+        ds.PointLight((2, 3, 4)),
+    )
+
+
+@pytest.mark.parametrize("eta", [1.1, 1.33, 1.5, 2.2])
+def test_transmission_and_index_of_a_glass_ball_from_what_it_shows(eta):
+    fit = ds.fit(glass(1.7, 0.3), ds.View(photograph(glass(eta, 0.85), sigma=0.005), CAMERA), free=("k_t", "eta"))
+    assert fit.names == ("k_t.r", "k_t.g", "k_t.b", "eta")
+    assert fit.converged
+    assert np.abs((fit.values - [0.85, 0.85, 0.85, eta]) / fit.plain_errors).max() < 4.5
+    assert fit.plain_errors[3] < 1e-3
+
+
+def test_a_hard_chequer_has_no_derivative_there_and_the_fit_says_so():
+    view = ds.View(photograph(glass(1.5, 0.85, smooth=False)), CAMERA)
+    fit = ds.fit(glass(1.5, 0.3, smooth=False), view, free=("k_t", "eta"))
+    (note,) = (note for note in fit.notes if "Chequer" in note)
+    assert note == "hard squares of a Chequer jump with eta, of which a fit sees nothing. Give the Chequer smooth=True."
+    assert not any("Chequer" in note for note in ds.fit(glass(1.5, 0.3), view, free="k_t").notes)
+
+
+def test_an_objects_own_name_stands_in_the_names_of_its_parameters():
+    truth = glass(1.5, 0.85)
+    fit = ds.fit(truth, ds.View(photograph(truth), CAMERA), free=("ball.material.k_d", "wall.material.k_a"))
+    assert fit.names[:3] == tuple(f"ball.material.k_d.{channel}" for channel in "rgb")
+    np.testing.assert_allclose(fit.values, fit.values_in(truth), rtol=1e-6)
+
+
+def test_what_a_scene_does_not_have_is_said_with_its_remedy():
+    opaque = ds.Scene(ds.Object(ds.Sphere()), ds.PointLight((2, 3, 4)))
+    view = ds.View(photograph(opaque) + 0.1, CAMERA)
+    for name in ("k_t", "eta"):
+        with pytest.raises(ValueError, match=rf"^free names '{name}', but no such material has one\. Give it, "):
+            ds.fit(opaque, view, free=name)
+
+
+# --- depth cueing on a row of spheres
+
+
+def row(depths: Any, **cueing: Any) -> ds.Scene:
+    """Spheres side by side, the nearest at the left."""
+    spheres = [ds.Sphere((x, 0, -z), 0.45) for x, z in zip(np.linspace(-1.5, 1.5, len(depths)), depths, strict=True)]
+    material = ds.Material(k_a=0.1, k_d=(0.7, 0.5, 0.3), k_s=0.3, n_s=20)
+    lights = ds.DirectionalLight((-1, -1, -2))
+    fog = ds.DepthCueing(**cueing, I_dc=(0.5, 0.6, 0.7))
+    return ds.Scene([ds.Object(s, material) for s in spheres], lights, atmosphere=fog)
+
+
+SIDE = ds.Camera((0, 0, 6), fov=14, shape=(24, 96))
+CUEING = {"z_f": 6.0, "z_b": 8.5, "s_f": 0.95, "s_b": 0.2}
+
+
+def told(scene: ds.Scene) -> ds.Scene:
+    where = lambda s: [getattr(s.atmosphere, name) for name in CUEING]  # noqa: E731
+    return eqx.tree_at(where, scene, [np.asarray(v) for v in (5.5, 9.5, 0.8, 0.4)])
+
+
+def test_depth_cueing_from_a_row_of_spheres_that_reaches_beyond_both_ends():
+    truth = row((-0.5, 0.5, 1.5, 2.5, 3.5), **CUEING)
+    fit = ds.fit(told(truth), ds.View(photograph(truth, SIDE, 0.002), SIDE), free=tuple(CUEING))
+    assert fit.determined.all()
+    assert np.abs((fit.values - fit.values_in(truth)) / fit.plain_errors).max() < 4.5
+    assert (fit.plain_errors < 0.05).all()
+
+
+def test_with_all_spheres_between_the_ends_only_slope_and_intercept_are_determined():
+    truth = row((0.9, 1.2, 1.5), **CUEING)
+    fit = ds.fit(truth, ds.View(photograph(truth, SIDE, 0.002), SIDE), free=tuple(CUEING), start="scene")
+    assert not fit.determined.any()
+    for pair in ("z_f and s_f", "z_b and s_b"):
+        assert any(f"these views cannot separate {pair}: " in note for note in fit.notes)
+
+
+# --- an area light
+
+
+def test_the_intensity_of_an_area_light():
+    light = ds.AreaLight((-1, 2, 3), (2, 0, 0), (0, -1, -1), (3.0, 2.0, 1.0), samples=(3, 2))
+    truth = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, (0.6, 0.4, 0.3), 0.3, 20)), light)
+    dim = eqx.tree_at(lambda s: s.lights[0].intensity, truth, np.ones(3))
+    fit = ds.fit(dim, ds.View(photograph(truth), CAMERA), free="intensity")
+    np.testing.assert_allclose(fit.values, (3.0, 2.0, 1.0), rtol=1e-9)
