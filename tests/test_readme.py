@@ -14,7 +14,7 @@ PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert len(PROGRAMS) >= 3
+    assert len(PROGRAMS) >= 4
     names = {"photographs": ["0.exr", "1.exr"]}
     exec(PROGRAMS[0], names)
     scene, camera = names["scene"], names["camera"]
@@ -23,12 +23,13 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
         image = np.asarray(ds.render(scene, camera, lit=i))  # pyright: ignore[reportArgumentType]
         ds.write_image(path, image + 0.002 * random.standard_normal(image.shape))
     exec(PROGRAMS[1], names)
+    exec(PROGRAMS[2], names)
     fit = names["fit"]
     assert isinstance(fit, ds.Fit)
     assert fit.determined.all()
     off = (fit.values - fit.values_in(scene)) / fit.plain_errors  # pyright: ignore[reportArgumentType]
     assert np.abs(off).max() < 5
-    for program in PROGRAMS[2:]:
+    for program in PROGRAMS[3:]:
         exec(program, names)
     assert names["fit"].converged  # pyright: ignore[reportAttributeAccessIssue]
     assert Path("sphere.png").is_file()
