@@ -112,14 +112,14 @@ class Material(Checked):
                 check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
         if not isinstance(self.fresnel, Dielectric):
             return
-        if self.eta is None:
-            raise ValueError(
-                "Material.eta must be given with fresnel=Dielectric(); got None. Give for example eta=1.5."
-            )
         if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
             raise ValueError(
                 f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
                 f"{self.k_s}. Leave k_s out, or use Schlick()."
+            )
+        if self.eta is None:
+            raise ValueError(
+                "Material.eta must be given with fresnel=Dielectric(); got None. Give for example eta=1.5."
             )
 
     @property

@@ -43,8 +43,9 @@ def smooth_pixels(image, flat):
 
     def note(gap):
         if gap.shape == shape:
-            # 0 to rounding is no chance but two ways to one number: a ray that leaves a solid is on its surface
-            np.minimum(margin, np.where((np.abs(gap) < 1e-9) | np.isnan(gap), np.inf, np.abs(gap)), out=margin)
+            # 0, to the tolerance of a ray on a surface, is no chance but two ways to one number: a ray that has left a
+            # solid is on it; were it chance, the difference below would show it
+            np.minimum(margin, np.where((np.abs(gap) < 2e-4) | np.isnan(gap), np.inf, np.abs(gap)), out=margin)
 
     def run(jaxpr, constants, arguments):
         known = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*constants, *arguments], strict=True))
