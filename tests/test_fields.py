@@ -282,7 +282,7 @@ def test_quantities_are_named_by_their_paths():
         [ds.DirectionalLight((1, 0, 0)), ds.SpotLight((0, 0, 1), (0, 0, -1))],
     )
     names = [name for name, _, _ in quantities(scene)]
-    material = ["k_a", "k_d", "k_s", "n_s"]
+    material = ["k_a", "k_d", "k_s", "n_s", "k_e"]
     spot = ["position", "direction", "intensity", "cutoff", "exponent"]
     attenuation = ["constant", "linear", "quadratic"]
     assert names == [

@@ -233,7 +233,7 @@ def names_of_nonzero(found):
     return {path for path, derivative in found.items() if derivative.any()}
 
 
-AMBIENT = {"0.objects.0.material.k_a", "0.ambient"}
+AMBIENT = {"0.objects.0.material.k_a", "0.objects.0.material.k_e", "0.ambient"}
 HIGHLIGHT_ONLY = {"k_d": 0}
 # Where the light gives nothing on either side, or the derivative is that of the side where it gives nothing.
 DARK = {

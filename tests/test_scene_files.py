@@ -91,7 +91,7 @@ def test_what_people_write_of_the_new_things(tmp_path):
     material = { k_t = 0.9, eta = 1.5, fresnel = "Schlick", k_d = { a = 0.1, b = [0.9, 0.8, 0.7], smooth = true } }
     [[objects]]
     surface = "Plane"
-    material = { fresnel = { type = "Dielectric" } }
+    material = { eta = 1.5, fresnel = { type = "Dielectric" } }
     [[lights]]
     type = "AreaLight"
     corner = [0, 0, 2]
@@ -103,7 +103,7 @@ def test_what_people_write_of_the_new_things(tmp_path):
     ice = ds.Material(k_t=0.9, eta=1.5, fresnel=ds.Schlick(), k_d=chequer)
     objects = [
         ds.Object(ds.Box(size=(1, 2, 3)), ice, name="ice"),
-        ds.Object(ds.Plane(), ds.Material(fresnel=ds.Dielectric())),
+        ds.Object(ds.Plane(), ds.Material(eta=1.5, fresnel=ds.Dielectric())),
     ]
     light = ds.AreaLight((0, 0, 2), (1, 0, 0), (0, 1, 0), samples=(4, 4))
     assert_same(ds.read_scene(path), ds.Scene(objects, light, atmosphere=ds.Fog(0.2, I_dc=0.5)))

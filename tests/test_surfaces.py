@@ -32,7 +32,7 @@ AHEAD = np.array([0.0, 0, -1])
         ((0, 0, 2), 3, (0, 0, 1), True),  # from inside: the far side, and the normal on the viewer's side
         ((0, 0, 1), 2, (0, 0, 1), True),
         ((0, 1.2, 1), 1.6, (0, -0.6, 0.8), True),
-        ((0, 0, 3), 4, (0, 0, 1), True),  # from the surface: t = 0 is not in front
+        ((0, 0, 3), 0, (0, 0, 1), True),  # from the surface inwards: it enters there
         ((0, 0, -1), None, None, False),
         ((0, 0, -4), None, None, False),  # the sphere is behind
         ((0, 3, 5), None, None, False),
