@@ -89,8 +89,14 @@ class Checked(eqx.Module):
             kind = _KINDS.get(field.metadata.get("converter"))
             value = getattr(self, field.name)
             left_out = value is None and field.default is None
-            if kind is not None and not left_out and not isinstance(value, Checked):
-                _check_field(f"{type(self).__name__}.{field.name}", value, kind, field.metadata)
+            if kind is None or left_out:
+                continue
+            name = f"{type(self).__name__}.{field.name}"
+            if isinstance(value, Checked) and field.metadata["converter"] is as_coefficient:
+                for inner in (f for f in dataclasses.fields(value) if f.metadata.get("converter") is as_colour):
+                    _check_field(f"{name}.{inner.name}", getattr(value, inner.name), kind, field.metadata)
+            else:
+                _check_field(name, value, kind, field.metadata)
         self.check_together()
 
     def check_together(self) -> None:
@@ -108,7 +114,7 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
         return
     # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
     if not isinstance(value, Array | np.number | int | float) or not np.issubdtype(np.asarray(value).dtype, np.number):
-        raise TypeError(f"{name} must be {noun}; got {value!r}. {remedy}")
+        raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")
     if np.shape(value) not in shapes:
         raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
     numbers = np.asarray(value)
@@ -132,13 +138,22 @@ def _shown(numbers: np.ndarray) -> str:
     return f"({shown})" if np.ndim(numbers) else shown
 
 
+def in_short(value: Any) -> str:
+    """Return what a message says of a value: its repr, or of a module, whose repr has many lines, what it is."""
+    return with_article(type(value).__name__) if isinstance(value, eqx.Module) else repr(value)
+
+
+def with_article(noun: str) -> str:
+    """Return a noun with "a" or "an" before it."""
+    return f"{'an' if noun[0] in 'AEIOUaeiou' else 'a'} {noun}"
+
+
 def check_kind(name: str, value: Any, kind: type, example: str) -> None:
     """Refuse what is not of a kind: a material where a surface should be."""
     if not isinstance(value, kind):
         noun = kind.__name__.removeprefix("Abstract")
-        article = "an" if noun[0] in "AEIOU" else "a"
         got = f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
-        raise TypeError(f"{name} must be {article} {noun}; got {got}. Give for example {example}.")
+        raise TypeError(f"{name} must be {with_article(noun)}; got {got}. Give for example {example}.")
 
 
 def check(tree: Any) -> None:

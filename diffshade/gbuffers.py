@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from .cameras import OrthographicCamera, Rays, axes
-from .fields import Array, as_array, is_concrete
+from .fields import Array, as_array, check_kind, is_concrete
 from .surfaces import AbstractSurface, Hit
 from .vectors import Vec3, dot
 
@@ -25,7 +28,7 @@ class GBuffer(AbstractSurface):
     `normal`: (H, W, 3), unit to within 0.001, never flipped. `position`: (H, W, 3), scene units; needed by point and
     spot lights, a local viewer and several objects, else it may be left out. `mask`: (H, W), True (or at least half)
     where the surface is; without it, where the normal is not zero. Outside the mask the numbers are not looked at and
-    not kept.
+    not kept. Only the camera's own rays can find it: it cannot stand in a scene with glass that bends them.
     """
 
     normal: Float[Array, "h w 3"]
@@ -68,6 +71,23 @@ class GBuffer(AbstractSurface):
         return Hit(distance, p, Vec3.of(self.normal), self.mask)
 
 
+def _mask_of(noun: str, mask: ArrayLike, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """Return the mask of a map as booleans; refuse one of another shape."""
+    inside = np.asarray(as_mask(mask))
+    if inside.shape != shape:
+        raise ValueError(f"the mask of a {noun} must have its shape {shape}; got {inside.shape}. Resize it.")
+    return inside
+
+
+def _numbers_of(noun: str, image: Any) -> Float[np.ndarray, "..."]:
+    """Return the numbers of a map; refuse a path, which is not read here."""
+    if isinstance(image, str | Path):
+        raise TypeError(
+            f"a {noun} must be an array; got the path {str(image)!r}. Read it with ds.read_image(path, srgb=False)."
+        )
+    return np.asarray(image, np.float64)
+
+
 def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
     """Make the G-buffer of a normal map, whose colours are (n + 1)/2; x to the right, y up, z to the viewer.
 
@@ -75,10 +95,10 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
     made unit. `mask`: (H, W); by default where the map is not black. There are no positions: use directional lights and
     a camera with `local_viewer=False` that looks along -z. Raises ValueError for a map that is no image of directions.
     """
-    image = np.asarray(image, np.float64)
+    image = _numbers_of("normal map", image)
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"a normal map must have shape (H, W, 3); got {image.shape}. Give an RGB image.")
-    inside = image.any(-1) if mask is None else np.asarray(as_mask(mask))
+    inside = image.any(-1) if mask is None else _mask_of("normal map", mask, image.shape[:2])
     n = 2.0 * image - 1.0
     length = np.linalg.norm(n, axis=-1)
     wrong = inside & ~((length > 0.5) & (length < 1.5))
@@ -97,12 +117,18 @@ def height_map(
     """Make the G-buffer of a relief: the height of each pixel above the plane through the camera's target.
 
     `height`: scene units, towards the viewer. The normals are those of central differences, at the borders and beside
-    masked pixels of one-sided ones. Raises ValueError for a height map that is not of the camera's shape.
+    masked pixels of one-sided ones. Raises ValueError for a height map that is not of the camera's shape or not finite.
     """
-    height = np.asarray(height, np.float64)
+    check_kind("camera", camera, OrthographicCamera, "OrthographicCamera(eye=(0, 0, 4), height=2.2)")
+    height = _numbers_of("height map", height)
     if height.shape != camera.shape:
         raise ValueError(f"a height map must have the camera's shape {camera.shape}; got {height.shape}. Resize it.")
-    inside = np.ones(height.shape, bool) if mask is None else np.asarray(as_mask(mask))
+    inside = np.ones(height.shape, bool) if mask is None else _mask_of("height map", mask, height.shape)
+    if (wrong := inside & ~np.isfinite(height)).any():
+        row, column = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"a height map must be finite; got {height[row, column]} at row {row}, column {column}. Mask it out."
+        )
     pixel = float(camera.height) / camera.shape[0]
     with jax.enable_x64(True):
         right, up, backward = (np.asarray(axis) for axis in _axes(camera))

@@ -27,6 +27,8 @@ class Path(NamedTuple):
 def as_counts(value: Any) -> Any:
     """Make (n_u, n_v); one number is both, and what is not two whole numbers is handed on for the check to refuse."""
     try:
+        if np.asarray(value).dtype == bool:
+            return value
         n_u, n_v = (value, value) if np.ndim(value) == 0 else value
         return (int(n_u), int(n_v)) if (n_u, n_v) == (int(n_u), int(n_v)) else value
     except (TypeError, ValueError, OverflowError):
@@ -161,10 +163,11 @@ class SpotLight(AbstractEmitter):
 class AreaLight(AbstractLight):
     """A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
 
-    `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units. `intensity`: of the whole, RGB or
-    grey, shared equally by emitters at the centres of `samples` = (n_u, n_v) cells. Each is a `SpotLight` along
-    edge_u x edge_v with `cutoff` (half angle, 0 to 90 degrees) and `exponent`, and fades with its own distance. As the
-    samples grow the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
+    `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units; edges that are not at right angles
+    span a parallelogram. `intensity`: of the whole, RGB or grey, shared equally by emitters at the centres of `samples`
+    = (n_u, n_v) cells. Each is a `SpotLight` along edge_u x edge_v with `cutoff` (half angle, 0 to 90 degrees) and
+    `exponent`, and fades with its own distance. As the samples grow the light converges to that of the continuous
+    rectangle. Warn's flaps are not modelled.
     """
 
     corner: Vector = eqx.field(converter=as_vector)
@@ -179,11 +182,11 @@ class AreaLight(AbstractLight):
     def check_together(self) -> None:
         check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
         counts = self.samples
-        if not (isinstance(counts, tuple) and len(counts) == 2 and all(isinstance(n, int) and n > 0 for n in counts)):
+        if not (isinstance(counts, tuple) and len(counts) == 2 and all(type(n) is int and n > 0 for n in counts)):
             raise ValueError(
                 f"AreaLight.samples must be two whole numbers above 0; got {counts!r}. Give (8, 8), or 8 for both."
             )
-        if is_concrete(self.edge_u, self.edge_v) and not np.any(np.cross(self.edge_u, self.edge_v)):
+        if is_concrete(self.edge_u, self.edge_v) and along_one_line(self.edge_u, self.edge_v):
             raise ValueError(
                 f"AreaLight.edge_u and edge_v must span a rectangle; got {self.edge_u} and {self.edge_v}. "
                 "Give two edges that are not along one line."
@@ -207,6 +210,12 @@ class AreaLight(AbstractLight):
             return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation)
 
         return jax.vmap(at)(u, v)
+
+
+def along_one_line(a: Vector, b: Vector) -> bool:
+    """Whether two vectors span no plane, to rounding."""
+    a, b = (np.asarray(vector, np.float64) for vector in (a, b))
+    return bool(np.linalg.norm(np.cross(a, b)) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def check_direction(name: str, direction: Vector) -> None:

@@ -21,6 +21,7 @@ from .fields import (
     as_scalar,
     check_kind,
     checked_colour,
+    in_short,
     is_concrete,
 )
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
@@ -72,7 +73,7 @@ class Material(Checked):
     `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
     is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
     default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 or None
-    does not bend. A colour may be a pattern of the point, for example a `Chequer`.
+    does not bend. A colour may be a pattern of the point, for example a `Chequer`, of colours in its range.
     """
 
     k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
@@ -115,7 +116,7 @@ class Material(Checked):
         if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
             raise ValueError(
                 f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
-                f"{self.k_s}. Leave k_s out, or use Schlick()."
+                f"{in_short(self.k_s)}. Leave k_s out, or use Schlick()."
             )
         if self.eta is None:
             raise ValueError(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .cameras import AbstractCamera
-from .fields import Array
+from .fields import Array, check_kind
 from .gbuffers import GBuffer
 
 
@@ -21,6 +21,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
     Embree in float32, so that positions are right to about 1e-6 of their size. Needs trimesh and embreex
     (`pip install 'diffshade[mesh]'`). Raises FileNotFoundError, ImportError, or ValueError where there is no triangle.
     """
+    check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")

@@ -6,7 +6,7 @@ import csv
 import functools
 from importlib.resources import files
 
-from .fields import did_you_mean
+from .fields import did_you_mean, in_short
 from .materials import Blinn, Material
 
 
@@ -17,6 +17,8 @@ def material(name: str) -> Material:
     unknown name; `material_names()` lists them.
     """
     known = _table()
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a material must be a word; got {in_short(name)}. Give for example 'emerald'.")
     if name not in known:
         raise ValueError(f"no material is named '{name}'. {did_you_mean(name, known)}")
     k_a, k_d, k_s, n_s = known[name]

@@ -38,6 +38,11 @@ class Chequer(AbstractPattern):
     def check_together(self) -> None:
         if is_concrete(self.period) and not self.period > 0:
             raise ValueError(f"Chequer.period must be above 0; got {self.period}. Give the length of two squares.")
+        for name, axis in (("u", self.u), ("v", self.v)):
+            if is_concrete(axis) and not np.any(axis):
+                raise ValueError(
+                    f"Chequer.{name} must not be the zero vector; got [0, 0, 0]. Give a direction in which to count."
+                )
 
     def __call__(self, p: Vec3) -> Vec3:
         """Return the colour at p."""

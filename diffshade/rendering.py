@@ -100,7 +100,7 @@ def visible_points(
     rays = pixel_rays(camera.projection(), camera.shape)
     hits = [item.surface.intersect(rays) for item in objects]
     n = p = Vec3.of(jnp.zeros((*camera.shape, 3)))
-    for hit, seen in zip(hits, nearest(hits), strict=True):
+    for hit, seen in zip(hits, nearest(objects, hits), strict=True):
         n = where(seen, hit.n, n)
         p = None if hit.p is None or p is None else where(seen, hit.p, p)
     return n.stack(), None if p is None else p.stack(), silhouette(objects, camera)

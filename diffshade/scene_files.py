@@ -18,6 +18,7 @@ from .files import replacing
 from .fresnel import Dielectric, NoFresnel, Schlick
 from .lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from .materials import Blinn, Material, Phong
+from .named_materials import material_names
 from .patterns import Chequer
 from .scenes import Object, Scene
 from .surfaces import Box, Plane, Sphere
@@ -124,6 +125,12 @@ def _value(key: str, value: Any, where: str) -> Any:
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
     types = {cls.__name__: cls for cls in _TYPES[key]}
+    if key == "material" and isinstance(value, str) and value != "Material":  # a named material is meant
+        named = value if value in material_names() else "emerald"
+        raise ValueError(
+            f"{where} must be a table of coefficients; got '{value}'. Write them out, as write_scene does those of "
+            f"material('{named}')."
+        )
     if isinstance(value, str):
         value = {"type": value}
     name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))

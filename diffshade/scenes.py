@@ -13,11 +13,11 @@ from jaxtyping import Shaped
 
 from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
-from .fields import Array, Checked, Colour, as_colour, check_kind
+from .fields import Array, Checked, Colour, as_colour, check_kind, is_concrete, with_article
 from .gbuffers import GBuffer
 from .lights import AbstractLight
 from .materials import Material
-from .surfaces import AbstractSurface
+from .surfaces import AbstractSolid, AbstractSurface
 
 
 class Object(Checked):
@@ -46,10 +46,14 @@ def as_tuple(value: Any) -> tuple:
 class Scene(Checked):
     """Objects, the lights that shine on them, and what surrounds them.
 
-    `objects`: one or several, in any order; the nearest is seen, and through one with k_t what is behind it. `lights`:
-    any number of any kind. A light reaches every point that faces it, through any object: there are no shadows and no
-    interreflection. `ambient`: I_a, RGB or grey, at least 0, never attenuated (E1). `background`: what a ray that meets
-    nothing sees, never fogged. `atmosphere`: `DepthCueing` or `Fog` (E14); by default none.
+    `objects`: one or several, in any order; the nearest is seen, and through one with k_t what is behind it. Of
+    surfaces that coincide an opaque one is seen, and of two alike the one that comes first in the list. The cost is
+    linear in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer, a mesh or a map cannot
+    stand in a scene with a `Sphere` or `Box` that bends rays, k_t with an eta other than 1: it knows only what its
+    camera's own rays see. `lights`: any number of any kind. A light reaches every point that faces it, through any
+    object: there are no shadows and no interreflection. `ambient`: I_a, RGB or grey, at least 0, never attenuated (E1).
+    `background`: what a ray that meets nothing sees, never fogged. `atmosphere`: `DepthCueing` or `Fog` (E14); by
+    default none.
     """
 
     objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
@@ -77,6 +81,19 @@ class Scene(Checked):
                 "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
                 "Give GBuffer.position, or make it the only object."
             )
+        for i, item in enumerate(self.objects if buffers else ()):
+            if bends(item) and is_concrete(eta := item.material.eta) and eta != 1.0:
+                raise ValueError(
+                    "a GBuffer cannot stand in a scene with glass that bends rays, since it knows only what the "
+                    f"camera's own rays see; got eta {eta} in objects[{i}]. Give eta=1, or a Sphere, Plane or Box for "
+                    "the GBuffer."
+                )
+
+
+def bends(item: Object) -> bool:
+    """Whether rays pass through an object, and may be bent there."""
+    material = item.material
+    return isinstance(item.surface, AbstractSolid) and material.k_t is not None and material.eta is not None
 
 
 def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
@@ -92,11 +109,11 @@ def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
 def check_positions(scene: Scene, camera: AbstractCamera) -> None:
     """Refuse a G-buffer without positions where something needs them."""
     needing = ["a camera with local_viewer=True"] * camera.local_viewer
-    needing += [f"a {type(light).__name__}" for light in scene.lights if light.is_local]
-    needing += [] if scene.atmosphere is None else [f"a {type(scene.atmosphere).__name__}"]
+    needing += [with_article(type(light).__name__) for light in scene.lights if light.is_local]
+    needing += [] if scene.atmosphere is None else [with_article(type(scene.atmosphere).__name__)]
     for item in scene.objects:
         if isinstance(item.surface, GBuffer) and item.surface.position is None:
-            here = needing + [f"a {type(pattern).__name__}" for pattern in item.material.patterns]
+            here = needing + [with_article(type(pattern).__name__) for pattern in item.material.patterns]
             if here:
                 raise ValueError(
                     f"{here[0]} needs to know where the surface is; got a GBuffer without positions. Give "

@@ -43,6 +43,10 @@ class AbstractSolid(AbstractSurface):
     def leave(self, rays: Rays) -> Hit:
         """Return the last hit of each ray, where it leaves the solid, with the outward normal."""
 
+    @abc.abstractmethod
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the origin of a ray that hits the solid is within it: then the first hit is the last."""
+
 
 def touching(t: Array, size: Array) -> Array:
     """Return how near to a solid a ray's origin lies on it: such a ray enters it there or does not meet it.
@@ -70,12 +74,12 @@ class Sphere(AbstractSolid):
     def intersect(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the smallest t > 0."""
         nearest, half_chord, hit, miss = self._chord(rays)
-        on_it = touching(nearest, self.radius)
-        outside = nearest - half_chord > -on_it
-        t = jnp.where(outside, nearest - half_chord, nearest + half_chord)
+        within = self.holds(rays)
+        t = jnp.where(within, nearest + half_chord, nearest - half_chord)
         n = self._normal(rays, t, hit, miss)
-        facing = where(hit & ~outside, -n, n)
-        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & (nearest + half_chord > on_it))
+        facing = where(hit & within, -n, n)
+        in_front = nearest + half_chord > touching(nearest, self.radius)
+        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & in_front)
 
     def leave(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the largest t."""
@@ -83,6 +87,11 @@ class Sphere(AbstractSolid):
         t = nearest + half_chord
         n = self._normal(rays, t, hit, miss)
         return Hit(t, Vec3.of(self.center) + n * self.radius, n, hit & (t > 0))
+
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the sphere was entered behind the origin."""
+        nearest, half_chord, _, _ = self._chord(rays)
+        return nearest - half_chord <= -touching(nearest, self.radius)
 
     def _chord(self, rays: Rays) -> tuple[Array, Array, Array, Vec3]:
         """Return t of the point of a ray nearest to the centre, half the chord, whether there is one, and the point."""
@@ -138,16 +147,21 @@ class Box(AbstractSolid):
     def intersect(self, rays: Rays) -> Hit:
         """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""
         (near, entering), (far, leaving) = self._slabs(rays)
-        on_it = touching(near, jnp.max(self.size))
-        outside = near > -on_it
-        t = jnp.where(outside, near, far)
-        n = where(outside, entering, -leaving)
-        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & (far > on_it))
+        within = self.holds(rays)
+        t = jnp.where(within, far, near)
+        n = where(within, -leaving, entering)
+        in_front = far > touching(near, jnp.max(self.size))
+        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & in_front)
 
     def leave(self, rays: Rays) -> Hit:
         """Return where a ray crosses the first of the far faces' planes."""
         (near, _), (far, n) = self._slabs(rays)
         return Hit(far, rays.origin + rays.direction * far, n, (near < far) & (far > 0))
+
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the box was entered behind the origin."""
+        (near, _), _ = self._slabs(rays)
+        return near <= -touching(near, jnp.max(self.size))
 
     def _slabs(self, rays: Rays) -> tuple[tuple[Array, Vec3], tuple[Array, Vec3]]:
         """Return t and the outward normal of the last plane crossed inwards, and of the first crossed outwards."""

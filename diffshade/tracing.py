@@ -16,7 +16,7 @@ from .fields import Array
 from .materials import Coefficients
 from .reflection import reflection
 from .scenes import Object, StackedScene
-from .surfaces import AbstractSolid, Hit
+from .surfaces import AbstractSolid, AbstractSurface, Hit, touching
 from .transmission import Way, bend, straight
 from .vectors import Vec3, where
 
@@ -42,7 +42,7 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
     hits = [item.surface.intersect(rays) for item in objects]
     if covered:
         hits = [eqx.tree_at(lambda hit: hit.inside, hits[0], jnp.ones_like(hits[0].inside))]
-    seen = nearest(hits)
+    seen = nearest(objects, hits)
     reflected, k = reflected_light(scene, hits, seen, projection)
     clear = sum(item.material.k_t is not None for item in objects)
     if not clear:
@@ -56,9 +56,10 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
         image, level = carry
         inner = [item.surface.intersect(level.way.inner) for item in objects]
         outer = [item.surface.intersect(level.way.outer) for item in objects]
-        within = [hit.inside & (hit.distance < (1.0 - 1e-5) * level.way.length) for hit in inner]
+        ends = [_end(item.surface, level.way.length) for item in objects]
+        within = [hit.inside & (hit.distance < end) for hit, end in zip(inner, ends, strict=True)]
         hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
-        seen = nearest(hits)
+        seen = nearest(objects, hits)
         reflected, k = reflected_light(scene, hits, seen, projection)
         more, level = _pass(objects, level, outer, within, seen, reflected, k)
         return (image + more, level), None
@@ -69,13 +70,17 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
     return image + level.weight * Vec3.of(scene.background)
 
 
-def nearest(hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
-    """Return for each object the rays on which it is the nearest hit."""
+def nearest(objects: Sequence[Object], hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
+    """Return for each object the rays on which it is the nearest hit.
+
+    Of surfaces that coincide, to rounding, an opaque one is met before one that lets light through, else the first.
+    """
     first = jnp.full(hits[0].distance.shape, jnp.inf)
     index = jnp.full(first.shape, -1)
-    for i, hit in enumerate(hits):
-        nearer = hit.inside & (hit.distance < first)
-        first, index = jnp.where(nearer, hit.distance, first), jnp.where(nearer, i, index)
+    before = 1.0 - 16.0 * float(jnp.finfo(first.dtype).eps)
+    for i in sorted(range(len(hits)), key=lambda i: objects[i].material.k_t is not None):
+        nearer = hits[i].inside & (hits[i].distance < before * first)
+        first, index = jnp.where(nearer, hits[i].distance, first), jnp.where(nearer, i, index)
     return [index == i for i in range(len(hits))]
 
 
@@ -116,6 +121,16 @@ def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
         m = item.material
         kinds.setdefault((type(m.lobe), type(m.fresnel), np.ndim(m.n_s)), []).append(i)
     return list(kinds.values())
+
+
+def _end(surface: AbstractSurface, length: Array) -> Array:
+    """Return how far along its inner part a way meets a surface from within: to its end, give or take a rounding.
+
+    A solid that stands against the end is entered from outside; a wall or a floor there is met before the way goes on,
+    which begins on it, or behind it by a rounding.
+    """
+    rounding = touching(length, length)
+    return length - rounding if isinstance(surface, AbstractSolid) else length + rounding
 
 
 def _next(inner: Hit, outer: Hit, within: Array, met: Array, way: Way) -> Hit:

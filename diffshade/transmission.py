@@ -33,7 +33,7 @@ def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -
     solid only leaves.
     """
     far = solid.leave(rays)
-    enters = hit.distance < (1.0 - 1e-5) * far.distance  # from within, the two are one point, to rounding
+    enters = ~solid.holds(rays)
     T, enters_at_all = refract(-rays.direction, hit.n, 1.0 / eta)
     assert hit.p is not None
     inside = Rays(hit.p, T)
@@ -42,5 +42,4 @@ def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -
     p, n = where(enters, (exit_.p, exit_.n), (far.p, far.n))
     assert p is not None
     out, leaves = refract(-inner.direction, -n, eta)
-    length = jnp.where(enters, exit_.distance, 0.0)
-    return Way(inner, length, Rays(p, out)), (enters_at_all | ~enters) & leaves
+    return Way(inner, jnp.where(enters, exit_.distance, far.distance), Rays(p, out)), (enters_at_all | ~enters) & leaves

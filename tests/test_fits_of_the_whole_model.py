@@ -28,13 +28,45 @@ def glass(eta: float, k_t: float, *, smooth: bool = True) -> ds.Scene:
     )
 
 
-@pytest.mark.parametrize("eta", [1.1, 1.33, 1.5, 2.2])
+SLOWLY = [pytest.param(eta, marks=pytest.mark.slow) for eta in (1.02, 1.15, 1.25, 1.45, 1.75, 1.9, 2.15, 2.35, 2.5)]
+
+
+@pytest.mark.parametrize("eta", [1.05, 1.33, 1.5, 1.62, 1.95, 2.2, 2.42, *SLOWLY])
 def test_transmission_and_index_of_a_glass_ball_from_what_it_shows(eta):
     fit = ds.fit(glass(1.7, 0.3), ds.View(photograph(glass(eta, 0.85), sigma=0.005), CAMERA), free=("k_t", "eta"))
     assert fit.names == ("k_t.r", "k_t.g", "k_t.b", "eta")
     assert fit.converged
     assert np.abs((fit.values - [0.85, 0.85, 0.85, eta]) / fit.plain_errors).max() < 4.5
     assert fit.plain_errors[3] < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(12))
+def test_any_glass_before_a_chequer_at_least_as_wide_as_the_ball(number):
+    random = np.random.default_rng(number)
+    camera = ds.Camera((0, 0, 6), fov=30, shape=(40, 40))
+    period, eta, k_t = random.uniform(1.0, 4.0), random.uniform(1.02, 2.5), random.uniform(0.2, 0.98, 3)
+
+    def scene(eta: Any, k_t: Any) -> ds.Scene:
+        wall = ds.Material(k_a=ds.Chequer(0.1, 0.9, period, smooth=True))
+        ball = ds.Object(ds.Sphere(), ds.Material(k_s=0.3, n_s=50, k_t=k_t, eta=eta))
+        return ds.Scene([ball, ds.Object(ds.Plane((0, 0, -3), (0, 0, 1)), wall)], ds.PointLight((2, 3, 4)))
+
+    view = ds.View(photograph(scene(eta, k_t), camera, sigma=0.005), camera)
+    fit = ds.fit(scene(1.0, 0.5), view, free=("k_t", "eta"))
+    np.testing.assert_allclose(fit.values, [*k_t, eta], atol=0.01)
+
+
+def test_a_model_that_cannot_be_right_is_said_where_the_noise_is_known():
+    truth = glass(1.5, 0.85)
+    image, wrong = photograph(truth, sigma=0.005), eqx.tree_at(lambda s: s.ambient, truth, np.full(3, 0.9))
+    fits = [ds.fit(scene, ds.View(image, CAMERA, noise=0.005), free=("k_t", "eta")) for scene in (truth, wrong)]
+    said = [[note for note in fit.notes if "times the noise" in note] for fit in fits]
+    assert said[0] == []
+    assert said[1] == [
+        f"the residuals are {fits[1].rmse:.3g} times the noise given: the model, or the minimum found, is wrong, "
+        "or the noise is more than that."
+    ]
 
 
 def test_a_hard_chequer_has_no_derivative_there_and_the_fit_says_so():

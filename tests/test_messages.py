@@ -53,12 +53,21 @@ def unknown_start() -> None:
     inspect.unwrap(ds.fit)(SCENE, VIEW, free="k_d", start="truth")  # pyright: ignore[reportArgumentType]
 
 
+def relief() -> ds.GBuffer:
+    return ds.GBuffer(np.full((10, 12, 3), (0.0, 0.0, 1.0)), np.zeros((10, 12, 3)))
+
+
+def glass(eta: float = 1.5, name: str = "") -> ds.Object:
+    return ds.Object(ds.Sphere(), ds.Material(k_t=0.9, eta=eta), name)
+
+
 def none(leaf: object) -> bool:
     return leaf is None
 
 
 NORMALS = ds.GBuffer(np.full((10, 12, 3), (0.0, 0.0, 1.0)))
 WITH_A_DIRECTION = ds.Scene(ds.Object(ds.Sphere()), ds.DirectionalLight((0, 0, -1)))
+GLOSSY = ds.Material(k_d=0.4, eta=1.5, fresnel=ds.Dielectric())
 PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
 
 CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] = {
@@ -372,6 +381,74 @@ CASES: dict[str, tuple[Callable[[], object], type[Exception], tuple[str, ...]]] 
         ValueError,
         ("height map", "(10, 12)", "(12, 10)", "Resize it."),
     ),
+    "edges that are parallel but for a rounding": (
+        lambda: ds.AreaLight((0, 0, 1), (0.1, 0.2, 0.3), (0.3, 0.6, 0.9)),
+        ValueError,
+        ("AreaLight.edge_u and edge_v", "Give two edges"),
+    ),
+    "samples that are a switch": (
+        lambda: ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0), samples=True),  # pyright: ignore[reportArgumentType]
+        ValueError,
+        ("AreaLight.samples", "got True", "Give (8, 8)"),
+    ),
+    "a pattern out of its field's range": (
+        lambda: ds.Material(k_t=ds.Chequer(0, 3)),
+        ValueError,
+        ("Material.k_t.b must be between 0 and 1; got (3, 3, 3).", "Give a value in that range."),
+    ),
+    "a pattern of k_s beside Dielectric": (
+        lambda: ds.Material(k_s=ds.Chequer(0, 1), eta=1.5, fresnel=ds.Dielectric()),
+        ValueError,
+        ("Material.k_s", "Dielectric()", "got a Chequer", "Leave k_s out"),
+    ),
+    "a pattern along nothing": (
+        lambda: ds.Chequer(0, 1, u=(0, 0, 0)),
+        ValueError,
+        ("Chequer.u", "zero vector", "Give a direction"),
+    ),
+    "a G-buffer behind glass that bends": (
+        lambda: ds.Scene([ds.Object(relief()), glass()]),
+        ValueError,
+        ("GBuffer", "got eta 1.5 in objects[1]", "Give eta=1, or a Sphere, Plane or Box"),
+    ),
+    "eta free beside a G-buffer": (
+        fit(VIEW, free="eta", scene=ds.Scene([ds.Object(relief()), glass(1.0)])),
+        ValueError,
+        ("objects.1.material.eta cannot be freed", "GBuffer", "Leave eta out"),
+    ),
+    "k_s free beside Dielectric": (
+        fit(VIEW, free=("k_d", "k_s"), scene=ds.Scene(ds.Object(ds.Sphere(), GLOSSY))),
+        ValueError,
+        ("objects.0.material.k_s cannot be freed", "Dielectric()", "Free eta instead"),
+    ),
+    "a name of an object without its material": (
+        fit(VIEW, free="ball.k_t", scene=ds.Scene([glass(1.0, "ball"), ds.Object(ds.Plane())])),
+        ValueError,
+        ("no parameter is named 'ball.k_t'", "Did you mean 'ball.material.k_t'?"),
+    ),
+    "an area light on normals alone": (
+        lambda: ds.render(
+            ds.Scene(ds.Object(NORMALS), ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0))),
+            PARALLEL,
+        ),
+        ValueError,
+        ("an AreaLight needs to know", "Give GBuffer.position"),
+    ),
+    "a normal map's mask of another size": (
+        lambda: ds.normal_map(np.full((4, 4, 3), (0.5, 0.5, 1.0)), mask=np.ones((3, 4))),
+        ValueError,
+        ("mask of a normal map", "(4, 4)", "(3, 4)", "Resize it."),
+    ),
+    "a height map's mask of another size": (
+        lambda: ds.height_map(np.zeros((10, 12)), PARALLEL, mask=np.ones((3, 4))),
+        ValueError,
+        ("mask of a height map", "(10, 12)", "(3, 4)", "Resize it."),
+    ),
+    "a hole in a height map": (
+        lambda: ds.height_map(np.where(np.eye(10, 12) > 0, np.nan, 0.0), PARALLEL),
+        ValueError,
+        ("a height map must be finite", "nan at row 0, column 0", "Mask it out."),
+    ),
     "surface for an object": (
         lambda: ds.Scene(ds.Sphere()),  # pyright: ignore[reportArgumentType]
         TypeError,
@@ -411,6 +488,17 @@ WRONG_TYPES = {
     "fit(free=(3,))": "free must hold names of parameters; got 3. Give for example 'k_d'.",
     "fit(constraints=ds.Grey(3))": "constraints must hold names of parameters; got 3. Give for example 'k_d'.",
     "fit(bounds=[('k_d', (0, 1))])": "bounds must be a Mapping; got list. Give for example {'k_s': (0, 1)}.",
+    "ds.Material(n_s=ds.Chequer(1, 2))": "Material.n_s must be 1 or 3 numbers; got a Chequer. "
+    "Give one number, or one a channel (R, G, B).",
+    "ds.material(3)": "the name of a material must be a word; got 3. Give for example 'emerald'.",
+    "ds.read_mesh('ball.obj', 'camera')": "camera must be a Camera; got str. Give for example Camera(eye=(0, 0, 4)).",
+    "ds.normal_map('map.png')": "a normal map must be an array; got the path 'map.png'. "
+    "Read it with ds.read_image(path, srgb=False).",
+    "ds.height_map(np.zeros((6, 6)), camera)": "camera must be an OrthographicCamera; got Camera. "
+    "Give for example OrthographicCamera(eye=(0, 0, 4), height=2.2).",
+    "ds.write_figures(3)": "folder must be a path; got 3. Give the name of a folder.",
+    "ds.write_figures('figures', only=3)": "only must hold names of figures; got 3. "
+    "Give for example 'diffuse_over_k_d'.",
     "ds.sensitivity(scene, 'k_d')": "fit must be a Fit; got Scene. "
     "Give for example ds.fit(scene, views, free=('k_d',)).",
 }

@@ -83,6 +83,23 @@ def test_constant_is_freed_by_its_own_name_only(name):
     assert names(ONE, (name,)) == ["constant"]
 
 
+def test_the_geometry_of_a_pattern_is_freed_by_its_own_names_only():
+    wall = ds.Object(ds.Plane(), ds.Material(k_a=ds.Chequer(0.1, 0.9, smooth=True), k_t=ds.Chequer(0.1, 0.9)), "wall")
+    scene = ds.Scene(wall, ds.PointLight((2, 3, 4)))
+    colours = [f"k_a.{c}.{channel}" for c in "ab" for channel in "rgb"]
+    assert names(scene, "k_a") == colours
+    assert names(scene, ("k_a.period", "k_a.u")) == ["k_a.period", "k_a.u.x", "k_a.u.y", "k_a.u.z"]
+    assert [u.upper for u in find(scene, "k_t")] == [1.0] * 6  # the range of k_t, not of a colour
+
+
+def test_k_s_beside_dielectric_is_not_freed_with_the_rest_of_its_material():
+    coat = ds.Material(k_d=0.4, eta=1.5, fresnel=ds.Dielectric())
+    scene = ds.Scene([ds.Object(ds.Sphere(), coat), ds.Object(ds.Plane())], ds.PointLight((2, 3, 4)))
+    freed = {name.rpartition(".")[0] for name in names(scene, "material")}
+    assert "objects.1.material.k_s" in freed or "1.material.k_s" in freed
+    assert not any("0.material.k_s" in name for name in freed)
+
+
 @pytest.mark.parametrize(("name", "where"), [("exposure", (0, 1)), ("views.1.exposure", (1,)), ("views.0.black", (0,))])
 def test_a_number_of_a_view_is_freed_by_its_own_name_only(name, where):
     unknowns = find(ONE, (name,))

@@ -92,13 +92,13 @@ class Draw:
         period = self.one_of(1e-2, 1e2, low=0.2, high=5)
         return ds.Chequer(self.colour(), self.colour(), period, smooth, self.direction(), self.direction())
 
-    def material(self, lobe, fresnel=None, *, clear=False, channels=None, pattern=None):
+    def material(self, lobe, fresnel=None, *, clear=False, bends=True, channels=None, pattern=None):
         """A material; `pattern` is whether the chequer of its k_d, and of k_t where it is clear, is smooth."""
         fresnel = fresnel or ds.NoFresnel()
         k_s = 0.0 if isinstance(fresnel, ds.Dielectric) else self.colour()
         k_d = self.colour() if pattern is None else self.chequer(pattern)
         k_t = (self.colour() if pattern is None else self.chequer(pattern)) if clear else None
-        eta = self.one_of(1.0, 0.1, 10.0, 0.7, 1.5, low=0.1, high=3)
+        eta = self.one_of(1.0, 0.1, 10.0, 0.7, 1.5, low=0.1, high=3) if bends else 1.0
         return ds.Material(
             self.colour(), k_d, k_s, self.n_s(channels), lobe, fresnel, k_e=self.colour(), k_t=k_t, eta=eta
         )
@@ -231,7 +231,7 @@ def ball_and_box_in_radial_fog(draw):
 
 
 def relief_behind_glass(draw):
-    materials = [draw.material(PHONG, clear=True, pattern=True), draw.material(PHONG, clear=True, pattern=True)]
+    materials = [draw.material(PHONG, clear=True, bends=False, pattern=True) for _ in range(2)]
     scene = draw.scene([draw.sphere(), draw.relief()], materials, [draw.point(), draw.spot()], draw.fog(radial=True))
     return scene, draw.camera(PARALLEL)
 

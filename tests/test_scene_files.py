@@ -448,3 +448,14 @@ def test_a_gbuffer_has_no_form_in_toml(tmp_path):
     with pytest.raises(ValueError, match=f"^{escape(message)}$"):
         ds.write_scene(path, scene)
     assert path.read_text() == "old"
+
+
+def test_a_named_material_is_to_be_written_out(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text('[[objects]]\nsurface = "Sphere"\nmaterial = "jade"\n')
+    message = (
+        f"{path}: objects[0].material must be a table of coefficients; got 'jade'. Write them out, as write_scene does "
+        "those of material('jade')."
+    )
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.read_scene(path)

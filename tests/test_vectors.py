@@ -76,6 +76,23 @@ def test_the_halfway_vector():
     same(reflect(l, h), UNIT)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_in_one_plane_blinns_angle_is_half_of_phongs(seed):
+    """angle(n, h) = angle(v, r)/2 where l, n and v lie in one plane."""
+    random = np.random.default_rng(seed)
+    x, y = np.linalg.qr(random.normal(size=(3, 2)))[0].T  # the plane
+    of_l, of_v = np.deg2rad(random.uniform(-89, 89, (2, 200)))[:, :, None]
+    n = Vec3.of(np.broadcast_to(y, (200, 3)))
+    l, v = (Vec3.of(np.sin(angle) * x + np.cos(angle) * y) for angle in (of_l, of_v))
+
+    def between(a, b):  # well-conditioned at small angles, where arccos is not
+        return np.arctan2(length(cross(a, b)), dot(a, b))
+
+    r = reflect(l, n)
+    np.testing.assert_allclose(between(n, halfway(l, v)), between(v, r) / 2, atol=1e-14)
+    same(l + r, 2 * np.cos(of_l) * np.asarray(n.stack()))
+
+
 def test_half_the_angle_of_phong():
     """With l, n, v in one plane n.h is the cosine of half the angle of v.r."""
     n_to_l, n_to_v = np.deg2rad(50.0), np.deg2rad(-20.0)

@@ -235,6 +235,7 @@ def diagnose(
         *_warnings(unknowns, values, plain_errors if errors is None else errors, determined, at_bound, at_lower),
         *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
         *_ends(counts),
+        *(_beyond_noise(float(np.sqrt(spread[1] / spread[0]))) if noisy and likelihood.loss == "squares" else []),
         *_jumps(scene, unknowns),
     ]
     fitted, seen = put_back(scene, views, unknowns, values)
@@ -283,6 +284,14 @@ def _ends(counts: Counts) -> list[str]:
     if counts.clipped:
         return [f"{_count(counts.clipped, 'sample')} at an end of the sensor's range, taken to be that or beyond."]
     return []
+
+
+def _beyond_noise(rmse: float) -> list[str]:
+    """Say that the residuals are more than the noise that was given, from which the errors follow."""
+    if rmse <= 1.5:
+        return []
+    wrong = "the model, or the minimum found, is wrong, or the noise is more than that"
+    return [f"the residuals are {rmse:.3g} times the noise given: {wrong}."]
 
 
 def _has_mask(view: View) -> bool:

@@ -23,8 +23,9 @@ from ..fields import (
     did_you_mean,
     quantities,
 )
+from ..fresnel import Dielectric
 from ..gbuffers import GBuffer
-from ..scenes import Scene, StackedScene, stack_scene
+from ..scenes import Scene, StackedScene, bends, stack_scene
 from .constraints import Grey, Proportional
 from .views import View
 
@@ -140,18 +141,18 @@ def find_unknowns(
     """Return the unknowns that `free` names, in the scene's order.
 
     A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`).
-    `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are k_e, eta and a view's
-    numbers, which most scenes do without. `tied` makes one unknown of the free numbers whose paths are equal after the
-    matched run, channel by channel. `from_scene` starts all at the scene's values; `grey` makes one unknown of the
-    channels of each colour. Raises ValueError for a name that matches nothing, a contradictory bound, constraint or
-    prior, or a cutoff whose edge is hard.
+    `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are k_e, eta, the period and
+    axes of a pattern, and a view's numbers, which most scenes do without. `tied` makes one unknown of the free numbers
+    whose paths are equal after the matched run, channel by channel. `from_scene` starts all at the scene's values;
+    `grey` makes one unknown of the channels of each colour. Raises ValueError for a name that matches nothing, a
+    contradictory bound, constraint or prior, or a cutoff whose edge is hard.
     """
     known = {path: (value, spec) for path, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
     free, tied, bounds, priors = _names("free", free, known), _names("tied", tied, known), bounds or {}, priors or {}
     check_kind("bounds", bounds, Mapping, "{'k_s': (0, 1)}")
     check_kind("priors", priors, Mapping, "{'n_s': (50, 0.2)}")
-    freed = [path for path in known if any(_frees(name, path) for name in free)]
+    freed = _freed(scene, free, list(known))
     colourless = _colourless(constraints, freed, known)
     proportions = _proportions(constraints, freed, known)
     for where, names in (("tied", tied), ("constraints", [c.name for c in constraints if not _fixes(c)])):
@@ -323,12 +324,25 @@ def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[
                 f"{where} names '{name}', a number alone. Name what it counts, for example 'lights.{name}'."
             )
         if not any(_run(name, path) is not None for path in known):
-            if (last := name.split(".")[-1]) in ("k_t", "eta"):  # which a scene has only where they are given
+            head, _, last = name.rpartition(".")
+            of_a_material = head.endswith("material") and any(_run(head, path) is not None for path in known)
+            # which a scene has only where they are given
+            if last in ("k_t", "eta") and (of_a_material or last not in segments):
                 raise ValueError(
-                    f"{where} names '{name}', but no such material has one. Give it, for example {last}=0.5."
+                    f"{where} names '{name}', but no such material has one. Give it, for example {last}="
+                    f"{'0.5' if last == 'k_t' else '1.5'}."
                 )
-            raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, segments | set(known))}")
+            short = {path.partition(".")[2] for path in known}  # ball.material.k_d
+            options = segments | set(known) | {path for path in short if not path[:1].isdigit()}
+            options = {path for path in options if _in_order(name, path)} or options
+            raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, options)}")
     return names
+
+
+def _in_order(name: str, path: str) -> bool:
+    """Whether a path has all segments of a name in their order: `ball.material.k_d` those of `ball.k_d`."""
+    rest = iter(path.split("."))
+    return all(segment in rest for segment in name.split("."))
 
 
 def _run(name: str, path: str) -> int | None:
@@ -393,8 +407,29 @@ def _check_directions(unknowns: Sequence[Unknown]) -> None:
 
 def _frees(name: str, path: str) -> bool:
     last = path.split(".")[-1]
-    by_its_own_name_only = last in ("constant", "k_e", "eta") or last in PER_VIEW
+    by_its_own_name_only = last in ("constant", "k_e", "eta", "period", "u", "v") or last in PER_VIEW
     return _run(name, path) is not None and (not by_its_own_name_only or last in name.split("."))
+
+
+def _freed(scene: Scene, free: Sequence[str], paths: Sequence[str]) -> list[str]:
+    """Return the paths that names free; refuse those that cannot be free for what the scene holds."""
+    freed = [path for path in paths if any(_frees(name, path) for name in free)]
+    gbuffer = any(isinstance(item.surface, GBuffer) for item in scene.objects)
+    for i, item in enumerate(scene.objects):
+        k_s, eta = (_named(f"objects.{i}.material.{last}", scene) for last in ("k_s", "eta"))
+        if isinstance(item.material.fresnel, Dielectric) and k_s in freed:
+            if any(_frees(name, k_s) and "k_s" in name.split(".") for name in free):
+                raise ValueError(
+                    f"{k_s} cannot be freed beside fresnel=Dielectric(), whose W follows from eta. Free eta instead, "
+                    "or name the other k_s by their whole paths."
+                )
+            freed.remove(k_s)
+        if gbuffer and bends(item) and eta in freed:
+            raise ValueError(
+                f"{eta} cannot be freed in a scene with a GBuffer, which glass does not bend. Leave eta out, or fit "
+                "without the GBuffer."
+            )
+    return freed
 
 
 def _tied_name(name: str, path: str) -> str | None:
@@ -421,6 +456,7 @@ def _bound(unknown: Unknown, bounds: Mapping[str, Sequence[float | int]], known:
 
 def _range(path: str, metadata: Mapping[str, Any], bounds: Mapping[str, Sequence[float | int]]) -> tuple[float, float]:
     whole = (float(metadata.get("lower", -np.inf)), float(metadata.get("upper", np.inf)))
+    whole = (0.0, 1.0) if ".k_t." in path else whole  # a colour of a pattern, whose own field knows no such end
     whole = lower, upper = RANGES.get(path.split(".")[-1], whole)
     allowed = f"[{lower:g}, {upper:g}]"
     for name, pair in bounds.items():

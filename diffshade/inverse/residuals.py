@@ -61,6 +61,11 @@ class Rendered(eqx.Module):
 
     problem: Problem
     likelihood: Likelihood
+    steepest: Float[Array, " p"] | None = None
+    """For each unknown the slope above which a sample does not count, while a search is under way; None asks nothing.
+
+    Of the weighted sample, as a residual is: |sqrt(w) dm/dtheta|.
+    """
 
     @property
     def projects(self) -> bool:
@@ -104,13 +109,22 @@ class Rendered(eqx.Module):
             J = jax.vmap(derivative)(jnp.eye(p))  # for each channel, J^T: (p, pixels)
             grams = [
                 Gram(terms.cost.sum(), Jc @ terms.slope, (Jc * terms.curvature[None]) @ Jc.T)
-                for Jc, terms in zip(J, costs(self.likelihood, m, block.observed), strict=True)
+                for Jc, terms in zip(J, self._costs(m, J, block.observed), strict=True)
             ]
             of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
             return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
 
         zero = Gram(jnp.zeros(views), jnp.zeros((views, p)), jnp.zeros((views, p, p)))
         return jax.lax.scan(add, zero, chunk)[0]
+
+    def _costs(self, m: Sequence[Any], J: Sequence[Any], seen: Observed) -> list[Any]:
+        """Return the likelihood's terms channel by channel, of samples that are not too steep."""
+        if self.steepest is None:
+            return costs(self.likelihood, m, seen)
+        limit = self.steepest[:, None]
+        gentle = [jnp.all(jnp.sqrt(w)[None] * jnp.abs(Jc) <= limit, 0) for w, Jc in zip(seen.weight, J, strict=True)]
+        weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
+        return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
 
     def gram(self, theta: Float[Array, " p"], summary: Gram) -> Gram:
         """Return the Gram of each view from the sum of the chunks' summaries."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -17,6 +18,7 @@ from ..fields import Array
 from ..lights import SpotLight
 from ..scenes import Scene
 from .blocks import Block
+from .descent import box_step
 from .gram import Point
 from .parameters import Unknown, coordinates
 from .solvers import Box, Task, linear_step, look, minimise
@@ -27,6 +29,14 @@ SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
 EDGE = 5.0  # degrees
 MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
+REACH = {"eta": 0.06}  # a little more than half the distance of what is tried, which `approach` bridges
+APPROACH = 16  # steps,
+SHRINK = 0.6  # each of so much of the last one's reach,
+STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
+REACH = {"eta": 0.06}  # half the distance of what is tried, and a little more: see `approach`
+APPROACH = 16  # steps
+SHRINK = 0.6  # of the reach, after each
+STEEP = 0.5  # of the images' root mean square
 
 Theta = Float[np.ndarray, " p"]
 
@@ -131,6 +141,39 @@ def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, The
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
 
+def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
+    """Return the slopes above which `Rendered` is to leave samples out, none as yet; None where it never will be."""
+    return np.full(len(unknowns), np.inf) if any(unknown.kind in REACH for unknown in unknowns) else None
+
+
+def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequence[Block], rms: float) -> Theta:
+    """Return where Gauss-Newton steps lead that look only at what a step can tell, from coarse to fine.
+
+    Near the rim of a glass ball a pixel runs through all that is behind while eta changes by a thousandth, and in the
+    sum of squares a few such pixels hide what all others say. So a sample is left out of a step within whose reach it
+    would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
+    """
+    bends = np.array([unknown.kind in REACH for unknown in unknowns])
+    searched = np.array([unknown.kind in _MOVES or "/" in unknown.quantity for unknown in unknowns])
+    reach = np.array([REACH.get(unknown.kind, 0.0) for unknown in unknowns])
+    for _ in range(APPROACH):
+        limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
+        form = eqx.tree_at(lambda f: f.steepest, task.form, limit)
+        point = look(theta, Task(form, task.soft, task.box), chunks)
+        most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
+        theta = np.asarray(_gauss_newton(point, task.box, most))
+        reach = reach * SHRINK
+    return theta
+
+
+@jax.jit
+def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
+    """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
+    theta, of = point.theta, point.total
+    low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
+    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high)
+
+
 def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
     """Return the scene with soft edges at least `EDGE` wide for spots whose cutoff is unknown and softness known.
 
@@ -167,11 +210,14 @@ def search(
     first = judge(begin, task, coarse)
 
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
-        within = np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper)
+        within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
+        if kinds[group] in REACH:
+            within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
         judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
     kinds = [kind for kind, _ in _groups(unknowns)]
+    rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
     found: list[tuple[float, Theta]] = [] if kinds else [first]
     for _ in range(2 if len(kinds) > 1 else min(len(kinds), 1)):
         for group in range(len(kinds)):

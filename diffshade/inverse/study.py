@@ -20,7 +20,7 @@ from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, prepare
 from .solvers import Box, Minimum, Soft, Task, minimise
-from .starts import is_local, search, with_wide_edges
+from .starts import is_local, search, steepest, with_wide_edges
 from .views import Samples, View, is_grey
 
 MAX_STEPS = 200
@@ -55,7 +55,7 @@ class Study:
             plain = loss == "squares" and not self.clips and self.uniform
             form = feature_form(problem, self.likelihood, unknowns, shared=plain, grey=self.grey)
         else:
-            form = Rendered(problem, self.likelihood)
+            form = Rendered(problem, self.likelihood, steepest(unknowns))
         self.form: Any = jax.tree.map(jnp.asarray, form)
         ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
         lower, upper = map(jnp.asarray, ends)

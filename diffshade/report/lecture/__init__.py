@@ -53,6 +53,10 @@ def write_figures(
     `progress`: show a line on the terminal. Raises ValueError for an unknown name, before anything is written.
     """
     names = list(FIGURES)
+    if not isinstance(folder, str | Path):
+        raise TypeError(f"folder must be a path; got {folder!r}. Give the name of a folder.")
+    if only is not None and not isinstance(only, Iterable):
+        raise TypeError(f"only must hold names of figures; got {only!r}. Give for example {names[0]!r}.")
     wanted = names if only is None else [only] if isinstance(only, str) else list(only)
     for name in wanted:
         _check(name)
@@ -79,4 +83,4 @@ def draw_figure(name: str) -> Figure:
 
 def _check(name: str) -> None:
     if name not in FIGURES:
-        raise ValueError(f"no figure is named '{name}'. {did_you_mean(name, FIGURES)}")
+        raise ValueError(f"no figure is named '{name}'. {did_you_mean(str(name), FIGURES)}")
