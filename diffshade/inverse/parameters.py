@@ -334,7 +334,8 @@ def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[
                 )
             short = {path.partition(".")[2] for path in known}  # ball.material.k_d
             options = segments | set(known) | {path for path in short if not path[:1].isdigit()}
-            options = {path for path in options if _in_order(name, path)} or options
+            if fuller := [path for path in options if _in_order(name, path)]:
+                raise ValueError(f"no parameter is named '{name}'. Did you mean '{min(fuller, key=len)}'?")
             raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, options)}")
     return names
 
