@@ -1,10 +1,14 @@
 """Show how the cost of a scene grows: with its lights, objects, area-light samples and pixels.
 
+It is linear in lights, samples, pixels and opaque objects, and quadratic in transparent ones: behind each of them each
+may come next. Beside it, under "infinity", what a viewer and a light at infinity save.
+
 For each count the time of a render and of the gradient of its sum with respect to every number of the scene and the
-camera: the median of several runs, compiled beforehand. `per unit` is the time of one more, (t - t of the row
-above)/(n - n of the row above), over the same from the first to the last row: 1 throughout is a straight line. The
-exponent is the slope of log t over log n in the upper half of the rows: 1 is linear; below 1, what does not depend on
-n still counts. The gradients of several spheres are compiled without XLA's fusion, which takes minutes over them.
+camera: the median of several runs, compiled beforehand. `per unit` is the time of one more, (t - t of the row above)/(n
+- n of the row above), over the same from the first to the last row: 1 throughout is a straight line. The exponent is
+the slope of log t over log n in the upper half of the rows: 1 is linear; below 1, what does not depend on n still
+counts. The gradients of several spheres are compiled without XLA's fusion, which takes minutes over them, and so are
+renders of six transparent ones or more.
 """
 
 from __future__ import annotations
@@ -25,11 +29,12 @@ from rich.table import Table
 import diffshade as ds
 
 SIZE = 256
+INFINITY = "infinity"
 COUNTS = {
     "lights": (1, 2, 4, 8, 16, 32, 64),
     "samples of an area light": (1, 4, 16, 64, 256),
     "opaque spheres": (1, 2, 4, 8, 16, 32),
-    "transparent spheres": (1, 2, 3, 4),
+    "transparent spheres": (1, 2, 4, 8),
     "pixels": (128**2, 256**2, 512**2, 1024**2),
 }
 # of several objects XLA's CPU compiler fuses, and with it repeats, the reverse mode for minutes
@@ -39,7 +44,9 @@ UNFUSED = {"xla_disable_hlo_passes": "fusion"}
 def main() -> None:
     """Time every count and print a table for each kind."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", choices=COUNTS, default=list(COUNTS), help="which to count up")
+    parser.add_argument(
+        "--only", nargs="+", choices=[*COUNTS, INFINITY], default=[*COUNTS, INFINITY], help="which to time"
+    )
     parser.add_argument("--repeats", type=int, default=7, help="runs, of which the median counts (default: 7)")
     parser.add_argument("--size", type=int, default=SIZE, help="pixels on a side (default: %(default)s)")
     parser.add_argument("--json", type=Path, help="write every number to this file too")
@@ -48,6 +55,9 @@ def main() -> None:
         sys.exit(f"--repeats and --size must be at least 1; got {arguments.repeats} and {arguments.size}.")
     found = {}
     for kind in arguments.only:
+        if kind == INFINITY:
+            found[kind] = at_infinity(arguments.size, arguments.repeats)
+            continue
         rows = []
         for count in track(COUNTS[kind], description=kind, console=Console(stderr=True), transient=True):
             scene, size = make(kind, count, arguments.size)
@@ -69,6 +79,22 @@ def make(kind: str, count: int, size: int) -> tuple[ds.Scene, tuple[int, int]]:
     spheres = count if kind.endswith("spheres") else 1
     k_t, eta = (0.6, 1.3) if kind.startswith("transparent") else (None, 1.0)
     return ds.Scene(list(balls(spheres, k_t, eta)), lights), shape
+
+
+def at_infinity(size: int, repeats: int) -> list[tuple[str, str, float, float]]:
+    """Time one v for all points and one l for all points, beside v and l from each; print and return the rows."""
+    table = Table(title="viewer and light near or at infinity, one light")
+    for heading in ("viewer", "light", "render, ms", "gradient, ms"):
+        table.add_column(heading, justify="right")
+    rows = []
+    for viewer, local in (("near", True), ("at infinity", False)):
+        camera = ds.OrthographicCamera((0, 0, 6), shape=(size, size), local_viewer=local)
+        for light, lamp in (("near", ds.PointLight((0, 3, 3))), ("at infinity", ds.DirectionalLight((0, -1, -1)))):
+            seconds = times(ds.Scene(list(balls(1, None, 1.0)), lamp), camera, repeats, None)
+            rows.append((viewer, light, *seconds))
+            table.add_row(viewer, light, *(f"{1e3 * t:.2f}" for t in seconds))
+    Console(width=110).print(table)
+    return rows
 
 
 FADE = ds.RadialAttenuation(0.5, 0.2, 0.1)

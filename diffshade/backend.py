@@ -1,4 +1,4 @@
-"""A check of the machine: does this jaxlib add up correctly?"""
+"""The machine: does this jaxlib add up correctly, and what its compiler should leave alone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxlib.version import __version__ as jaxlib_version
+
+# What is seen through transparent objects: XLA's CPU compiler fuses it, and with it repeats it, for minutes.
+UNFUSED = {"xla_disable_hlo_passes": "fusion"}
 
 
 @functools.cache

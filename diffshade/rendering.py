@@ -10,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .backend import check_backend
+from .backend import UNFUSED, check_backend
 from .cameras import AbstractCamera, Projection, Rays
-from .fields import Array, check
+from .fields import Array, check, is_concrete
 from .gbuffers import GBuffer
 from .lights import AbstractLight
 from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
+
+MANY = 6  # transparent objects, over which the compiler takes longer than it saves
 
 
 def render(
@@ -29,13 +31,18 @@ def render(
     for each structure and shape; differentiable in every number of the scene and the camera except at silhouettes and
     gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
 
+    XLA's CPU compiler may take minutes over a program of your own, such as a gradient, in which several transparent
+    objects are rendered. Let it leave fusion out: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
+
     Raises ValueError for a scene, camera or GBuffer that does not fit together.
     """
     check((scene, camera))
     check_shapes(scene, camera)
     check_positions(scene, camera)
     check_backend()
-    return _render(stack_scene(eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))), camera)
+    stacked = stack_scene(eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
+    program = _render_unfused if _takes_long(stacked, camera) else _render
+    return program(stacked, camera)
 
 
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
@@ -79,10 +86,20 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
     return projection.rays(row, column)
 
 
-@jax.jit
-def _render(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width 3"]:
     projection = camera.projection()
     return radiance(scene, pixel_rays(projection, camera.shape), projection).stack()
+
+
+_render = jax.jit(_image)
+_render_unfused = jax.jit(_image, compiler_options=UNFUSED)
+
+
+def _takes_long(scene: StackedScene, camera: AbstractCamera) -> bool:
+    """Whether to compile without fusion; within a program of the caller's that is not for this one to say."""
+    if sum(item.material.k_t is not None for item in scene.objects) < MANY:
+        return False
+    return jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((scene, camera)))
 
 
 @jax.jit

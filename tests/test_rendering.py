@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade import rendering
 from diffshade.rendering import _render
 from diffshade.scenes import stack_scene
 
@@ -207,3 +208,39 @@ NORMAL = np.full((4, 5, 3), (0, 0, 1))
 def test_what_does_not_fit_together(make, message):
     with pytest.raises(ValueError, match=f"^{escape(message)}$"):
         make()
+
+
+# --- many transparent objects, which are compiled without fusion
+
+
+@pytest.fixture
+def clear():
+    balls = [ds.Object(ds.Sphere((0.2 * i, 0, -i)), ds.Material(0.1, 0.5, 0.3, k_t=0.5)) for i in range(2)]
+    return ds.Scene(balls, ds.PointLight((2, 3, 4)), background=0.3)
+
+
+def test_without_fusion_the_image_is_the_same(clear, monkeypatch):
+    camera = ds.Camera((0, 0, 4), shape=(9, 11))
+    expected = ds.render(clear, camera)
+    with monkeypatch.context() as patch:
+        patch.setattr(rendering, "MANY", 2)
+        patch.setattr(rendering, "_render", None)  # so that the other program is seen to be used
+        np.testing.assert_allclose(ds.render(clear, camera), expected, rtol=1e-12)
+
+
+def test_within_a_program_of_the_callers_own_it_is_left_to_him(clear, monkeypatch):
+    """Compiler options can be given to the outermost program alone."""
+    camera = ds.Camera((0, 0, 4), shape=(9, 11))
+    expected = ds.render(clear, camera)
+    monkeypatch.setattr(rendering, "MANY", 2)
+
+    def image(k_t=None):
+        scene = clear if k_t is None else eqx.tree_at(lambda s: s.objects[0].material.k_t, clear, k_t)
+        return ds.render(scene, camera)
+
+    half = jnp.full(3, 0.5)
+    np.testing.assert_allclose(jax.jit(image)(), expected, rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(image)(half), expected, rtol=1e-12)
+    np.testing.assert_allclose(jax.jvp(image, (half,), (half,))[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(jax.vmap(image)(half[None])[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(jax.grad(lambda x: x * image().sum())(1.0), expected.sum(), rtol=1e-12)

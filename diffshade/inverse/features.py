@@ -93,6 +93,11 @@ class FeatureForm(eqx.Module):
         """Whether one pass gives the Gram at any linear unknowns: where the Gram of the features is shared."""
         return self.shared
 
+    @property
+    def transparent(self) -> bool:
+        """Whether light passes through an object: no."""
+        return False
+
     def points(self, parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[Any]) -> Fields:
         """Return the fields of a chunk's pixels."""
         pixels = Rendered(self.problem, self.likelihood).points(parts, row, column, gbuffers)

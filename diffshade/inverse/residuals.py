@@ -72,6 +72,11 @@ class Rendered(eqx.Module):
         """Whether one pass gives the Gram at any linear unknowns: no."""
         return False
 
+    @property
+    def transparent(self) -> bool:
+        """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
+        return any(item.material.k_t is not None for item in self.problem.setup.scene.objects)
+
     def points(self, parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[Any]) -> Pixels:
         """Return what the predictions need to know of the pixels of a chunk."""
         return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))

@@ -14,6 +14,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import fields
+from ..backend import UNFUSED
 from .blocks import Block, on_all_cores, total
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 from .gram import Gram, Point
@@ -100,9 +101,12 @@ class Minimum(eqx.Module):
         return np.asarray(self.point.theta)
 
 
-@partial(jax.jit, static_argnums=0)
-def _summary(structure: Any, leaves: list[Any], theta: Array, chunk: Block) -> Any:
+def _summarise(structure: Any, leaves: list[Any], theta: Array, chunk: Block) -> Any:
     return jax.tree.unflatten(structure, leaves).summary(theta, chunk)
+
+
+_summary = jax.jit(_summarise, static_argnums=0)
+_summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSED)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -113,7 +117,8 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
 
 def look(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return the point at theta, or, for a form that projects, at its best linear unknowns: one pass, on all cores."""
-    summaries = on_all_cores(lambda chunk: _summary(task.form_structure, task.form_leaves, theta, chunk), chunks)
+    program = _summary_unfused if task.form.transparent and jax.default_backend() == "cpu" else _summary
+    summaries = on_all_cores(lambda chunk: program(task.form_structure, task.form_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
 
 
