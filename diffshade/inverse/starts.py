@@ -212,12 +212,12 @@ def search(
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
         within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
         if kinds[group] in REACH:
+            rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
         judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
     kinds = [kind for kind, _ in _groups(unknowns)]
-    rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
     found: list[tuple[float, Theta]] = [] if kinds else [first]
     for _ in range(2 if len(kinds) > 1 else min(len(kinds), 1)):
         for group in range(len(kinds)):
