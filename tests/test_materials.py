@@ -131,8 +131,8 @@ def test_no_transmission_emission_or_fresnel_unless_given():
     [
         (
             {"k_s": 0.5, "fresnel": ds.Dielectric(), "eta": 1.5},
-            "Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got (0.5, 0.5, 0.5). "
-            "Leave k_s out, or use Schlick().",
+            "Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got (0.5, 0.5, "
+            "0.5). Leave k_s out, or use Schlick().",
         ),
         ({"k_t": 1.1}, "Material.k_t must be between 0 and 1; got (1.1, 1.1, 1.1). Give a value in that range."),
         ({"k_t": -0.1}, "Material.k_t must be between 0 and 1; got (-0.1, -0.1, -0.1). Give a value in that range."),
