@@ -139,7 +139,7 @@ def _shown(numbers: np.ndarray) -> str:
 
 
 def in_short(value: Any) -> str:
-    """Return what a message says of a value: its numbers or repr; of a module, whose repr is long, what it is."""
+    """Return what a message says of a value: its numbers; of a module, whose repr is long, what it is; else a repr."""
     if isinstance(value, Array) and np.issubdtype(value.dtype, np.number) and is_concrete(value):
         return _shown(np.asarray(value))
     return with_article(type(value).__name__) if isinstance(value, eqx.Module) else repr(value)

@@ -10,6 +10,7 @@ import scipy.stats
 from synthetic import CAMERA, FREE, TIED, forget, noisy, one_light_each, photographs, seen_by, standard_scene
 
 import diffshade as ds
+from diffshade.inverse.views import find_samples
 
 CLOSE = ds.Camera(eye=(0, 0, 4), fov=32, shape=(64, 64))
 INSIDE = np.asarray(seen_by(CLOSE).mask)
@@ -157,3 +158,14 @@ def test_the_variance_of_rounding_to_the_levels_of_a_file_is_what_rounding_makes
     dark = ds.Noise(read=0.5, shot=3.0, levels=levels, srgb=1.0 * srgb).variance(jnp.asarray([0.0, -1.0, 2e-3]))
     slope = 1 / 12.92 if srgb else 1.0
     np.testing.assert_allclose(dark, 0.25 + 3.0 * np.array([0, 0, 2e-3]) + (slope / levels) ** 2 / 12, rtol=1e-12)
+
+
+def test_a_level_is_as_the_image_holds_it():
+    """float32(0.45) is below 0.45, and clipped all the same."""
+    scene = standard_scene()
+    image = np.minimum(photographs(scene)[0].astype(np.float32), np.float32(0.45))
+    samples = find_samples(scene, ds.View(image, CAMERA, lit=(0,), saturation=0.45))
+    assert (samples.ends() == 1).sum() == (image == np.float32(0.45)).sum() > 0
+    dark = np.maximum(image, np.float32(0.07))
+    samples = find_samples(scene, ds.View(dark, CAMERA, lit=(0,), floor=0.07))
+    assert (samples.ends() == -1).any()

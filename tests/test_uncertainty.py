@@ -18,13 +18,12 @@ from synthetic import (
 )
 
 import diffshade as ds
+from diffshade.inverse.identifiability import condition_number, null_directions
 from diffshade.inverse.parameters import put_back
 from diffshade.inverse.uncertainty import (
-    condition_number,
     deciding_view,
     jackknife_covariance,
     lone_views,
-    null_directions,
     plain_covariance,
     standard_errors,
     without_lone,

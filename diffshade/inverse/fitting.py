@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from .outcome import Fit, diagnose
 from .parameters import Unknown, find_unknowns
 from .residuals import Counts
 from .study import Study
-from .views import Samples, View, find_samples, is_grey
+from .views import Samples, View, find_samples, is_grey, repeats
 
 CLIPPED = ("hinge", "tobit", "leave out")
 
@@ -64,39 +64,36 @@ def fit(
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
-    _check_choices(scene, views, constraints, loss, clipped, start)
+    check_choices(scene, views, constraints, loss, clipped, start)
     check_backend()
     scene = jax.tree.map(_numpy, scene)
     grey = all(is_grey(view) for view in views)
     unknowns = find_unknowns(
         scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
     )
-    if not unknowns:
-        raise ValueError(
-            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
-        )
+    check_free(unknowns)
     with showing("fit") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
         tell("reading the views")
         samples, counts = look_at(scene, views, unknowns, clipped)
-        study = Study(scene, views, unknowns, samples, counts, loss, clipped)
-        study.lay_out()
-        end = study.solve(from_scene=start == "scene", tell=tell)
-        return diagnose(
-            scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares
-        )
+        return run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
 
 
 def look_at(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str, *, foreseen: bool = False
 ) -> tuple[list[Samples], Counts]:
-    """Find the samples of every view; raise ValueError that names the view, or says that there are too few."""
+    """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
+
+    A view that is an earlier one again has none; `foreseen` says that the photographs are still to be taken.
+    """
     moving = any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
-    samples, clipping = [], 0
+    samples, clipping, again = [], 0, {} if foreseen else repeats(scene, views)
     for i, view in enumerate(views):
         try:
             found = find_samples(scene, view, moving=moving)
         except ValueError as error:
             raise ValueError(f"views[{i}]: {error}") from None
+        if i in again:  # the same numbers tell nothing more
+            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[:0])
         ends = found.ends()
         clipping += int(np.abs(ends).sum())
         if clipped == "leave out" and ends.any():
@@ -116,12 +113,41 @@ def look_at(
             )
     if all(s.brightest <= 0.0 for s in samples):
         raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
-    return samples, Counts(len(views), pixels, number, 0 if left_out else clipping, clipping if left_out else 0)
+    kept, left = (0, clipping) if left_out else (clipping, 0)
+    return samples, Counts(len(views) - len(again), pixels, number, kept, left)
 
 
-def _check_choices(
+def run(
+    scene: Scene,
+    views: tuple[View, ...],
+    unknowns: Sequence[Unknown],
+    samples: Sequence[Samples],
+    counts: Counts,
+    loss: str,
+    clipped: str,
+    *,
+    from_scene: bool = False,
+    tell: Callable[[str], None] = silent,
+) -> Fit:
+    """Find the minimum for these unknowns over these samples, and say what is known there. In float64."""
+    study = Study(scene, views, unknowns, samples, counts, loss, clipped)
+    study.lay_out()
+    end = study.solve(from_scene=from_scene, tell=tell)
+    return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
+
+
+def check_free(unknowns: Sequence[Unknown]) -> None:
+    """Refuse a fit of nothing."""
+    if not unknowns:
+        raise ValueError(
+            "free must name at least one parameter; got none. Give for example free=('k_d', 'k_s', 'n_s')."
+        )
+
+
+def check_choices(
     scene: Any, views: Sequence[Any], constraints: Sequence[Any], loss: Any, clipped: Any, start: Any
 ) -> None:
+    """Refuse what is no scene, view, constraint or choice."""
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")

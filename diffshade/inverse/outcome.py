@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,24 +15,25 @@ from ..patterns import Chequer
 from ..rendering import render
 from ..scenes import Scene
 from .gram import Gram
+from .identifiability import (
+    condition_number,
+    listing,
+    null_directions,
+    singular_sentences,
+    vague,
+    vague_sentences,
+    weak_directions,
+    weak_sentences,
+)
 from .losses import Likelihood, variance
 from .parameters import Unknown, put_back, unit_vectors, values_in
+from .parameters import everything as everything_in
 from .residuals import Counts
 from .solvers import Minimum
-from .uncertainty import (
-    condition_number,
-    deciding_view,
-    jackknife_covariance,
-    listing,
-    lone_views,
-    null_directions,
-    on_unit_vectors,
-    plain_covariance,
-    sentences,
-    standard_errors,
-    without_lone,
-)
-from .views import View, find_samples, is_grey
+from .uncertainty import Evidence
+from .views import View, find_samples, has_mask, is_grey, repeated, setups
+
+REFLECTS = ("k_a", "k_d", "k_s", "k_e")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,10 @@ class Fit:
     """What clipped samples say, as given to the fit."""
     squares: float
     """Sum of squares of the samples, weighted: what a residual is small or large against."""
+    evidence: Evidence
+    """The Gram of each view: what errors, plans and examinations are made of."""
+    scales: Float[np.ndarray, " p"]
+    """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
     notes: tuple[str, ...]
     """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
 
@@ -90,6 +96,13 @@ class Fit:
             )
         return self.scene.objects[0].material
 
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Correlations of the unknowns, from the plain covariance; 0 where there is none."""
+        errors = np.sqrt(np.diag(self.covariance))
+        unit = np.where(errors > 0, 1.0 / np.where(errors > 0, errors, 1.0), 0.0)
+        return self.covariance * np.outer(unit, unit)
+
     def values_in(self, scene: Scene) -> Float[np.ndarray, " p"]:
         """Return what the unknowns are in another scene of the same structure, such as the truth of a test."""
         return values_in(scene, self.views, self.unknowns)
@@ -98,7 +111,7 @@ class Fit:
         """Return what a view's photograph would be by this fit, beside what it is; any view, fitted or held out."""
         moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
         with jax.enable_x64(True):
-            samples = find_samples(self.scene, view, moving=moving and _has_mask(view))
+            samples = find_samples(self.scene, view, moving=moving and has_mask(view))
             image = float(view.exposure) * np.asarray(render(self.scene, view.camera, lit=view.lit)) + float(view.black)
         if is_grey(view):
             image = image.mean(-1, keepdims=True)
@@ -111,7 +124,7 @@ class Fit:
         width = max(len("parameter"), *map(len, self.names))
         counts = self.counts
         lines = [
-            f"fit of {_count(counts.views, 'view')}, {counts.pixels:,} pixels, {counts.samples:,} samples",
+            f"fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels, {counts.samples:,} samples",
             f"{'parameter':<{width}} {'value':>12} {'error':>11} {'plain error':>11}",
         ]
         for j, name in enumerate(self.names):
@@ -158,11 +171,13 @@ def diagnose(
     spread: Float[np.ndarray, "5"],
     counts: Counts,
     squares: float,
+    *,
+    foreseen: bool = False,
 ) -> Fit:
     """Say what is known at the end of a fit: values, errors, bounds, what is not determined.
 
     `beside` is the Gram of what is known beside the views, `spread` the sums of `Likelihood.spread`, `squares` the sum
-    of squares of the images.
+    of squares of the images. `foreseen` says that nothing was measured, so that no view disagrees with another.
     """
     theta = end.theta
     if not (np.isfinite(theta).all() and np.isfinite(end.point.total.cost)):
@@ -180,65 +195,49 @@ def diagnose(
     units = np.array(unit_vectors(unknowns), int).reshape(-1, 3)
     for unit in units:
         values[unit] /= np.linalg.norm(values[unit])
-    # in the unknowns' own units: d/dn_s = (1/n_s) d/d log n_s
+    # in the unknowns' own units: (1/n_s) d/d log n_s is d/dn_s
     slope = np.where(log, 1.0 / np.where(log, values, 1.0), 1.0)
     H, g = np.asarray(end.point.views.hessian) * np.outer(slope, slope), np.asarray(end.point.views.gradient) * slope
     H_0, g_0 = np.asarray(beside.hessian) * np.outer(slope, slope), np.asarray(beside.gradient) * slope
     everything = H.sum(0) + H_0
     zero, directions = null_directions(everything)
-    determined = ~zero & ~directions.any(0)
+    regular = ~zero & ~directions.any(0)
     noisy = views[0].noise is not None
     sigma2 = 1.0 if noisy and likelihood.loss == "squares" else variance(spread, int(np.sum(~at_bound)))
-
-    # H has the weights rho' of a robust loss where a view's move is by its slopes psi', the same only for squares
-    stiffness = float(spread[4] / max(spread[3], 1e-3 * spread[0]))
-
-    def spread_of(covariance: np.ndarray, which: np.ndarray) -> np.ndarray:
-        whole = np.zeros_like(everything)
-        whole[np.ix_(which, which)] = covariance
-        return on_unit_vectors(whole, values, units)[np.ix_(which, which)]
-
-    def plain(which: np.ndarray) -> np.ndarray:
-        return spread_of(plain_covariance(everything[np.ix_(which, which)], sigma2), which)
-
-    def clustered(which: np.ndarray) -> np.ndarray:
-        covariance = plain(which)  # for what one view alone sees: there is no deleting that
-        shared = lone[which] < 0
-        reduced = without_lone(H[:, which][:, :, which], g[:, which], H_0[np.ix_(which, which)], lone[which])
-        kept = which & (lone < 0)
-        jackknife = jackknife_covariance(*reduced, H_0[np.ix_(kept, kept)], g_0[kept])
-        covariance[np.ix_(shared, shared)] = stiffness**2 * spread_of(jackknife, kept)
-        return covariance
-
-    lone = np.where(determined, lone_views(H), -1) if counts.views > 1 else np.full(len(values), -1)
-    plain_errors = np.where(determined, standard_errors(plain, at_bound), np.inf)
-    errors, why_not = None, None
-    if counts.views < 3:
-        why_not = f"{_count(counts.views, 'view')}: no errors by jackknife, which needs three or more"
-    elif (deciding := deciding_view(without_lone(H, g, H_0, lone)[0], H_0[np.ix_(lone < 0, lone < 0)])) is not None:
-        why_not = f"no errors by jackknife: without views[{deciding}] the others determine less"
-    else:
-        errors = np.where(determined, standard_errors(clustered, at_bound), np.inf)
-        if (lone >= 0).any():
-            names = dict.fromkeys(u.quantity for u, alone in zip(unknowns, lone >= 0, strict=True) if alone)
-            why_not = f"one view alone shows each of {listing(list(names))}, so that there is no jackknife of them"
-    known = ~at_bound & determined
+    groups = [group for group in setups(scene, views) if H[group].any()] or [[*range(len(views))]]
+    H, g = (np.array([of[group].sum(0) for group in groups]) for of in (H, g))
+    evidence = Evidence(H, g, H_0, g_0, values, at_bound, regular, units, sigma2, spread)
+    fitted, seen = put_back(scene, views, unknowns, values)
+    scales = _scales(fitted, seen, unknowns, np.diag(everything), squares)
+    # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held
+    held = ~(at_bound & vague(unknowns, values, evidence.plain_errors(), scales)[0])
+    evidence = dataclasses.replace(evidence, at_bound=at_bound & held)
+    plain_errors = evidence.plain_errors()
+    errors, why_not = (None, None) if foreseen else _by_jackknife(evidence, groups, counts, unknowns)
+    usual = plain_errors if errors is None else errors
+    lost, small = (mask & regular for mask in vague(unknowns, values, usual, scales))
+    free = ~evidence.at_bound
+    known = free & regular
     covariance = np.zeros_like(everything)
-    covariance[np.ix_(known, known)] = plain(~at_bound)[np.ix_(known[~at_bound], known[~at_bound])]
+    covariance[np.ix_(known, known)] = evidence.covariance(free)[np.ix_(known[free], known[free])]
+    weak = weak_directions(everything[np.ix_(known, known)])
     notes = [
         *(
             [f"the fit did not converge in {end.steps} steps: {end.message}. Fix or bound an unknown."]
             if end.message
             else []
         ),
-        *sentences(zero, directions, unknowns, values),
-        *_warnings(unknowns, values, plain_errors if errors is None else errors, determined, at_bound, at_lower),
+        *singular_sentences(zero, directions, unknowns, values),
+        *weak_sentences([np.flatnonzero(known)[which] for which in weak], unknowns),
+        *vague_sentences(lost, small & ~at_bound, unknowns, values, usual),
+        *_at_bounds(unknowns, regular & ~lost, at_bound, at_lower),
+        *_too_bright(unknowns, values, regular & ~lost),
         *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
+        *([] if foreseen else repeated(scene, views)),
         *_ends(counts),
         *(_beyond_noise(float(np.sqrt(spread[1] / spread[0]))) if noisy and likelihood.loss == "squares" else []),
         *_jumps(scene, unknowns),
     ]
-    fitted, seen = put_back(scene, views, unknowns, values)
     return Fit(
         scene=fitted,
         views=seen,
@@ -247,7 +246,7 @@ def diagnose(
         errors=errors,
         plain_errors=plain_errors,
         covariance=covariance,
-        determined=determined,
+        determined=regular & ~lost,
         at_bound=at_bound,
         at_lower=at_lower,
         rmse=float(np.sqrt(spread[1] / spread[0])),
@@ -258,8 +257,47 @@ def diagnose(
         likelihood=jax.tree.map(np.asarray, likelihood),
         clipped=clipped,
         squares=squares,
+        evidence=evidence,
+        scales=scales,
         notes=tuple(notes),
     )
+
+
+def _by_jackknife(
+    evidence: Evidence, groups: Sequence[Sequence[int]], counts: Counts, unknowns: Sequence[Unknown]
+) -> tuple[Float[np.ndarray, " p"] | None, str | None]:
+    """Return the errors by delete-one-view jackknife, or None, and why there are none, or none of some."""
+    if len(groups) < 3:
+        ways = "" if len(groups) == counts.views else f", taken in {count(len(groups), 'way')}"
+        return None, f"{count(counts.views, 'view')}{ways}: no errors by jackknife, which needs three or more"
+    if (deciding := evidence.deciding()) is not None:
+        return None, f"no errors by jackknife: without views[{groups[deciding][0]}] the others determine less"
+    lone = evidence.lone >= 0
+    names = dict.fromkeys(u.quantity for u, alone in zip(unknowns, lone, strict=True) if alone)
+    why_not = f"one view alone shows each of {listing(list(names))}, so that there is no jackknife of them"
+    return evidence.clustered_errors(), why_not if names else None
+
+
+def _scales(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], curvature: np.ndarray, squares: float
+) -> np.ndarray:
+    """Return what a number may be small against; 0 where nothing is.
+
+    Of a reflection, the largest of its object; of what fades light, what would change the image by a sixth; of a
+    transmission 1.
+    """
+    known = {path: float(np.max(value)) for path, value, _ in everything_in(scene, views) if np.size(value)}
+    reflections = {path: value for path, value in known.items() if path.split(".")[-1] in REFLECTS}
+    scales = np.zeros(len(unknowns))
+    for j, unknown in enumerate(unknowns):
+        if unknown.kind in REFLECTS and unknown.places:
+            material = unknown.places[0][0].rpartition(".")[0]
+            scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
+        elif unknown.kind in ("linear", "quadratic") and curvature[j] > 0:
+            scales[j] = np.sqrt(squares / curvature[j]) / 6.0
+        elif unknown.kind == "k_t":
+            scales[j] = 1.0
+    return scales
 
 
 def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[str]:
@@ -280,9 +318,9 @@ def _moves_points(path: str) -> bool:
 def _ends(counts: Counts) -> list[str]:
     """Say what became of samples at an end of the sensor's range."""
     if counts.left_out:
-        return [f"{_count(counts.left_out, 'sample')} at an end of the sensor's range left out, with their pixels."]
+        return [f"{count(counts.left_out, 'sample')} at an end of the sensor's range left out, with their pixels."]
     if counts.clipped:
-        return [f"{_count(counts.clipped, 'sample')} at an end of the sensor's range, taken to be that or beyond."]
+        return [f"{count(counts.clipped, 'sample')} at an end of the sensor's range, taken to be that or beyond."]
     return []
 
 
@@ -294,42 +332,31 @@ def _beyond_noise(rmse: float) -> list[str]:
     return [f"the residuals are {rmse:.3g} times the noise given: {wrong}."]
 
 
-def _has_mask(view: View) -> bool:
-    return view.mask is not None or view.image.shape[2] in (2, 4)
-
-
-def _warnings(
-    unknowns: Sequence[Unknown],
-    values: np.ndarray,
-    errors: np.ndarray,
-    determined: np.ndarray,
-    at_bound: np.ndarray,
-    at_lower: np.ndarray,
-) -> list[str]:
-    """Say which values stand at a bound, are mostly error, or are more than a surface can reflect."""
+def _at_bounds(unknowns: Sequence[Unknown], known: np.ndarray, at_bound: np.ndarray, at_lower: np.ndarray) -> list[str]:
+    """Say which values stand at a bound."""
     said = []
     for side, there in (("lower", at_lower), ("upper", at_bound & ~at_lower)):
         bound = np.array([getattr(u, side) for u in unknowns])
-        for value in np.unique(bound[there & determined]):
-            names = [u.name for u, at in zip(unknowns, there & determined & (bound == value), strict=True) if at]
+        for value in np.unique(bound[there & known]):
+            names = [u.name for u, at in zip(unknowns, there & known & (bound == value), strict=True) if at]
             verb = "is at its" if len(names) == 1 else "are at their"
             said.append(f"{listing(names)} {verb} {side} bound {value:g}.")
-    for unknown, value, error, inside in zip(unknowns, values, errors, determined & ~at_bound, strict=True):
-        if inside and np.isfinite(unknown.lower) and error > 0.3 * abs(value):
-            share = f"{error / abs(value):.0%}" if value else "all"
-            said.append(f"{unknown.name} is poorly determined: its error is {share} of its value.")
-    bright = [u.name for u, above in zip(unknowns, determined & (values > 1.0), strict=True) if above and _is(u, "k_d")]
-    if bright:
-        verb = "is" if len(bright) == 1 else "are"
-        said.append(
-            f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
-        )
     return said
+
+
+def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> list[str]:
+    """Say where more light leaves than a surface can reflect."""
+    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and _is(u, "k_d")]
+    if not bright:
+        return []
+    verb = "is" if len(bright) == 1 else "are"
+    return [f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."]
 
 
 def _is(unknown: Unknown, quantity: str) -> bool:
     return unknown.kind == quantity and "/" not in unknown.quantity
 
 
-def _count(number: int, noun: str) -> str:
+def count(number: int, noun: str) -> str:
+    """Return a number and what it counts."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -12,11 +12,10 @@ from jaxtyping import Bool, Float
 
 from ..fields import Array, check_kind
 from .blocks import Block, on_all_cores, total
-from .fitting import look_at
 from .outcome import Fit
-from .parameters import Slots, coordinates, everything, find_unknowns, slots_of, unit_vectors, values_in
+from .parameters import Slots, everything, find_unknowns, slots_of, unit_vectors, values_in
+from .refits import Laid
 from .residuals import costs
-from .study import Study
 from .uncertainty import inverse
 
 
@@ -83,19 +82,15 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     return image.reshape(len(moves), *samples.inside.shape, used)
 
 
-class _At:
+class _At(Laid):
     """A fit laid out again at its end, by the form that any scene has."""
 
     def __init__(self, fit: Fit):
-        if not fit.determined.all():
-            names = [name for name, known in zip(fit.names, fit.determined, strict=True) if not known]
-            raise ValueError(f"{names[0]} is not determined, so that the fit has no derivative. Fix it and fit again.")
-        samples, counts = look_at(fit.scene, fit.views, fit.unknowns, fit.clipped)
-        self.study = Study(fit.scene, fit.views, fit.unknowns, samples, counts, fit.likelihood.loss, fit.clipped, True)
-        self.study.use(float(fit.likelihood.sigma), fit.likelihood.loss)
-        self.theta = coordinates(fit.values, fit.unknowns)
-        self.chunks = self.study.reweigh(self.theta, self.study.chunks())
-        self.study.squares = fit.squares
+        singular = ~fit.evidence.determined
+        if singular.any():
+            name = fit.names[int(singular.argmax())]
+            raise ValueError(f"{name} is not determined, so that the fit has no derivative. Fix it and fit again.")
+        super().__init__(fit, rendered=True)
         self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
         log = np.array([u.logarithmic for u in fit.unknowns])
         self.unit = np.where(log, fit.values, 1.0)

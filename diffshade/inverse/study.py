@@ -13,7 +13,7 @@ import numpy as np
 from ..fields import Array
 from ..gbuffers import GBuffer
 from ..scenes import Scene
-from .blocks import Block, block_size, chunks, observed, on_all_cores, pieces, total
+from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total
 from .features import feature_form, has_features
 from .gram import Gram
 from .losses import NOT_CONVEX, Likelihood
@@ -77,6 +77,10 @@ class Study:
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some; in blocks of another size than usual where it is given."""
         size = size or self.size
+        return self.lay(pieces(self.samples, size, at_most), size)
+
+    def lay(self, parts: Sequence[Piece], size: int) -> list[Block]:
+        """Return the chunks of pieces of at most so many pixels, a block a piece."""
         gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
         channels = 1 if self.grey else 3
 
@@ -90,7 +94,7 @@ class Study:
             laid = jax.tree.map(jnp.asarray, Block(view, points, seen))
             return _weigh(None, self.form, laid) if self.noisy and not self.form.projects else laid
 
-        return on_all_cores(chunk, chunks(pieces(self.samples, size, at_most)))
+        return on_all_cores(chunk, chunks(parts))
 
     def reweigh(self, theta: np.ndarray, laid: list[Block]) -> list[Block]:
         """Return the chunks with weights by the noise at the level that theta predicts."""
@@ -100,7 +104,8 @@ class Study:
 
     def use(self, sigma: float, loss: str) -> None:
         """Set the scale of the residuals and the loss."""
-        self.likelihood = Likelihood(jnp.asarray(sigma), loss, self.likelihood.tobit)
+        # not of a weak type, as which all programs would compile anew
+        self.likelihood = Likelihood(jnp.asarray(np.float64(sigma)), loss, self.likelihood.tobit)
         self.form = eqx.tree_at(lambda f: f.likelihood, self.form, self.likelihood)
 
     def soft(self) -> Soft:
@@ -217,10 +222,10 @@ def _without_clipped(chunk: Block) -> Block:
 @jax.jit
 def _squares(form: Any, chunk: Block) -> Array:
     """Return the weighted sum of squares of a chunk's samples."""
-    return jnp.sum(jax.lax.map(lambda block: jnp.sum(_weights(form, block) * block.observed.target**2), chunk))
+    return jnp.sum(jax.lax.map(lambda block: jnp.sum(weights(form, block) * block.observed.target**2), chunk))
 
 
-def _weights(form: Any, block: Block) -> Array:
+def weights(form: Any, block: Block) -> Array:
     """Return the weight of each sample, which a form that projects keeps for the view."""
     seen = block.observed
     if seen.weight is not None:
@@ -233,7 +238,7 @@ def _residuals(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
     """Return the weighted residuals of a chunk, and which samples were measured."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        weight = _weights(form, block)
+        weight = weights(form, block)
         m = jnp.stack(form.predict(theta, block))
         measured = weight > 0 if block.observed.clipped is None else (weight > 0) & (block.observed.clipped == 0)
         return jnp.sqrt(weight) * (m - block.observed.target), measured
@@ -248,6 +253,6 @@ def _spread(theta: Array, form: Any, chunk: Block) -> Array:
     def add(total: Array, block: Block) -> tuple[Array, None]:
         seen = block.observed
         m = jnp.stack(form.predict(theta, block))
-        return total + form.likelihood.spread(m, seen.target, _weights(form, block), seen.clipped), None
+        return total + form.likelihood.spread(m, seen.target, weights(form, block), seen.clipped), None
 
     return jax.lax.scan(add, jnp.zeros(5), chunk)[0]

@@ -1,13 +1,13 @@
-"""Uncertainty: error bars, and in words what these images cannot tell. p x p matrices in NumPy float64."""
+"""Uncertainty: error bars from p x p matrices, in NumPy float64."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-
-from .parameters import Unknown
+from scipy import special
 
 SINGULAR = 1e-6  # smallest singular value of J, columns of unit length, below which unknowns are not determined
 
@@ -20,39 +20,6 @@ def scaled(H: Matrix) -> tuple[Matrix, Vector]:
     lengths = np.sqrt(np.diag(H))
     inverse = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
     return H * np.outer(inverse, inverse), lengths
-
-
-def condition_number(H: Matrix) -> float:
-    """Return the condition number of J with columns of unit length; infinite where J is singular."""
-    if not len(H):
-        return 1.0
-    w = np.linalg.eigvalsh(scaled(H)[0])
-    return float(np.sqrt(w[-1] / w[0])) if w[0] > SINGULAR**2 * max(w[-1], 1e-300) else np.inf
-
-
-def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]:
-    """Return the unknowns of zero columns, and directions along which no residual changes, as sparse as they come.
-
-    A direction belongs to the null space where the singular value of the scaled J is below 1e-6 of the largest. The
-    basis is brought to reduced row echelon form, so that each direction names as few unknowns as it can.
-    """
-    A, lengths = scaled(H)
-    largest = lengths.max(initial=0.0)
-    zero = lengths <= 1e-12 * largest if largest > 0 else np.ones(len(H), bool)
-    live = np.flatnonzero(~zero)
-    if not len(live):
-        return zero, np.zeros((0, len(H)))
-    w, V = np.linalg.eigh(A[np.ix_(live, live)])
-    basis = V[:, w < SINGULAR**2 * w[-1]].T
-    for i in range(len(basis)):
-        row, column = divmod(int(np.argmax(np.abs(basis[i:]))), basis.shape[1])
-        basis[[i, i + row]] = basis[[i + row, i]]
-        basis[i] /= basis[i, column]
-        others = np.arange(len(basis)) != i
-        basis[others] -= np.outer(basis[others, column], basis[i])
-    directions = np.zeros((len(basis), len(H)))
-    directions[:, live] = np.where(np.abs(basis) > 1e-4, basis, 0.0) / lengths[live]
-    return zero, directions
 
 
 def inverse(H: Matrix) -> Matrix:
@@ -84,6 +51,23 @@ def jackknife_covariance(
     moves = np.array([-inverse(H_all - H_v) @ (g_all - g_v) for H_v, g_v in zip(H, g, strict=True)])
     deviations = moves - moves.mean(0)
     return (G - 1) / G * deviations.T @ deviations
+
+
+def jackknife_of_noise(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> tuple[Vector, Vector]:
+    """Return the variances that `jackknife_covariance` expects of independent noise of variance 1, and their freedom.
+
+    Of such noise the gradient of view v has the covariance H_v - H_v H^-1 H_v, and the move without it follows; the
+    sum over views is about chi^2 with (sum a)^2 / sum a^2 degrees of freedom (Satterthwaite 1946; Bell and McCaffrey
+    2002).
+    """
+    whole = inverse(H.sum(0) + H_0)
+    share = []
+    for H_v in H:
+        without = inverse(H.sum(0) + H_0 - H_v)
+        share.append(np.diag(without @ (H_v - H_v @ whole @ H_v) @ without))
+    a = np.maximum(np.array(share), 0.0)
+    total = a.sum(0)
+    return (len(H) - 1) / len(H) * total, total**2 / np.maximum((a**2).sum(0), 1e-300)
 
 
 def lone_views(H: Float[np.ndarray, "views p p"]) -> Int[np.ndarray, " p"]:
@@ -145,67 +129,124 @@ def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_b
     return errors
 
 
-def sentences(
-    zero: Bool[np.ndarray, " p"], directions: Float[np.ndarray, "m p"], unknowns: Sequence[Unknown], values: Vector
-) -> list[str]:
-    """Say which unknowns these views do not determine, and what to do about it."""
-    said = []
-    if zero.any():
-        others = {u.quantity for u, here in zip(unknowns, zero, strict=True) if not here}
-        lost = [u for u, here in zip(unknowns, zero, strict=True) if here]  # all channels of it, or some
-        names = list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in lost))
-        it = "it" if len(names) == 1 else "them"
-        said.append(
-            f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
-            f"shows {it}."
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the samples say at the end of a fit, in the values' own units: the Gram of each cluster of samples.
+
+    A cluster holds samples whose errors may hang together: a view, or a patch of one.
+    """
+
+    hessian: Float[np.ndarray, "clusters p p"]
+    gradient: Float[np.ndarray, "clusters p"]
+    known_hessian: Matrix
+    """The Gram of what is known beside the views."""
+    known_gradient: Vector
+    values: Vector
+    at_bound: Bool[np.ndarray, " p"]
+    determined: Bool[np.ndarray, " p"]
+    """Not singular: what the clusters, taken together, say something about."""
+    units: Int[np.ndarray, "u 3"]
+    """The unknowns that are a unit vector together."""
+    sigma2: float
+    """The factor of H^-1 in the covariance for independent noise."""
+    spread: Float[np.ndarray, "5"]
+    """Sums over the samples that were measured (`Likelihood.spread`): their number, r^2, psi^2, psi', rho'."""
+
+    @property
+    def total(self) -> Matrix:
+        """The Gram of everything."""
+        return self.hessian.sum(0) + self.known_hessian
+
+    @property
+    def stiffness(self) -> float:
+        """H has the weights rho' of a robust loss where a cluster's move is by its slopes psi': their ratio, else 1."""
+        count, _, _, slope, weight = self.spread
+        return float(weight / max(slope, 1e-3 * count))
+
+    @property
+    def lone(self) -> Int[np.ndarray, " p"]:
+        """For each unknown the one cluster that alone sees it; -1 where several do, or there is but one."""
+        none = np.full(len(self.values), -1)
+        return np.where(self.determined, lone_views(self.hessian), none) if len(self.hessian) > 1 else none
+
+    def covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
+        """Return the plain covariance of a subset of the unknowns, the others held."""
+        inner = np.ix_(which, which)
+        return self._on_units(plain_covariance(self.total[inner], self.sigma2), which)
+
+    def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
+        """Return the covariance by deleting one cluster at a time; of what one cluster alone sees, the plain one."""
+        inner, lone = np.ix_(which, which), self.lone[which]
+        covariance = self.covariance(which)
+        several, kept = lone < 0, which & (self.lone < 0)
+        reduced = without_lone(
+            self.hessian[:, which][:, :, which], self.gradient[:, which], self.known_hessian[inner], lone
         )
-    for direction in directions:
-        sentence = _sentence(direction, unknowns, values)
-        if sentence not in said:
-            said.append(sentence)
-    return said
+        jackknife = jackknife_covariance(*reduced, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept])
+        covariance[np.ix_(several, several)] = self.stiffness**2 * self._on_units(jackknife, kept)
+        return covariance
 
+    def plain_errors(self) -> Vector:
+        """Return the standard errors for independent noise; infinite where nothing is determined."""
+        return np.where(self.determined, standard_errors(self.covariance, self.at_bound), np.inf)
 
-# Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
-_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "k_e": 1, "constant": 1, "linear": 1, "quadratic": 1}
-_GAUGE_SIGN |= {"intensity": -1, "ambient": -1, "exposure": -1}
-_FADERS = ("constant", "linear", "quadratic")
+    def clustered_errors(self) -> Vector:
+        """Return the standard errors by deleting one cluster at a time; infinite where nothing is determined."""
+        return np.where(self.determined, standard_errors(self.clustered_covariance, self.at_bound), np.inf)
 
+    def deciding(self) -> int | None:
+        """Return a cluster without which less is determined than with it, so that there is no jackknife; or None."""
+        several = self.lone < 0
+        reduced, _ = without_lone(self.hessian, self.gradient, self.known_hessian, self.lone)
+        return deciding_view(reduced, self.known_hessian[np.ix_(several, several)])
 
-def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
-    involved = np.flatnonzero(direction)
-    names = _quantities(unknowns, involved)
-    signs = np.array([_GAUGE_SIGN.get(unknowns[int(j)].quantity.split(".")[-1], 0) for j in involved])
-    factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
-    fix = next(
-        (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),
-        names[-1],
-    )
-    if not np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) or factors[0] == 0:
-        return (
-            f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
-            f"Fix one, for example {fix}, or add views from other distances or directions."
-        )
-    senders = _quantities(unknowns, involved[signs < 0])
-    faders = [name for name in names if name.split(".")[-1] in _FADERS]
-    others = [name for name in names if name not in (*senders, *faders)]
-    if senders:
-        return (
-            f"these views cannot separate {listing(others + faders)} from {listing(senders)}: scaling the former up "
-            f"and the latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
-        )
-    pair = f"{listing(others)} from {listing(faders)}" if others and faders else listing(names)
-    return (
-        f"these views cannot separate {pair}: scaling all of them together leaves every pixel unchanged. "
-        f"Fix one, for example {fix}."
-    )
+    def shaken(self) -> tuple[Vector, Vector]:
+        """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
 
+        Nothing is held at a bound. The degrees of freedom, for Student's t, are fewer than the clusters less one where
+        a few of them decide. Of what one cluster alone sees there is no jackknife: 1 and infinitely many.
+        """
+        p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
+        which, lone = self.determined, self.lone[self.determined]
+        kept = which & (self.lone < 0)
+        if len(self.hessian) < 3 or not kept.any():
+            return p_value, freedom
+        H, g = self.hessian[:, which][:, :, which], self.gradient[:, which]
+        H, g = without_lone(H, g, self.known_hessian[np.ix_(which, which)], lone)
+        known = self.known_hessian[np.ix_(kept, kept)]
+        variance = self.stiffness**2 * np.diag(jackknife_covariance(H, g, known, self.known_gradient[kept]))
+        expected, of_noise = jackknife_of_noise(H, known)
+        freedom[kept] = np.clip(of_noise, 1.0, len(H) - 1.0)
+        ratio = np.where(expected > 0, variance / (self.sigma2 * np.where(expected > 0, expected, 1.0)), 0.0)
+        p_value[kept] = special.chdtrc(freedom[kept], freedom[kept] * ratio)
+        return p_value, freedom
 
-def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
-    """Return the names without their channels, each once."""
-    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
+    def scatter(self) -> tuple[float, float]:
+        """Return how far the clusters' own optima scatter, over what independent noise would let them, and its p-value.
 
+        At the optimum the gradients g_c of the clusters add up to none; of independent noise each has the covariance
+        sigma^2 H_c, so that sum g_c H_c^+ g_c / sigma^2 is chi^2 with as many degrees of freedom as the clusters have
+        unknowns of their own, less those fitted (White 1982, the information matrix test). The residuals within the
+        clusters give sigma^2.
+        """
+        count, _, psi2, _, weight = self.spread
+        inside = self.determined & ~self.at_bound
+        fitted = np.sum(inside) - len(self.units)
+        between, freedom = 0.0, -float(fitted)
+        for H, g in zip(self.hessian[:, inside][:, :, inside], self.gradient[:, inside], strict=True):
+            A, lengths = scaled(H)
+            w, V = np.linalg.eigh(A)
+            seen = w > 1e-9 * w.max(initial=0.0)
+            turned = V.T @ np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
+            between += float(np.sum(turned[seen] ** 2 / w[seen]) * weight / count)
+            freedom += float(np.sum(seen))
+        within = count - fitted - freedom
+        if freedom <= 0 or within <= 0 or not between < psi2:
+            return 1.0, 1.0
+        ratio = between / freedom / ((psi2 - between) / within)
+        return float(ratio), float(special.fdtrc(freedom, within, ratio))
 
-def listing(names: Sequence[str]) -> str:
-    """Return names as a phrase: a, b and c."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    def _on_units(self, covariance: np.ndarray, which: Bool[np.ndarray, " p"]) -> np.ndarray:
+        whole = np.zeros((len(which), len(which)))
+        whole[np.ix_(which, which)] = covariance
+        return on_unit_vectors(whole, self.values, self.units)[np.ix_(which, which)]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float, Int8, Int32
@@ -176,6 +177,49 @@ def is_grey(view: View) -> bool:
     return view.image.shape[2] < 3
 
 
+def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
+    """Return the views that were taken alike, by the same camera under the same lights: their errors are alike too."""
+    on = [tuple(range(len(scene.lights))) if view.lit is None else tuple(sorted(view.lit)) for view in views]
+    groups: list[list[int]] = []
+    for i, view in enumerate(views):
+        same = (g for g in groups if on[g[0]] == on[i] and _equal(views[g[0]].camera, view.camera))
+        group = next(same, None)
+        groups.append([i]) if group is None else group.append(i)
+    return groups
+
+
+def repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
+    """Return the views that are an earlier one again, the same numbers taken alike, and which one."""
+    found: dict[int, int] = {}
+    for group in setups(scene, views):
+        for k, i in enumerate(group):
+            same = (j for j in group[:k] if all(_equal(*pair) for pair in _numbers(views[j], views[i])))
+            first = next(same, None)
+            if first is not None:
+                found[i] = first
+    return found
+
+
+def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
+    return [(one.image, other.image), (one.mask, other.mask)]
+
+
+def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
+    """Say which views are an earlier one again."""
+    pairs = repeats(scene, views).items()
+    return [f"views[{i}] is views[{j}] again, the same numbers, and is counted once." for i, j in pairs]
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two modules or arrays are of one structure and hold equal numbers."""
+    return bool(eqx.tree_equal(jax.tree.map(np.asarray, one), jax.tree.map(np.asarray, other)))
+
+
+def has_mask(view: View) -> bool:
+    """Whether a view says which of its pixels count."""
+    return view.mask is not None or view.image.shape[2] in (2, 4)
+
+
 def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     """Find the samples of a view that count.
 
@@ -204,10 +248,11 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
         )
     samples = Samples(inside, pixels, view.image[..., :-1] if alpha else view.image, -np.inf, np.inf, 0.0)
     least, most = _extremes(samples)
-    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(view.saturation)
+    rounded = samples.photograph.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
+    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
     if least >= level:
         raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
-    floor = -np.inf if view.floor is None else float(view.floor)
+    floor = -np.inf if view.floor is None else float(rounded(view.floor))
     return Samples(inside, pixels, samples.photograph, floor, level, most)
 
 

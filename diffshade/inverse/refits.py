@@ -1,0 +1,119 @@
+"""Refits: a fit laid out again at its end, to be minimised with a number held or on some of its pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .blocks import Block, Piece, pieces
+from .blocks import chunks as in_chunks
+from .fitting import look_at, run
+from .outcome import Fit
+from .parameters import Unknown, coordinates
+from .residuals import Counts
+from .solvers import Box, Minimum, Task, look, minimise
+from .study import MAX_STEPS, Study
+from .views import Samples
+
+Masks = Sequence[Bool[np.ndarray, "h w"] | None]
+"""For each view the pixels to keep; None keeps all."""
+
+
+class Laid:
+    """A fit laid out again at its end. To be used in float64."""
+
+    def __init__(
+        self,
+        fit: Fit,
+        keep: Masks | None = None,
+        *,
+        rendered: bool = False,
+        beside: Sequence[Unknown] = (),
+        at_most: int | None = None,
+    ):
+        """Lay out the pixels of a fit, or those to keep; `rendered` asks for the form that serves any scene.
+
+        `beside`: numbers that the fit held, which follow its own unknowns. `at_most`: so many pixels, evenly spread.
+        """
+        samples, counts = samples_of(fit, keep)
+        self.fit = fit
+        self.unknowns = (*fit.unknowns, *beside)
+        self.study = Study(
+            fit.scene, fit.views, self.unknowns, samples, counts, fit.likelihood.loss, fit.clipped, rendered
+        )
+        self.study.use(float(fit.likelihood.sigma), fit.likelihood.loss)
+        self.study.squares = fit.squares
+        self.theta = coordinates(np.array([*fit.values, *(u.start for u in beside)]), self.unknowns)
+        self.parts = pieces(samples, self.study.size, at_most)
+        self.chunks = self.study.reweigh(self.theta, self.study.lay(self.parts, self.study.size))
+
+    def without(self, masks: Masks) -> list[Block]:
+        """Return the chunks with no weight on the masked pixels: the same programs serve."""
+        size = self.study.size
+
+        def weigh(chunk: Block, parts: Sequence[Piece]) -> Block:
+            kept = np.ones((len(chunk.view), 1, size))
+            for b, part in enumerate(parts):
+                if (mask := masks[part.view]) is not None:
+                    kept[b, 0, : len(part.pixels)] = ~mask.reshape(-1)[part.pixels]
+            return eqx.tree_at(lambda c: c.observed.weight, chunk, chunk.observed.weight * kept)
+
+        return [weigh(*of) for of in zip(self.chunks, in_chunks(self.parts), strict=True)]
+
+    def cost(self) -> float:
+        """Return the cost at the end of the fit, or, of a form that projects, at the best linear unknowns there."""
+        return float(look(self.theta, self.study.task(), self.chunks).total.cost)
+
+    def by_view(self) -> list[list[Block]]:
+        """Return the chunks of each view apart."""
+        parts = pieces(self.study.samples, self.study.size)
+        return [
+            self.study.reweigh(self.theta, self.study.lay([p for p in parts if p.view == view], self.study.size))
+            for view in range(len(self.fit.views))
+        ]
+
+    def minimise(
+        self, held: Mapping[int, float], theta: Float[np.ndarray, " p"], chunks: Sequence[Block], rtol: float = 1e-16
+    ) -> Minimum:
+        """Return the minimum from theta, with some unknowns held at a value; all in the solver's coordinates."""
+        which, at = np.array(list(held), int), np.array(list(held.values()), float)
+        lower, upper = (np.array(bound) for bound in (self.study.box.lower, self.study.box.upper))
+        theta = np.clip(theta, lower, upper)
+        for array in (lower, upper, theta):
+            array[which] = at
+        box = Box(jnp.asarray(lower), jnp.asarray(upper), self.study.box.linear)
+        task = Task(self.study.form, self.study.soft(), box)
+        return minimise(theta, task, chunks, squares=self.study.squares, max_steps=MAX_STEPS, rtol=rtol)
+
+
+def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Counts]:
+    """Return the samples of a fit, or those of the pixels to keep, and their count."""
+    samples, counts = look_at(fit.scene, fit.views, fit.unknowns, fit.clipped)
+    if keep is None:
+        return samples, counts
+    samples = [
+        s if kept is None else eqx.tree_at(lambda x: x.pixels, s, s.pixels[kept.reshape(-1)[s.pixels]])
+        for s, kept in zip(samples, keep, strict=True)
+    ]
+    pixels = sum(len(s.pixels) for s in samples)
+    number = sum(len(s.pixels) * s.photograph.shape[2] for s in samples)
+    clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
+    views = sum(len(s.pixels) > 0 for s in samples)
+    return samples, Counts(views, pixels, number, clipped, counts.left_out)
+
+
+def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
+    """Fit anew on the pixels to keep, with a search of its own and some unknowns held where they are. In float64.
+
+    An unknown that none of the pixels shows is not determined; one that is held counts as at a bound.
+    """
+    unknowns = [
+        dataclasses.replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
+        for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
+    ]
+    return run(fit.scene, fit.views, unknowns, *samples_of(fit, keep), fit.likelihood.loss, fit.clipped)
