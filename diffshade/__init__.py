@@ -5,6 +5,16 @@ from .attenuation import Fog as Fog
 from .attenuation import RadialAttenuation as RadialAttenuation
 from .cameras import Camera as Camera
 from .cameras import OrthographicCamera as OrthographicCamera
+from .diagnosis.examination import Examination as Examination
+from .diagnosis.examination import examine as examine
+from .diagnosis.foresight import Foresight as Foresight
+from .diagnosis.foresight import foresee as foresee
+from .diagnosis.model_choice import ModelChoice as ModelChoice
+from .diagnosis.model_choice import compare as compare
+from .diagnosis.planning import Plan as Plan
+from .diagnosis.planning import Shot as Shot
+from .diagnosis.planning import plan as plan
+from .diagnosis.resampling import bootstrap as bootstrap
 from .fresnel import Dielectric as Dielectric
 from .fresnel import NoFresnel as NoFresnel
 from .fresnel import Schlick as Schlick

@@ -23,6 +23,7 @@ LAYERS = (
     "tracing",
     "rendering scene_files",
     "inverse",
+    "diagnosis",
     "exchange",
     "report",
     "cli",

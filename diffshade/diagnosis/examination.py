@@ -1,0 +1,166 @@
+"""Examination: a fit with all that can be said of it: intervals, and what moves when data are left out."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..fields import check_kind
+from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
+from ..inverse.outcome import Fit, count
+from ..inverse.uncertainty import Vector
+from ..progress import showing, silent
+from .clusters import Clusters, find_clusters
+from .intervals import Profile, intervals
+from .stability import Refit, how_far, refits
+from .suspicions import Suspicion, suspicions
+
+LEVELS = (0.68, 0.95)
+TOGETHER = 0.95  # correlation, from which two numbers are said to move together
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A fit with all that can be said of it; `print` it for the table. Every array is NumPy float64."""
+
+    fit: Fit
+    errors: Vector
+    """Standard errors: plain where the views agree as far as independent noise lets them, else by clusters."""
+    likely: Float[np.ndarray, "p 2"]
+    """Profile intervals that hold the truth with 68 %; one-sided at a bound."""
+    sure: Float[np.ndarray, "p 2"]
+    """Profile intervals that hold the truth with 95 %."""
+    determined: Bool[np.ndarray, " p"]
+    """What the fit determines, less what moves with the data kept, and what may be anything within its bounds."""
+    refits: tuple[Refit, ...]
+    suspicions: tuple[Suspicion, ...]
+    """What the residuals show to be other than was said."""
+    notes: tuple[str, ...]
+    """What these views cannot tell, how the errors were made, what moved: a sentence each."""
+
+    def __str__(self) -> str:
+        """Return the table of parameters with intervals, and below it the notes."""
+        fit, width = self.fit, max(len("parameter"), *map(len, self.fit.names))
+        counts = fit.counts
+        lines = [
+            f"examination of a fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels",
+            f"{'parameter':<{width}} {'value':>12} {'error':>9} {'68 %':>23} {'95 %':>23}",
+        ]
+        for j, name in enumerate(fit.names):
+            if not self.determined[j]:
+                lines.append(f"{name:<{width}} {'not determined':>12}")
+                continue
+            ranges = [f"{f'{low:.5g} to {high:.5g}':>23}" for low, high in (self.likely[j], self.sure[j])]
+            lines.append(f"{name:<{width}} {fit.values[j]:>12.6g} {self.errors[j]:>9.2g} {' '.join(ranges)}")
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+
+def examine(fit: Fit, *, progress: bool = False) -> Examination:
+    """Examine a fit: intervals that cover, and in words what cannot be believed.
+
+    Errors are for independent noise where the views' own optima scatter no more than it lets them, else by delete-one
+    jackknife over the views (patches of them, where there are fewer than three), with Student's t. Intervals are where
+    the cost, the other unknowns at their best, has risen by the square of so many errors (profile likelihood): they
+    bend with the problem and end at bounds. Then the fit is made anew without half of the views, without saturated
+    pixels and 1 and 3 px about them, without the brightest half of the highlight, and without 2 and 5 degrees about it:
+    a number that moves by 30 %, or by three errors, further than its error in that refit, is not determined. At last
+    the residuals are asked for what is other than was said: the files' curve, an exposure, a light's place, cast
+    shadows, light between surfaces at a rim. `progress`: show a line on the terminal.
+
+    Raises TypeError for anything but a fit.
+    """
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+        tell("errors")
+        clusters = find_clusters(fit)
+        profile = Profile(fit, clusters)
+        found = intervals(profile, LEVELS, tell)
+        again, shifted = refits(fit, clusters, tell)
+        tell("looking at the residuals")
+        suspected = suspicions(fit)
+    return _say(fit, clusters, found, again, shifted & fit.determined, suspected)
+
+
+def _say(
+    fit: Fit,
+    clusters: Clusters,
+    found: Float[np.ndarray, "2 p 2"],
+    again: list[Refit],
+    shifted: Bool[np.ndarray, " p"],
+    suspected: tuple[Suspicion, ...],
+) -> Examination:
+    errors = clusters.errors()
+    likely, sure = found
+    lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
+    anything = fit.determined & (sure[:, 0] <= lower) & (sure[:, 1] >= upper)
+    wide = _too_wide(fit, sure) & fit.determined & ~anything
+    determined = fit.determined & ~anything & ~wide & ~shifted
+    notes = [
+        *(suspicion.sentence for suspicion in suspected),
+        *([f"{listing(_names(fit, anything))} may be anything within the bounds."] if anything.any() else []),
+        *_wide(fit, wide, sure),
+        *_moves(fit, again, shifted),
+        *(["what else is said is said with these held where they are."] if shifted.any() and not shifted.all() else []),
+        *_together(fit),
+        clusters.sentence([u.quantity for u in fit.unknowns]),
+        *(note for note in fit.notes if "no errors by jackknife" not in note and not note.startswith("0 within")),
+        *_at_most(fit, determined, sure),
+    ]
+    return Examination(fit, errors, likely, sure, determined, tuple(again), suspected, tuple(notes))
+
+
+def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
+    """Return what is lost in the noise by its interval, which sees what errors at a bound do not (see `vague`)."""
+    log = np.array([u.logarithmic for u in fit.unknowns], bool)
+    half = np.where(np.isfinite(sure).all(1), 0.5 * (sure[:, 1] - sure[:, 0]), np.inf) / 1.96
+    in_log = 0.5 * np.log(np.where(log, sure[:, 1], 1.0) / np.where(log, sure[:, 0], 1.0)) / 1.96
+    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half) > VAGUE)
+    return lost & ~(~log & (sure[:, 1] <= VAGUE * fit.scales))
+
+
+def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], sure: Float[np.ndarray, "p 2"]) -> list[str]:
+    """Say between what the unknowns may be that are lost in the noise by their intervals."""
+    ranges = [f"{fit.names[j]} in {sure[j, 0]:.3g} to {sure[j, 1]:.3g}" for j in np.flatnonzero(wide)]
+    quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
+    return [f"lost in the noise by the 95 % intervals: {listing(ranges)}. {remedy(quantities)}"] if ranges else []
+
+
+def _at_most(fit: Fit, determined: Bool[np.ndarray, " p"], sure: Float[np.ndarray, "p 2"]) -> list[str]:
+    """Say what is 0 within the noise, and what it is at most."""
+    lower = np.array([u.lower for u in fit.unknowns])
+    small = determined & (sure[:, 0] <= lower) & (lower == 0.0)
+    limits = [f"{fit.names[j]} {sure[j, 1]:.2g}" for j in np.flatnonzero(small)]
+    return [f"0 within the noise, and at most (95 %): {listing(limits)}."] if limits else []
+
+
+def _moves(fit: Fit, again: list[Refit], shifted: Bool[np.ndarray, " p"]) -> list[str]:
+    """Say what hangs on the data kept, and without which it moved furthest."""
+    said = []
+    for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
+        members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
+        moves = [(how_far(fit, r.fit.values)[j], j, r) for r in again for j in members if r.moved[j]]
+        _, j, worst = max(moves, key=lambda move: move[0])
+        said.append(
+            f"{quantity} hangs on the data kept: {fit.names[j]} is {fit.values[j]:.3g} by all, and "
+            f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what is not of the model."
+        )
+    return said
+
+
+def _together(fit: Fit) -> list[str]:
+    """Say which numbers can hardly move apart."""
+    correlation = fit.correlation
+    pairs = np.argwhere(np.triu(np.abs(correlation) > TOGETHER, 1))
+    groups: dict[tuple[str, str], float] = {}
+    for i, j in pairs:
+        key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)
+        groups[key] = max(groups.get(key, 0.0), abs(float(correlation[i, j])))
+    return [f"{a} and {b} move together (correlation {c:.3f})." for (a, b), c in groups.items() if a != b]
+
+
+def _names(fit: Fit, which: Bool[np.ndarray, " p"]) -> list[str]:
+    return [name for name, here in zip(fit.names, which, strict=True) if here]

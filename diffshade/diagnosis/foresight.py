@@ -1,0 +1,114 @@
+"""Foresight: what photographs will tell and what they cannot, before they are taken or fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from ..inverse.constraints import Grey, Proportional
+from ..inverse.fitting import check_choices, check_free, look_at
+from ..inverse.outcome import Fit, diagnose
+from ..inverse.parameters import coordinates, find_unknowns, values_in
+from ..inverse.solvers import Minimum, look
+from ..inverse.study import Study
+from ..inverse.uncertainty import Vector
+from ..inverse.views import Noise, View, is_grey
+from ..rendering import render
+from ..scenes import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Foresight:
+    """What a fit of a scene to photographs of it can tell; `print` it for the table."""
+
+    names: tuple[str, ...]
+    values: Vector
+    """What the scene says."""
+    errors: Vector
+    """The standard errors to expect for independent noise; infinite where nothing will be determined."""
+    determined: Bool[np.ndarray, " p"]
+    notes: tuple[str, ...]
+    """What these views will not tell, and what would: a sentence each."""
+
+    def __str__(self) -> str:
+        """Return the table of expected errors, and below it the notes."""
+        width = max(len("parameter"), *map(len, self.names))
+        lines = [f"{'parameter':<{width}} {'value':>12} {'expected error':>15}"]
+        for name, value, error, known in zip(self.names, self.values, self.errors, self.determined, strict=True):
+            said = f"{error:>15.2g}" if known else f"{'not determined':>15}"
+            lines.append(f"{name:<{width}} {value:>12.6g} {said}")
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+
+def foresee(
+    scene: Scene,
+    views: Sequence[View] | View,
+    *,
+    free: Iterable[str],
+    tied: Iterable[str] = (),
+    constraints: Sequence[Grey | Proportional] | Grey | Proportional = (),
+    bounds: Mapping[str, Sequence[float | int]] | None = None,
+    priors: Mapping[str, Sequence[Any]] | None = None,
+    noise: Noise | float = 0.01,
+) -> Foresight:
+    """Return the errors to expect of a fit, were the scene the truth, and in words what it would not determine.
+
+    The covariance is sigma^2 (J^T J)^-1 at the scene's values (Fisher information of independent noise). Of the views
+    the camera, mask, lights, exposure, noise and saturation count, not the images, which may be anything of their
+    shape. `noise`: the standard deviation of a sample, for views that have no `Noise` of their own; other arguments as
+    of `fit`.
+
+    Raises as `fit` does.
+    """
+    views = (views,) if isinstance(views, View) else tuple(views)
+    constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
+    check_choices(scene, views, constraints, "squares", "hinge", "search")
+    if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
+        raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
+    with jax.enable_x64(True):
+        scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
+        views = tuple(_taken(scene, view, noise) for view in views)
+        unknowns = find_unknowns(
+            scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=all(map(is_grey, views))
+        )
+        check_free(unknowns)
+        samples, counts = look_at(scene, views, unknowns, "hinge", foreseen=True)
+        study = Study(scene, views, unknowns, samples, counts, "squares", "hinge")
+        theta = coordinates(values_in(scene, views, unknowns), unknowns)
+        study.lay_out()
+        study.whole = study.reweigh(theta, study.whole or study.chunks())
+        end = Minimum(look(theta, study.task(), study.whole), 0, "")
+        beside, spread = study.evidence(end)
+        fit = diagnose(
+            scene, views, unknowns, study.likelihood, "hinge", end, beside, spread, counts, study.squares, foreseen=True
+        )
+    return _foresight(fit)
+
+
+def _foresight(fit: Fit) -> Foresight:
+    notes = tuple(note for note in fit.notes if "bound" not in note)
+    return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, notes)
+
+
+def _taken(scene: Scene, view: View, noise: Noise | float) -> View:
+    """Return a view with the photograph that the scene would give, without noise."""
+    image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)
+    channels = view.image.shape[2]
+    if is_grey(view):
+        image = image.mean(-1, keepdims=True)
+    if channels in (2, 4):
+        image = np.concatenate([image, view.image[..., -1:]], -1)
+    view = eqx.tree_at(lambda v: v.image, view, image)
+    return (
+        view
+        if view.noise is not None
+        else View(
+            image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, view.saturation, view.floor
+        )
+    )

@@ -1,0 +1,114 @@
+"""Intervals: how far a number can go before the photographs object, by refits with it held (profile likelihood)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..inverse.outcome import Fit
+from ..inverse.refits import Laid
+from ..inverse.uncertainty import Vector
+from ..progress import silent
+from .clusters import Clusters
+
+CLOSE = 0.01  # relative, of the number of errors that an end is to be away
+EVALUATIONS = 16
+FAR = 1e6  # errors, beyond which there is no end
+
+
+class Profile:
+    """The cost of a fit as a function of one unknown, the others at their best.
+
+    2 (C(t) - C_min) / (sigma^2 phi) is the square of how many errors t is from the best, where phi is the clusters'
+    variance over that of independent noise (Venzon and Moolgavkar 1988). To be used in float64.
+    """
+
+    def __init__(self, fit: Fit, clusters: Clusters):
+        self.laid = Laid(fit)
+        self.fit, self.clusters = fit, clusters
+        evidence = fit.evidence
+        self.variance = (
+            evidence.sigma2 * clusters.inflation() / evidence.stiffness
+        )  # the cost bends with psi', not rho'
+
+        errors = clusters.errors()
+        log = np.array([u.logarithmic for u in fit.unknowns])
+        self.unit = np.where(log, fit.values, 1.0)
+        self.errors = errors / self.unit  # in the solver's coordinates
+        self.bounds = [np.asarray(bound) for bound in (self.laid.study.box.lower, self.laid.study.box.upper)]
+        self.best = self.laid.cost()
+        # a difference of costs is known to a rounding of the sum of squares
+        self.visible = 1e-2 * self.variance > 64.0 * np.finfo(float).eps * fit.squares
+
+    def errors_away(self, j: int, t: float) -> float:
+        """Return how many errors the cost says that t is from the best; t in the solver's coordinates."""
+        rtol = 1e-3 * float(self.variance[j]) / max(self.best, 1e-300)
+        end = self.laid.minimise({j: t}, self._start(j, t), self.laid.chunks, rtol=min(rtol, 1e-6))
+        return float(np.sqrt(2.0 * max(float(end.point.total.cost) - self.best, 0.0) / self.variance[j]))
+
+    def _start(self, j: int, t: float) -> Vector:
+        """Return where the others are to first order when one unknown is held."""
+        fit = self.fit
+        which = ~fit.at_bound
+        which[j] = True
+        covariance = fit.evidence.covariance(which) / np.outer(self.unit[which], self.unit[which])
+        column = covariance[:, np.flatnonzero(which) == j][:, 0]
+        theta = self.laid.theta.copy()
+        if (own := column[np.flatnonzero(which) == j][0]) > 0:
+            theta[which] += (t - theta[j]) * column / own
+        return theta
+
+    def end(self, j: int, side: int, errors: float) -> float:
+        """Return the end of the interval on one side, in the unknown's own unit; its bound where that comes first."""
+        unknown, fit = self.fit.unknowns[j], self.fit
+        bound = unknown.lower if side < 0 else unknown.upper
+        if fit.values[j] == bound:
+            return float(bound)
+        if not np.isfinite(self.errors[j]) or not fit.evidence.determined[j]:
+            return float(bound)
+        to_bound = abs(self.bounds[side > 0][j] - self.laid.theta[j])
+        reach = errors * self.errors[j]
+        if self.visible[j]:
+            reach = self._search(j, side, errors, to_bound)
+        if reach >= to_bound:
+            return float(bound)
+        t = self.laid.theta[j] + side * reach
+        return float(np.exp(t)) if unknown.logarithmic else float(t)
+
+    def _search(self, j: int, side: int, errors: float, to_bound: float) -> float:
+        """Find how far t can go: first as the errors say, then along the chord of what the cost says."""
+        inner, outer = (0.0, 0.0), (np.inf, np.inf)
+        reach = min(errors * self.errors[j], to_bound)
+        for _ in range(EVALUATIONS):
+            away = self.errors_away(j, self.laid.theta[j] + side * reach)
+            if abs(away / errors - 1.0) < CLOSE:
+                return reach
+            if away < errors:
+                inner = (reach, away)
+                if reach >= min(to_bound, FAR * self.errors[j]):
+                    return to_bound
+            else:
+                outer = (reach, away)
+            if np.isfinite(outer[0]):
+                share = (errors - inner[1]) / (outer[1] - inner[1])
+                reach = inner[0] + min(max(share, 0.1), 0.9) * (outer[0] - inner[0])
+            else:
+                reach = min(reach * min(max(errors / max(away, 1e-9), 1.1), 4.0), to_bound)
+        return reach
+
+
+def intervals(
+    profile: Profile, levels: Sequence[float], tell: Callable[[str], None] = silent
+) -> Float[np.ndarray, "levels p 2"]:
+    """Return the two-sided intervals at each level; an end at a bound is the bound.
+
+    An unknown that is not determined has all of its range.
+    """
+    reach = [profile.clusters.quantiles(level) for level in levels]
+    found = np.zeros((len(reach), len(profile.fit.unknowns), 2))
+    for j, name in enumerate(profile.fit.names):
+        tell(f"interval of {name}")
+        found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
+    return found

@@ -1,0 +1,47 @@
+"""Resampling: the fit over and over, each time of views drawn anew."""
+
+from __future__ import annotations
+
+import contextlib
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..fields import check_kind
+from ..inverse.outcome import Fit
+from ..inverse.refits import Laid
+from ..inverse.views import setups
+from ..progress import showing, silent
+
+
+def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = False) -> Float[np.ndarray, "draws p"]:
+    """Return the values of fits of as many views drawn with replacement, one row a draw (Efron 1979).
+
+    Views that were taken alike, by one camera under the same lights, are drawn together. The standard deviation of a
+    column is the error of that unknown, its percentiles an interval; both see what a whole view shares, and nothing
+    that all views share. Each fit begins at the end of the fit given. An unknown that no view of a draw shows stays
+    where it was. `progress`: show a line on the terminal.
+
+    Raises TypeError for anything but a fit; ValueError for fewer than three views or draws below 1.
+    """
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    groups = setups(fit.scene, fit.views)
+    if len(groups) < 3:
+        raise ValueError(f"bootstrap needs three or more views taken in different ways; got {len(groups)}. Add views.")
+    if not (isinstance(draws, int | np.integer) and draws >= 1):
+        raise ValueError(f"draws must be a whole number of at least 1; got {draws!r}. Give for example 200.")
+    if not (isinstance(seed, int | np.integer) and seed >= 0):
+        raise ValueError(f"seed must be a whole number of at least 0; got {seed!r}. Give for example 0.")
+    random = np.random.default_rng(seed)
+    found = np.empty((draws, len(fit.values)))
+    log = np.array([u.logarithmic for u in fit.unknowns])
+    with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+        laid = Laid(fit)
+        chunks = laid.by_view()
+        for draw in range(draws):
+            tell(f"draw {draw + 1} of {draws}")
+            drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
+            theta = laid.minimise({}, laid.theta, [chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
+            found[draw] = np.where(log, np.exp(np.where(log, theta, 0.0)), theta)
+    return found

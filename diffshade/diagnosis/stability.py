@@ -1,0 +1,178 @@
+"""Stability: what becomes of each number where some of the data are left out, by a fit of its own each time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from ..inverse.fitting import look_at
+from ..inverse.identifiability import relative_errors
+from ..inverse.outcome import Fit
+from ..inverse.parameters import coordinates
+from ..inverse.refits import Laid, Masks, refit, samples_of
+from ..inverse.uncertainty import Vector
+from ..inverse.views import View
+from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
+from ..materials import Material
+from ..rendering import render
+from ..scenes import Scene
+from .clusters import Clusters
+
+MOVED = 0.3  # of the value, or of a logarithm's unit
+ERRORS = 3.0
+ROUNDING = 1e-10  # of the sum of squares of the images: residuals below it show nothing
+SEEN = 0.02  # of the brightest highlight of a view: where a highlight begins
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A fit with some of the data left out."""
+
+    without: str
+    """What was left out, in words."""
+    fit: Fit
+    moved: Bool[np.ndarray, " p"]
+    """What moved further than noise explains: by 30 % or three errors."""
+
+
+def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
+    """Yield what is left out each time, and the pixels that are kept."""
+    if len(fit.evidence.hessian) >= 4:
+        for half, name in ((0, "the odd views"), (1, "the even views")):
+            yield name, [None if i % 2 == half else np.zeros(v.camera.shape, bool) for i, v in enumerate(fit.views)]
+    samples, _ = look_at(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
+    ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
+    for end, of_view in zip(ends, samples, strict=True):
+        end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
+    if any(end.any() for end in ends):
+        for grown in (1, 3):
+            masks = [np.logical_not(ndimage.binary_dilation(end, iterations=grown)) for end in ends]
+            yield f"saturated pixels and {grown} px about them", masks
+    if not any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places):
+        return
+    shine = [np.asarray(highlight(fit.scene, view)) for view in fit.views]
+    in_it = [s > SEEN * s.max() if s.max() > 0 else np.zeros(s.shape, bool) for s in shine]
+    if not any(here.any() for here in in_it):
+        return
+    yield (
+        "the brightest half of the highlight",
+        [~(here & (s > np.median(s[here]))) if here.any() else None for s, here in zip(shine, in_it, strict=True)],
+    )
+    angles = [angle_to_highlight(fit.scene, view) for view in fit.views]
+    for degrees in (2.0, 5.0):
+        if any((angle < degrees).any() for angle in angles):
+            yield f"{degrees:g} degrees about the highlight", [angle >= degrees for angle in angles]
+
+
+def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
+    """Return what the highlights alone add to a photograph, the mean of the channels."""
+    dull = eqx.tree_at(
+        lambda s: [item.material.k_s for item in s.objects], scene, [0.0 * np.zeros(3) for _ in scene.objects]
+    )
+    with_it, without = (np.asarray(render(s, view.camera, lit=view.lit)) for s in (scene, dull))
+    return (with_it - without).mean(-1)
+
+
+def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
+    """Return the angle between v and the nearest mirror direction r of a light that is on, in degrees; 180 for none.
+
+    It is what a white mirror shows: with k_s = 1, n_s = 1 and a light of unit intensity that nothing fades, the
+    radiance is v . r (E5).
+    """
+    mirror = Material(k_s=1.0, n_s=1.0)
+    plain = eqx.tree_at(
+        lambda s: [item.material for item in s.objects] + [s.background, s.atmosphere],
+        scene,
+        [mirror] * len(scene.objects) + [np.zeros(3), None],
+        is_leaf=lambda node: node is None,
+    )
+    on = range(len(scene.lights)) if view.lit is None else view.lit
+    nearest = np.full(view.camera.shape, -1.0)
+    for i in on:
+        alone = eqx.tree_at(lambda s: s.lights, plain, (_bare(scene.lights[i]),))
+        cosine = np.asarray(render(alone, view.camera)).max(-1)
+        nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
+    return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
+
+
+def _bare(light: object) -> PointLight | DirectionalLight:
+    """Return a light of unit intensity in the same place that nothing fades."""
+    if isinstance(light, DirectionalLight):
+        return DirectionalLight(light.direction)
+    if isinstance(light, AreaLight):
+        return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
+    assert isinstance(light, PointLight | SpotLight)
+    return PointLight(light.position)
+
+
+def refits(fit: Fit, clusters: Clusters, tell: Callable[[str], None]) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
+    """Fit again with some of the data left out, and return the fits, and what hangs on the data kept. In float64.
+
+    A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
+    was, and the rest is judged by new fits, until nothing moves.
+    """
+    blamed = np.zeros(len(fit.unknowns), bool)
+    done: list[Refit] = []
+    if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
+        return done, blamed
+    while True:
+        found = []
+        for without, keep in left_out(fit):
+            tell(f"without {without}")
+            _, counts = samples_of(fit, keep)
+            if min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns):
+                again = refit(fit, keep, blamed)
+                moves = moved(fit, clusters, again, keep, blamed)
+                found.append(Refit(without, again, moves))
+        done += [r for r in found if not done or r.moved.any()]
+        if not any(r.moved.any() for r in found):
+            return done, blamed
+        by_value = np.max([np.where(r.moved, how_far(fit, r.fit.values), -1.0) for r in found], 0)
+        quantity = fit.unknowns[int(by_value.argmax())].quantity
+        blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
+
+
+def how_far(fit: Fit, values: Vector) -> Vector:
+    """Return how far values are from those of a fit: over the value, or in a logarithm."""
+    log = np.array([u.logarithmic for u in fit.unknowns], bool)
+    ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
+    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values))
+    return np.where(log, ratio, plain)
+
+
+def moved(
+    fit: Fit, clusters: Clusters, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
+) -> Bool[np.ndarray, " p"]:
+    """Return which numbers are elsewhere in a refit than noise explains.
+
+    They are 30 % or three errors away, and three of the refit's own errors do not reach back: what is left may hardly
+    say anything of them, and then objects to nothing. It objects if, with the number held where it was, the cost of
+    what is left rises by three errors squared, as in a profile.
+    """
+    log = np.array([u.logarithmic for u in fit.unknowns], bool)
+    far = how_far(fit, again.values)
+    distance = np.where(log, far * fit.values, np.abs(again.values - fit.values))
+    known = again.evidence.determined & fit.evidence.determined & ~blamed
+    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * clusters.errors())))
+    found = np.zeros(len(known), bool)
+    if not len(suspects):
+        return found
+    laid = Laid(fit, keep)
+    held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
+    variance = fit.evidence.sigma2 * clusters.inflation() / fit.evidence.stiffness
+    there = coordinates(again.values, fit.unknowns)
+
+    def cost(held: dict[int, float], *begins: Vector) -> float:
+        ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8) for theta in begins]
+        return min(float(end.point.total.cost) for end in ends)
+
+    best = cost(held, there, laid.theta)
+    for j in suspects:
+        rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
+        found[j] = 2.0 * rise > ERRORS**2 * variance[j]
+    return found

@@ -1,0 +1,180 @@
+"""Intervals: they hold the truth as often as they say, of independent noise and of errors that a view shares."""
+
+from collections.abc import Callable
+
+import jax
+import numpy as np
+import pytest
+from scipy import ndimage
+from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, point_lights, standard_scene
+
+import diffshade as ds
+from diffshade.diagnosis.clusters import correlation_length, find_clusters
+from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.inverse.parameters import coordinates
+
+LEVELS = (0.68, 0.95)
+
+
+def covered(
+    scene: ds.Scene, images: Callable[[int], list[np.ndarray]], seeds: range, views: int | None = None
+) -> np.ndarray:
+    """For each fit, level and unknown whether the interval holds the truth: whether one refit there costs too much."""
+    inside = []
+    with jax.enable_x64(True):
+        for seed in seeds:
+            fit = ds.fit(forget(scene), one_light_each(images(seed))[:views], free=FREE, tied=TIED)
+            clusters = find_clusters(fit)
+            profile = Profile(fit, clusters)
+            truth = coordinates(fit.values_in(scene), fit.unknowns)
+            away = np.array([profile.errors_away(j, t) for j, t in enumerate(truth)])
+            inside.append([away < clusters.quantiles(level) for level in LEVELS])
+    return np.array(inside)
+
+
+def assert_coverage(inside: np.ndarray, tolerances: tuple[float, float]) -> None:
+    share = inside.mean(0)
+    for level, tolerance, of_level in zip(LEVELS, tolerances, share, strict=True):
+        np.testing.assert_allclose(of_level, level, atol=tolerance)
+
+
+def independent(seed: int) -> list[np.ndarray]:
+    return noisy(photographs_of_standard(), 0.02, seed)
+
+
+_CLEAN: list[np.ndarray] = []
+
+
+def photographs_of_standard() -> list[np.ndarray]:
+    if not _CLEAN:
+        _CLEAN.extend(photographs(standard_scene()))
+    return _CLEAN
+
+
+def test_they_cover_of_independent_noise():
+    """Eight views, four distances; 200 fits tell 4.5 % and 2.1 % but for 2.5 standard errors of their own."""
+    inside = covered(standard_scene(), independent, range(200))
+    assert_coverage(inside, (0.045 + 0.05, 0.021 + 0.02))
+    assert_coverage(inside.mean(2, keepdims=True), (0.045, 0.021))
+
+
+@pytest.mark.slow
+def test_they_cover_of_independent_noise_a_thousand_times():
+    assert_coverage(covered(standard_scene(), independent, range(1000)), (0.045, 0.021))
+
+
+def shared(scene: ds.Scene, kind: str, size: float) -> Callable[[int], list[np.ndarray]]:
+    """Photographs with noise and an error that is smooth over each view: added, a factor of each pixel, or of all."""
+    clean = photographs(scene)
+
+    def of_seed(seed: int) -> list[np.ndarray]:
+        random = np.random.default_rng(10_000 + seed)
+        found = []
+        for image in noisy(clean, 0.01, seed):
+            field = ndimage.gaussian_filter(random.standard_normal(image.shape[:2]), 5, mode="wrap")
+            field *= size / field.std()
+            factor = 1.0 + size * random.standard_normal() if kind == "exposure" else 1.0 + field[..., None]
+            found.append(image + field[..., None] if kind == "added" else image * factor)
+        return found
+
+    return of_seed
+
+
+@pytest.mark.parametrize("count", [8, 20], ids="{} views".format)
+@pytest.mark.parametrize(
+    ("kind", "size", "fits"),
+    [
+        ("added", 0.01, 40),
+        pytest.param("added", 0.02, 400, marks=pytest.mark.slow),
+        pytest.param("added", 0.002, 400, marks=pytest.mark.slow),
+        pytest.param("factor", 0.01, 400, marks=pytest.mark.slow),
+        pytest.param("factor", 0.03, 400, marks=pytest.mark.slow),
+        pytest.param("exposure", 0.02, 400, marks=pytest.mark.slow),
+    ],
+)
+def test_they_cover_of_an_error_that_each_view_shares(count, kind, size, fits):
+    scene = standard_scene(lights=point_lights(count=count))
+    share = covered(scene, shared(scene, kind, size), range(fits))[:, 1].mean(0)
+    assert share.min() >= 0.9 - 2.0 * np.sqrt(0.9 * 0.1 / fits)  # 90 % but for two standard errors of so many fits
+
+
+@pytest.mark.parametrize("bound", ["one view", "a truth at 0"])
+def test_where_a_bound_binds_they_cover_at_least_as_much(bound):
+    scene = standard_scene()
+    if bound == "a truth at 0":
+        scene = standard_scene(ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.5, 0.0), 50))
+    clean = photographs(scene)
+    views = 1 if bound == "one view" else None
+    inside = covered(scene, lambda seed: noisy(clean, 0.01, seed), range(60), views).mean(0)
+    error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / 60)
+    assert np.all(inside.min(1) >= np.array([0.65, 0.93]) - 2.5 * error)
+    assert np.all(inside.mean(1) >= [0.62, 0.91])
+
+
+@pytest.mark.parametrize("fits", [8, pytest.param(50, marks=pytest.mark.slow)])
+def test_an_interval_holds_the_truth_exactly_where_one_refit_says_so(fits):
+    """The search for the ends, beside the test that the coverage above is made of."""
+    with jax.enable_x64(True):
+        for seed in range(fits):
+            views = one_light_each(independent(seed))[: 1 + seed % 8]
+            fit = ds.fit(forget(standard_scene()), views, free=FREE, tied=TIED)
+            clusters = find_clusters(fit)
+            profile = Profile(fit, clusters)
+            reach = clusters.quantiles(0.95)
+            truth = fit.values_in(standard_scene())
+            inner = coordinates(truth, fit.unknowns)
+            for j, (low, high) in enumerate(intervals(profile, (0.95,))[0]):
+                assert low <= fit.values[j] <= high
+                away = profile.errors_away(j, inner[j])
+                if abs(away / reach[j] - 1.0) > 0.03:  # nearer than the search ends
+                    assert (low <= truth[j] <= high) == (away < reach[j]), (seed, fit.names[j])
+
+
+def test_of_a_linear_problem_they_are_the_textbooks():
+    """k_a and k_d alone: the cost is a parabola, so that the ends are t errors away."""
+    fit = ds.fit(standard_scene(), one_light_each(independent(0)), free=("k_a", "k_d"))
+    examination = ds.examine(fit)
+    reach = np.abs(examination.sure - fit.values[:, None]) / examination.errors[:, None]
+    np.testing.assert_allclose(reach, 1.96, rtol=0.02)
+    assert np.all((examination.likely > examination.sure)[:, 0] & (examination.likely < examination.sure)[:, 1])
+
+
+def test_they_end_at_bounds_and_are_one_sided_there():
+    scene = standard_scene()
+    fit = ds.fit(forget(scene), one_light_each(noisy(photographs(scene), 0.02, 0))[:1], free=FREE, tied=TIED)
+    linear = fit.names.index("linear")
+    assert fit.at_lower[linear]
+    with jax.enable_x64(True):
+        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][linear]
+    assert low == 0.0
+    assert 0.09 < high < 1.0
+
+
+def test_the_correlation_length_is_that_of_the_error_under_white_noise():
+    random = np.random.default_rng(0)
+    white = [random.standard_normal((96, 96)) for _ in range(4)]
+    smooth = [ndimage.gaussian_filter(random.standard_normal((96, 96)), 4, mode="wrap") for _ in range(4)]
+    everywhere = [np.ones((96, 96), bool)] * 4
+    assert correlation_length(white, everywhere) == 0
+    alone = correlation_length(smooth, everywhere)
+    assert 6 <= alone <= 10  # exp(-lag^2 / (4 4^2)) is 1/e at 8
+    mixed = [w + s / s.std() for w, s in zip(white, smooth, strict=True)]
+    assert abs(correlation_length(mixed, everywhere) - alone) <= 2
+
+
+def test_one_view_has_patches_for_clusters():
+    scene = standard_scene()
+    clean = photographs(scene)[:1]
+    random = np.random.default_rng(0)
+    field = ndimage.gaussian_filter(random.standard_normal(clean[0].shape[:2]), 1.5)
+    off = [noisy(clean, 0.002, 0)[0] + (0.02 * field / field.std())[..., None]]
+    with jax.enable_x64(True):
+        good, bad = (
+            find_clusters(ds.fit(forget(scene), one_light_each(images), free=("k_a", "k_d", "k_s", "n_s")))
+            for images in (noisy(clean, 0.01, 1), off)
+        )
+    assert "patches" in good.what
+    assert not good.shaken.any()
+    assert bad.shaken.any()
+    assert np.all(bad.errors() > bad.evidence.plain_errors())
+    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.shaken))
