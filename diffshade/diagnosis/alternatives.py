@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.outcome import Fit
-from ..inverse.parameters import Unknown, find_unknowns, natural, put_back
+from ..inverse.parameters import Unknown, find_unknowns, put_back, values_at
 from ..inverse.refits import Laid
 from ..inverse.solvers import look
 from ..inverse.uncertainty import inverse
+from ..inverse.views import lights_on
 from ..lights import DirectionalLight, PointLight, SpotLight
 
 PIXELS = 1 << 14  # of all views, on which alternatives are judged
@@ -60,7 +61,7 @@ class Alternatives:
     def __init__(self, fit: Fit, centre: Float[np.ndarray, "3"]):
         """Find the minimum on some of the pixels; `centre` is where the lights shine."""
         self.given, self.centre = fit, centre
-        self.lit = [tuple(range(len(fit.scene.lights))) if v.lit is None else v.lit for v in fit.views]
+        self.lit = [lights_on(fit.scene, view) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places}
         self.paths = {path: key for path, key in _paths(fit) if path not in own}
         none = State(fit, np.zeros(len(fit.views)), (None,) * len(fit.views))
@@ -142,7 +143,7 @@ class Alternatives:
         laid, groups = self._lay(state, beside)
         held = {j: laid.theta[j] for k, group in groups.items() if k != key for j in group}
         end = laid.minimise(held, laid.theta, self._chunks(laid, state), rtol=RTOL)
-        values = np.asarray(natural(end.theta, np.array([u.logarithmic for u in laid.unknowns])))
+        values = values_at(end.theta, laid.unknowns)
         scene, views = put_back(state.fit.scene, state.fit.views, laid.unknowns, values)
         fit = dataclasses.replace(state.fit, scene=scene, views=views, values=values[: len(state.fit.unknowns)])
         taken = state.taken if key is None or key in state.taken else (*state.taken, key)

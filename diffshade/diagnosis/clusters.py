@@ -16,6 +16,7 @@ from ..fields import Array
 from ..inverse.blocks import Block, Piece, on_all_cores
 from ..inverse.identifiability import listing
 from ..inverse.outcome import Fit
+from ..inverse.parameters import coordinate_slopes
 from ..inverse.refits import Laid
 from ..inverse.uncertainty import Evidence, Vector
 from ..inverse.views import Samples, setups
@@ -37,7 +38,6 @@ class Clusters:
     """Variance of the clusters' own optima over what independent noise would give them: 1 where it is independent."""
     shaken: Bool[np.ndarray, " p"]
     """Unknowns whose error is by clusters: independent noise does not explain how the clusters disagree."""
-
     freedom: Vector
     """Of the jackknife: clusters - 1, or fewer where few of them decide (Bell and McCaffrey 2002)."""
 
@@ -54,6 +54,13 @@ class Clusters:
         plain, clustered = free.plain_errors(), free.clustered_errors()
         usable = self.shaken & np.isfinite(plain) & (plain > 0) & (clustered > 0)
         return np.where(usable, clustered / np.where(usable, plain, 1.0), 1.0) ** 2
+
+    def rises(self) -> Vector:
+        """Return for each unknown by how much the cost, twice, rises where it is held one error away.
+
+        sigma^2 times the inflation; of a robust loss the cost bends with the slopes psi', where H has its weights rho'.
+        """
+        return self.evidence.sigma2 * self.inflation() / self.evidence.stiffness
 
     def quantiles(self, level: float) -> Vector:
         """Return how many errors a two-sided interval reaches: Student's t, of `freedom` by jackknife."""
@@ -103,8 +110,7 @@ def find_clusters(fit: Fit) -> Clusters:
         for name in ("hessian", "gradient")
     )
     H, g = (np.array([of[patch == k].sum(0) for k in range(count)]) for of in (H, g))
-    log = np.array([u.logarithmic for u in fit.unknowns])
-    slope = np.where(log, 1.0 / np.where(log, fit.values, 1.0), 1.0)
+    slope = coordinate_slopes(fit.values, fit.unknowns)
     evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope)
     if evidence.deciding() is not None:
         return _too_few(fit, f"{count} patches, one of which decides")

@@ -13,13 +13,12 @@ from jaxtyping import Float
 from ..images import srgb_decode, srgb_encode
 from ..inverse.losses import LOSSES
 from ..inverse.outcome import Fit
-from ..inverse.parameters import natural, put_back
+from ..inverse.parameters import put_back, values_at
 from ..inverse.refits import samples_of
 from ..inverse.residuals import Counts
 from ..inverse.study import Study
-from ..inverse.views import Samples, View, is_grey
+from ..inverse.views import Samples, View, photograph
 from ..progress import silent
-from ..rendering import render
 
 PIXELS = 1 << 13  # of all views, on which encodings are judged
 
@@ -90,9 +89,7 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
     )
     study.lay_out()
     theta = study.solve(from_scene=False, tell=silent).theta
-    scene, seen = put_back(
-        fit.scene, fit.views, unknowns, np.asarray(natural(theta, np.array([u.logarithmic for u in unknowns])))
-    )
+    scene, seen = put_back(fit.scene, fit.views, unknowns, values_at(theta, unknowns))
     other = dataclasses.replace(fit, scene=scene, views=seen)
     before, after = _misfit(fit, samples, lambda image: image), _misfit(other, samples, back)
     number = max(before[:, 2].sum(), 1.0)
@@ -146,9 +143,7 @@ def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndar
 
 
 def _of_view(fit: Fit, view: View, s: Samples, curve: Curve) -> tuple[float, float, int]:
-    image = float(view.exposure) * np.asarray(render(fit.scene, view.camera, lit=view.lit)) + float(view.black)
-    if is_grey(view):
-        image = image.mean(-1, keepdims=True)
+    image = photograph(fit.scene, view)
     image = curve(image.reshape(-1, image.shape[2])[s.pixels])
     measured = s.ends() == 0
     r = np.where(measured, image - s.values(s.pixels), 0.0)

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from ..fields import check_kind
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
 from ..inverse.outcome import Fit, count
+from ..inverse.parameters import logarithms
 from ..inverse.uncertainty import Vector
 from ..progress import showing, silent
 from .clusters import Clusters, find_clusters
@@ -67,8 +68,8 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     the cost, the other unknowns at their best, has risen by the square of so many errors (profile likelihood): they
     bend with the problem and end at bounds. Then the fit is made anew without half of the views, without saturated
     pixels and 1 and 3 px about them, without the brightest half of the highlight, and without 2 and 5 degrees about it:
-    a number that moves by 30 %, or by three errors, further than its error in that refit, is not determined. At last
-    the residuals are asked for what is other than was said: the files' curve, an exposure, a light's place, cast
+    a number that moves by 30 %, or by three errors, and to whose old value what is left objects, is not determined. At
+    last the residuals are asked for what is other than was said: the files' curve, an exposure, a light's place, cast
     shadows, light between surfaces at a rim. `progress`: show a line on the terminal.
 
     Raises TypeError for anything but a fit.
@@ -115,7 +116,7 @@ def _say(
 
 def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
     """Return what is lost in the noise by its interval, which sees what errors at a bound do not (see `vague`)."""
-    log = np.array([u.logarithmic for u in fit.unknowns], bool)
+    log = logarithms(fit.unknowns)
     half = np.where(np.isfinite(sure).all(1), 0.5 * (sure[:, 1] - sure[:, 0]), np.inf) / 1.96
     in_log = 0.5 * np.log(np.where(log, sure[:, 1], 1.0) / np.where(log, sure[:, 0], 1.0)) / 1.96
     lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half) > VAGUE)

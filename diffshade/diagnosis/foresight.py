@@ -6,20 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool
 
 from ..inverse.constraints import Grey, Proportional
 from ..inverse.fitting import check_choices, check_free, look_at
-from ..inverse.outcome import Fit, diagnose
+from ..inverse.outcome import diagnose
 from ..inverse.parameters import coordinates, find_unknowns, values_in
 from ..inverse.solvers import Minimum, look
 from ..inverse.study import Study
 from ..inverse.uncertainty import Vector
-from ..inverse.views import Noise, View, is_grey
-from ..rendering import render
+from ..inverse.views import Noise, View, is_grey, photograph
 from ..scenes import Scene
 
 
@@ -88,27 +86,13 @@ def foresee(
         fit = diagnose(
             scene, views, unknowns, study.likelihood, "hinge", end, beside, spread, counts, study.squares, foreseen=True
         )
-    return _foresight(fit)
-
-
-def _foresight(fit: Fit) -> Foresight:
-    notes = tuple(note for note in fit.notes if "bound" not in note)
-    return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, notes)
+    return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 
 def _taken(scene: Scene, view: View, noise: Noise | float) -> View:
     """Return a view with the photograph that the scene would give, without noise."""
-    image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)
-    channels = view.image.shape[2]
-    if is_grey(view):
-        image = image.mean(-1, keepdims=True)
-    if channels in (2, 4):
+    image = photograph(scene, view)
+    if view.image.shape[2] in (2, 4):
         image = np.concatenate([image, view.image[..., -1:]], -1)
-    view = eqx.tree_at(lambda v: v.image, view, image)
-    return (
-        view
-        if view.noise is not None
-        else View(
-            image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, view.saturation, view.floor
-        )
-    )
+    noise = noise if view.noise is None else view.noise
+    return View(image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, view.saturation, view.floor)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..inverse.outcome import Fit
+from ..inverse.parameters import coordinate_slopes
 from ..inverse.refits import Laid
 from ..inverse.uncertainty import Vector
 from ..progress import silent
@@ -28,15 +29,9 @@ class Profile:
     def __init__(self, fit: Fit, clusters: Clusters):
         self.laid = Laid(fit)
         self.fit, self.clusters = fit, clusters
-        evidence = fit.evidence
-        self.variance = (
-            evidence.sigma2 * clusters.inflation() / evidence.stiffness
-        )  # the cost bends with psi', not rho'
-
-        errors = clusters.errors()
-        log = np.array([u.logarithmic for u in fit.unknowns])
-        self.unit = np.where(log, fit.values, 1.0)
-        self.errors = errors / self.unit  # in the solver's coordinates
+        self.variance = clusters.rises()
+        self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
+        self.errors = clusters.errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.study.box.lower, self.laid.study.box.upper)]
         self.best = self.laid.cost()
         # a difference of costs is known to a rounding of the sum of squares

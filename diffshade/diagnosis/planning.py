@@ -19,11 +19,11 @@ from ..inverse.blocks import on_all_cores, total
 from ..inverse.gram import Gram
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, null_directions, relative_errors
 from ..inverse.outcome import Fit
-from ..inverse.parameters import CHANNELS, Unknown, coordinates, put_back
+from ..inverse.parameters import CHANNELS, Unknown, coordinate_slopes, coordinates, logarithms, put_back
 from ..inverse.residuals import Counts
 from ..inverse.study import Study
 from ..inverse.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
-from ..inverse.views import View, find_samples, has_mask, is_grey
+from ..inverse.views import View, find_samples, has_mask, is_grey, lights_on
 from ..lights import AbstractLight
 from ..rendering import render, silhouette
 from ..scenes import Scene, as_tuple
@@ -236,8 +236,7 @@ def _look(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
     theta = jnp.asarray(coordinates(fit.values, unknowns))
     summaries = on_all_cores(lambda chunk: _summary(theta, study.form, chunk), study.chunks())
     H = np.asarray(_gram(theta, study.form, total(summaries)).hessian).sum(0)
-    log = np.array([u.logarithmic for u in unknowns], bool)
-    slope = np.where(log, 1.0 / np.where(log, fit.values, 1.0), 1.0)
+    slope = coordinate_slopes(fit.values, unknowns)
     # a robust loss gives the samples of a shot the weight that those of the views have on average
     count, _, _, _, weight = fit.evidence.spread
     return H * np.outer(slope, slope) * weight / count, clipped
@@ -279,8 +278,7 @@ def _holders(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], set[int | 
 
     One unknown for all of them belongs to the lamp; the lights that no view has on say nothing.
     """
-    everything = range(len(fit.scene.lights))
-    on = {i for view in fit.views for i in (everything if view.lit is None else view.lit)}
+    on = {i for view in fit.views for i in lights_on(fit.scene, view)}
     same = [i for i in sorted(on) if type(fit.scene.lights[i]) is type(light)]
     holder = {place: j for j, u in enumerate(fit.unknowns) for place in u.places}
     return {
@@ -375,7 +373,7 @@ def _notes(
         )
     elif not np.isfinite(errors).all() or not np.isfinite(now).all():
         notes.append("an unknown that is not determined has - in place of an error.")
-    limit = np.where([u.logarithmic for u in unknowns], VAGUE_LOG, VAGUE)
+    limit = np.where(logarithms(unknowns), VAGUE_LOG, VAGUE)
     lost = ~fit.determined & np.isfinite(errors[first]) & (_shares(unknowns, fit.values, errors[first]) > limit)
     if lost.any():
         notes.append(f"with {names[first]} too {_quantities(unknowns, lost)} would be lost in the noise.")

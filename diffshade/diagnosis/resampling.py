@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ..fields import check_kind
 from ..inverse.outcome import Fit
+from ..inverse.parameters import values_at
 from ..inverse.refits import Laid
 from ..inverse.views import setups
 from ..progress import showing, silent
@@ -35,7 +36,6 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         raise ValueError(f"seed must be a whole number of at least 0; got {seed!r}. Give for example 0.")
     random = np.random.default_rng(seed)
     found = np.empty((draws, len(fit.values)))
-    log = np.array([u.logarithmic for u in fit.unknowns])
     with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
         laid = Laid(fit)
         chunks = laid.by_view()
@@ -43,5 +43,5 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
             tell(f"draw {draw + 1} of {draws}")
             drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
             theta = laid.minimise({}, laid.theta, [chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
-            found[draw] = np.where(log, np.exp(np.where(log, theta, 0.0)), theta)
+            found[draw] = values_at(theta, fit.unknowns)
     return found

@@ -13,10 +13,10 @@ from scipy import ndimage
 from ..inverse.fitting import look_at
 from ..inverse.identifiability import relative_errors
 from ..inverse.outcome import Fit
-from ..inverse.parameters import coordinates
+from ..inverse.parameters import coordinates, logarithms
 from ..inverse.refits import Laid, Masks, refit, samples_of
 from ..inverse.uncertainty import Vector
-from ..inverse.views import View
+from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from ..materials import Material
 from ..rendering import render
@@ -71,9 +71,7 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
-    dull = eqx.tree_at(
-        lambda s: [item.material.k_s for item in s.objects], scene, [0.0 * np.zeros(3) for _ in scene.objects]
-    )
+    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [np.zeros(3) for _ in scene.objects])
     with_it, without = (np.asarray(render(s, view.camera, lit=view.lit)) for s in (scene, dull))
     return (with_it - without).mean(-1)
 
@@ -91,9 +89,8 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
         [mirror] * len(scene.objects) + [np.zeros(3), None],
         is_leaf=lambda node: node is None,
     )
-    on = range(len(scene.lights)) if view.lit is None else view.lit
     nearest = np.full(view.camera.shape, -1.0)
-    for i in on:
+    for i in lights_on(scene, view):
         alone = eqx.tree_at(lambda s: s.lights, plain, (_bare(scene.lights[i]),))
         cosine = np.asarray(render(alone, view.camera)).max(-1)
         nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
@@ -120,15 +117,14 @@ def refits(fit: Fit, clusters: Clusters, tell: Callable[[str], None]) -> tuple[l
     done: list[Refit] = []
     if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
         return done, blamed
+    errors, rises = clusters.errors(), clusters.rises()
+    cases = [(without, keep) for without, keep in left_out(fit) if _enough(fit, keep)]
     while True:
         found = []
-        for without, keep in left_out(fit):
+        for without, keep in cases:
             tell(f"without {without}")
-            _, counts = samples_of(fit, keep)
-            if min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns):
-                again = refit(fit, keep, blamed)
-                moves = moved(fit, clusters, again, keep, blamed)
-                found.append(Refit(without, again, moves))
+            again = refit(fit, keep, blamed)
+            found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
         done += [r for r in found if not done or r.moved.any()]
         if not any(r.moved.any() for r in found):
             return done, blamed
@@ -137,34 +133,38 @@ def refits(fit: Fit, clusters: Clusters, tell: Callable[[str], None]) -> tuple[l
         blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
 
 
+def _enough(fit: Fit, keep: Masks) -> bool:
+    """Whether the pixels to keep are as many as the unknowns."""
+    _, counts = samples_of(fit, keep)
+    return min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns)
+
+
 def how_far(fit: Fit, values: Vector) -> Vector:
     """Return how far values are from those of a fit: over the value, or in a logarithm."""
-    log = np.array([u.logarithmic for u in fit.unknowns], bool)
+    log = logarithms(fit.unknowns)
     ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
     plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values))
     return np.where(log, ratio, plain)
 
 
 def moved(
-    fit: Fit, clusters: Clusters, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
+    fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
 ) -> Bool[np.ndarray, " p"]:
     """Return which numbers are elsewhere in a refit than noise explains.
 
-    They are 30 % or three errors away, and three of the refit's own errors do not reach back: what is left may hardly
-    say anything of them, and then objects to nothing. It objects if, with the number held where it was, the cost of
-    what is left rises by three errors squared, as in a profile.
+    They are 30 % or three errors away, and what is left objects to where they were: with the number held there its cost
+    rises by three errors squared, as in a profile (`rises`: by one error). What is left may hardly say anything of a
+    number, and then objects to nothing.
     """
-    log = np.array([u.logarithmic for u in fit.unknowns], bool)
     far = how_far(fit, again.values)
-    distance = np.where(log, far * fit.values, np.abs(again.values - fit.values))
+    distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
     known = again.evidence.determined & fit.evidence.determined & ~blamed
-    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * clusters.errors())))
+    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * errors)))
     found = np.zeros(len(known), bool)
     if not len(suspects):
         return found
     laid = Laid(fit, keep)
     held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
-    variance = fit.evidence.sigma2 * clusters.inflation() / fit.evidence.stiffness
     there = coordinates(again.values, fit.unknowns)
 
     def cost(held: dict[int, float], *begins: Vector) -> float:
@@ -174,5 +174,5 @@ def moved(
     best = cost(held, there, laid.theta)
     for j in suspects:
         rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
-        found[j] = 2.0 * rise > ERRORS**2 * variance[j]
+        found[j] = 2.0 * rise > ERRORS**2 * rises[j]
     return found

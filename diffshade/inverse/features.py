@@ -32,7 +32,7 @@ from .gram import Gram
 from .losses import Likelihood
 from .parameters import RANGES, Unknown
 from .residuals import Pixels, Problem, Rendered, costs
-from .views import View
+from .views import View, lights_on
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 MOST_LIGHTS = 4  # on in one view; with more, the generic form is no slower
@@ -256,7 +256,6 @@ class FeatureForm(eqx.Module):
 
 def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
     """Whether this form can serve: one object, few lights at once, and every unknown a coefficient of light."""
-    lights = [scene.lights if view.lit is None else [scene.lights[i] for i in view.lit] for view in views]
     names = _kinds(unknowns)
     material = scene.objects[0].material
     n_s = material.n_s
@@ -269,7 +268,7 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
         and scene.atmosphere is None
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= RANGES["n_s"][0])
-        and max(map(len, lights)) <= MOST_LIGHTS
+        and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
         and all(isinstance(light, PointLight | DirectionalLight | SpotLight) for light in scene.lights)
     )
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .parameters import Unknown
+from .parameters import Unknown, logarithms
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
@@ -87,7 +87,7 @@ def vague(
     Lost: the error is over 30 % of the value, or .5 of a logarithm. Of these a number that is at most 30 % of `scales`
     with two errors added is known to be small, which is something.
     """
-    log = np.array([unknown.logarithmic for unknown in unknowns], bool)
+    log = logarithms(unknowns)
     lost = relative_errors(unknowns, values, errors) > np.where(log, VAGUE_LOG, VAGUE)
     small = lost & ~log & (values + 2.0 * errors <= VAGUE * scales)
     return lost & ~small, small

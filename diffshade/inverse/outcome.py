@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float
 
 from ..materials import Material
 from ..patterns import Chequer
-from ..rendering import render
 from ..scenes import Scene
 from .gram import Gram
 from .identifiability import (
@@ -26,12 +25,12 @@ from .identifiability import (
     weak_sentences,
 )
 from .losses import Likelihood, variance
-from .parameters import Unknown, put_back, unit_vectors, values_in
+from .parameters import Unknown, coordinate_slopes, put_back, unit_vectors, values_at, values_in
 from .parameters import everything as everything_in
 from .residuals import Counts
 from .solvers import Minimum
 from .uncertainty import Evidence
-from .views import View, find_samples, has_mask, is_grey, repeated, setups
+from .views import View, find_samples, has_mask, photograph, repeated, setups
 
 REFLECTS = ("k_a", "k_d", "k_s", "k_e")
 
@@ -112,9 +111,7 @@ class Fit:
         moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
         with jax.enable_x64(True):
             samples = find_samples(self.scene, view, moving=moving and has_mask(view))
-            image = float(view.exposure) * np.asarray(render(self.scene, view.camera, lit=view.lit)) + float(view.black)
-        if is_grey(view):
-            image = image.mean(-1, keepdims=True)
+            image = photograph(self.scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
         return Prediction(samples.photograph, image, counts)
@@ -186,8 +183,7 @@ def diagnose(
             "extreme values."
         )
     lower, upper = (np.array([getattr(u, name) for u in unknowns]) for name in ("lower", "upper"))
-    log = np.array([u.logarithmic for u in unknowns])
-    values = np.where(log, np.exp(np.where(log, theta, 0.0)), theta)
+    values = values_at(theta, unknowns)
     for bound in (lower, upper):  # right at the bound, not a rounding beside it
         values = np.where(np.isclose(values, bound, rtol=1e-12, atol=0.0), bound, values)
     at_bound = (values <= lower) | (values >= upper)
@@ -195,8 +191,7 @@ def diagnose(
     units = np.array(unit_vectors(unknowns), int).reshape(-1, 3)
     for unit in units:
         values[unit] /= np.linalg.norm(values[unit])
-    # in the unknowns' own units: (1/n_s) d/d log n_s is d/dn_s
-    slope = np.where(log, 1.0 / np.where(log, values, 1.0), 1.0)
+    slope = coordinate_slopes(values, unknowns)  # what follows is in the unknowns' own units
     H, g = np.asarray(end.point.views.hessian) * np.outer(slope, slope), np.asarray(end.point.views.gradient) * slope
     H_0, g_0 = np.asarray(beside.hessian) * np.outer(slope, slope), np.asarray(beside.gradient) * slope
     everything = H.sum(0) + H_0
@@ -230,7 +225,7 @@ def diagnose(
         *singular_sentences(zero, directions, unknowns, values),
         *weak_sentences([np.flatnonzero(known)[which] for which in weak], unknowns),
         *vague_sentences(lost, small & ~at_bound, unknowns, values, usual),
-        *_at_bounds(unknowns, regular & ~lost, at_bound, at_lower),
+        *([] if foreseen else _at_bounds(unknowns, regular & ~lost, at_bound, at_lower)),
         *_too_bright(unknowns, values, regular & ~lost),
         *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
         *([] if foreseen else repeated(scene, views)),

@@ -121,9 +121,26 @@ def natural(theta: Float[Array, " p"], logarithmic: Bool[Array, " p"]) -> Float[
 
 
 def coordinates(values: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
-    """Return values in the solver's coordinates: log n_s; the inverse of `natural`."""
-    log = np.array([unknown.logarithmic for unknown in unknowns], bool)
+    """Return values in the solver's coordinates: log n_s; the inverse of `values_at`."""
+    log = logarithms(unknowns)
     return np.where(log, np.log(np.where(log, values, 1.0)), values)
+
+
+def values_at(theta: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
+    """Return the unknowns in their own units, in NumPy; see `natural`."""
+    log = logarithms(unknowns)
+    return np.where(log, np.exp(np.where(log, theta, 0.0)), theta)
+
+
+def coordinate_slopes(values: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
+    """Return the derivatives of the coordinates by the values: of log n_s 1/n_s, as d/dn_s = (1/n_s) d/dlog n_s."""
+    log = logarithms(unknowns)
+    return np.where(log, 1.0 / np.where(log, values, 1.0), 1.0)
+
+
+def logarithms(unknowns: Sequence[Unknown]) -> Bool[np.ndarray, " p"]:
+    """Return which unknowns are solved for as logarithms."""
+    return np.array([unknown.logarithmic for unknown in unknowns], bool)
 
 
 def find_unknowns(
@@ -225,7 +242,7 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     others = [p if product.other is None else product.other for _, product in products]
     return Slots(
         jax.tree.map(lambda index: index if (index >= 0).any() else None, Setup(stacked, *per_view)),
-        np.array([unknown.logarithmic for unknown in unknowns], bool),
+        logarithms(unknowns),
         (
             np.array([j for j, _ in products], int),
             np.array(others, int),

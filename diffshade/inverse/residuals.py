@@ -20,7 +20,7 @@ from .blocks import Block, Observed, Piece
 from .gram import Gram
 from .losses import Likelihood
 from .parameters import Setup, Slots, without_gbuffers
-from .views import View, is_grey
+from .views import View, is_grey, lights_on
 
 
 class Counts(eqx.Module):
@@ -185,10 +185,9 @@ def _projection(camera: AbstractCamera) -> Projection:
 
 def _lit(scene: Scene, views: Sequence[View]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return for each kind of light which of its lights are on in each view, padded to the same number."""
-    everything = range(len(scene.lights))
     switches = []
     for members in light_kinds(scene.lights):
-        on = [[members.index(i) for i in (everything if v.lit is None else v.lit) if i in members] for v in views]
+        on = [[members.index(i) for i in lights_on(scene, v) if i in members] for v in views]
         most = max(map(len, on))
         index = np.array([row + [0] * (most - len(row)) for row in on]).reshape(len(views), most)
         weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in on]).reshape(len(views), most)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from ..fields import Array, check_kind
 from .blocks import Block, on_all_cores, total
 from .outcome import Fit
-from .parameters import Slots, everything, find_unknowns, slots_of, unit_vectors, values_in
+from .parameters import Slots, coordinate_slopes, everything, find_unknowns, slots_of, unit_vectors, values_in
 from .refits import Laid
 from .residuals import costs
 from .uncertainty import inverse
@@ -92,8 +92,7 @@ class _At(Laid):
             raise ValueError(f"{name} is not determined, so that the fit has no derivative. Fix it and fit again.")
         super().__init__(fit, rendered=True)
         self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
-        log = np.array([u.logarithmic for u in fit.unknowns])
-        self.unit = np.where(log, fit.values, 1.0)
+        self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
 
     def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
         """Return -H^-1 of the mixed derivatives, in the values' own units."""

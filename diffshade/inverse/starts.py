@@ -33,10 +33,6 @@ REACH = {"eta": 0.06}  # a little more than half the distance of what is tried, 
 APPROACH = 16  # steps,
 SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
-REACH = {"eta": 0.06}  # half the distance of what is tried, and a little more: see `approach`
-APPROACH = 16  # steps
-SHRINK = 0.6  # of the reach, after each
-STEEP = 0.5  # of the images' root mean square
 
 Theta = Float[np.ndarray, " p"]
 

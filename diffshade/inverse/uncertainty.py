@@ -176,15 +176,17 @@ class Evidence:
 
     def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the covariance by deleting one cluster at a time; of what one cluster alone sees, the plain one."""
-        inner, lone = np.ix_(which, which), self.lone[which]
-        covariance = self.covariance(which)
-        several, kept = lone < 0, which & (self.lone < 0)
-        reduced = without_lone(
-            self.hessian[:, which][:, :, which], self.gradient[:, which], self.known_hessian[inner], lone
-        )
-        jackknife = jackknife_covariance(*reduced, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept])
+        covariance, several, kept = self.covariance(which), self.lone[which] < 0, which & (self.lone < 0)
+        jackknife = jackknife_covariance(*self._shared(which))
         covariance[np.ix_(several, several)] = self.stiffness**2 * self._on_units(jackknife, kept)
         return covariance
+
+    def _shared(self, which: Bool[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return H and g of each cluster, and of what is known, for those of a subset that several clusters see."""
+        kept = which & (self.lone < 0)
+        H, g = self.hessian[:, which][:, :, which], self.gradient[:, which]
+        H, g = without_lone(H, g, self.known_hessian[np.ix_(which, which)], self.lone[which])
+        return H, g, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept]
 
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
@@ -196,9 +198,8 @@ class Evidence:
 
     def deciding(self) -> int | None:
         """Return a cluster without which less is determined than with it, so that there is no jackknife; or None."""
-        several = self.lone < 0
-        reduced, _ = without_lone(self.hessian, self.gradient, self.known_hessian, self.lone)
-        return deciding_view(reduced, self.known_hessian[np.ix_(several, several)])
+        H, _, known, _ = self._shared(np.ones(len(self.values), bool))
+        return deciding_view(H, known)
 
     def shaken(self) -> tuple[Vector, Vector]:
         """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
@@ -207,14 +208,11 @@ class Evidence:
         a few of them decide. Of what one cluster alone sees there is no jackknife: 1 and infinitely many.
         """
         p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
-        which, lone = self.determined, self.lone[self.determined]
-        kept = which & (self.lone < 0)
+        kept = self.determined & (self.lone < 0)
         if len(self.hessian) < 3 or not kept.any():
             return p_value, freedom
-        H, g = self.hessian[:, which][:, :, which], self.gradient[:, which]
-        H, g = without_lone(H, g, self.known_hessian[np.ix_(which, which)], lone)
-        known = self.known_hessian[np.ix_(kept, kept)]
-        variance = self.stiffness**2 * np.diag(jackknife_covariance(H, g, known, self.known_gradient[kept]))
+        H, g, known, slope = self._shared(self.determined)
+        variance = self.stiffness**2 * np.diag(jackknife_covariance(H, g, known, slope))
         expected, of_noise = jackknife_of_noise(H, known)
         freedom[kept] = np.clip(of_noise, 1.0, len(H) - 1.0)
         ratio = np.where(expected > 0, variance / (self.sigma2 * np.where(expected > 0, expected, 1.0)), 0.0)

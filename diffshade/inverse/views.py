@@ -14,7 +14,7 @@ from jaxtyping import ArrayLike, Bool, Float, Int8, Int32
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
 from ..gbuffers import as_mask
-from ..rendering import select, silhouette
+from ..rendering import render, select, silhouette
 from ..scenes import Scene, check_positions, check_shapes
 
 
@@ -177,9 +177,20 @@ def is_grey(view: View) -> bool:
     return view.image.shape[2] < 3
 
 
+def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
+    """Return the indices of the lights that are on in a view."""
+    return tuple(range(len(scene.lights))) if view.lit is None else view.lit
+
+
+def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+    """Return what a view's photograph of a scene would be, exposure * radiance + black, unclipped, in its channels."""
+    image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)
+    return image.mean(-1, keepdims=True) if is_grey(view) else image
+
+
 def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
     """Return the views that were taken alike, by the same camera under the same lights: their errors are alike too."""
-    on = [tuple(range(len(scene.lights))) if view.lit is None else tuple(sorted(view.lit)) for view in views]
+    on = [sorted(lights_on(scene, view)) for view in views]
     groups: list[list[int]] = []
     for i, view in enumerate(views):
         same = (g for g in groups if on[g[0]] == on[i] and _equal(views[g[0]].camera, view.camera))
