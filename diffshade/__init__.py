@@ -36,6 +36,8 @@ from .inverse.sensitivity import image_sensitivity as image_sensitivity
 from .inverse.sensitivity import sensitivity as sensitivity
 from .inverse.views import Noise as Noise
 from .inverse.views import View as View
+from .lazy_images import LazyImage as LazyImage
+from .lazy_images import open_image as open_image
 from .lights import AreaLight as AreaLight
 from .lights import DirectionalLight as DirectionalLight
 from .lights import PointLight as PointLight

@@ -30,8 +30,7 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     """
     path = Path(path)
     stored = _read(path)
-    image = _as_fractions(path, stored)
-    return _on_colours(srgb_decode, image) if _is_srgb(path, stored.dtype, srgb) else image
+    return decoded(path, as_fractions(path, stored), stored.dtype, srgb)
 
 
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
@@ -41,7 +40,7 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     is applied. Formats and errors are those of `read_image`.
     """
     path = Path(path)
-    image = _as_fractions(path, _read(path))
+    image = as_fractions(path, _read(path))
     return (image[..., -1] if _has_alpha(image) else image.mean(axis=-1)) >= 0.5
 
 
@@ -116,12 +115,22 @@ def _with_channels(array: np.ndarray, subject: str) -> np.ndarray:
 # Reading
 
 
-def _read(path: Path) -> np.ndarray:
-    """The numbers of a file as they are stored, shape (H, W, C)."""
-    if path.is_dir():
+def check_exists(path: Path, *, folder: bool = False) -> None:
+    """Refuse what is not there, and a folder where that is no image."""
+    if path.is_dir() and not folder:
         raise IsADirectoryError(f"cannot read {path}: it is a folder. Give the name of an image file.")
     if not path.exists():
         raise FileNotFoundError(f"cannot read {path}: there is no such file. Check the name and the folder.")
+
+
+def decoded(path: Path, image: np.ndarray, stored: np.dtype, srgb: bool | None) -> np.ndarray:
+    """Return linear radiance: without the sRGB curve where the file, of numbers of the type `stored`, has one."""
+    return _on_colours(srgb_decode, image) if _is_srgb(path, stored, srgb) else image
+
+
+def _read(path: Path) -> np.ndarray:
+    """The numbers of a file as they are stored, shape (H, W, C)."""
+    check_exists(path)
     known = format_of(path)
     try:
         stored = known.decode(path.absolute(), path.read_bytes())  # imageio takes a leading ~ for a home
@@ -135,7 +144,8 @@ def _read(path: Path) -> np.ndarray:
     return _with_channels(stored, f"cannot read {path}: it")
 
 
-def _as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
+def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
+    """Return stored numbers as floats: integers divided by their full range, floats as they are."""
     if stored.dtype.kind == "u" and stored.dtype.itemsize <= 2:
         return stored / float(np.iinfo(stored.dtype).max)
     if stored.dtype.kind in "bf":

@@ -67,7 +67,7 @@ def noisy(images: Sequence[np.ndarray], sigma: float, seed: int) -> list[np.ndar
     return [image + sigma * random.standard_normal(image.shape) for image in images]
 
 
-def one_light_each(images: Sequence[np.ndarray], camera: AbstractCamera = CAMERA, **options: Any) -> list[ds.View]:
+def one_light_each(images: Sequence[Any], camera: AbstractCamera = CAMERA, **options: Any) -> list[ds.View]:
     """Photograph i was taken under light i alone."""
     return [ds.View(image, camera, lit=(i,), **options) for i, image in enumerate(images)]
 

@@ -14,7 +14,7 @@ FILES = sorted(ROOT.rglob("*.py"))
 # Each row may import from the rows above it and from its own. What a folder holds counts as the folder.
 LAYERS = (
     "backend fields files progress",
-    "image_formats images",
+    "image_formats images lazy_images",
     "vectors",
     "attenuation cameras fresnel patterns surfaces gbuffers meshes",
     "lights materials named_materials",
@@ -37,6 +37,8 @@ ONLY_IN = {
     "imageio": "image_formats",
     "matplotlib": "report",
     "trimesh": "meshes",
+    "tifffile": "lazy_images",
+    "zarr": "lazy_images",
 }
 
 PUBLIC = {name: value for name, value in vars(ds).items() if not name.startswith("_") and not inspect.ismodule(value)}

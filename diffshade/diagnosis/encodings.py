@@ -134,7 +134,7 @@ def _thinned(samples: Sequence[Samples]) -> list[Samples]:
 def _through(curve: Curve, s: Samples) -> Samples:
     """Return samples seen through a curve, and the sensor's range with them."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
-    return Samples(s.inside, s.pixels, curve(s.photograph), of(s.floor), of(s.level), of(s.brightest))
+    return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
 
 
 def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndarray, "views 3"]:

@@ -93,6 +93,6 @@ def _taken(scene: Scene, view: View, noise: Noise | float) -> View:
     """Return a view with the photograph that the scene would give, without noise."""
     image = photograph(scene, view)
     if view.image.shape[2] in (2, 4):
-        image = np.concatenate([image, view.image[..., -1:]], -1)
+        image = np.concatenate([image, view.image[:][..., -1:]], -1)
     noise = noise if view.noise is None else view.noise
     return View(image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, view.saturation, view.floor)

@@ -84,7 +84,7 @@ def see(fit: Fit, view: View, samples: Samples, out: Mask | None) -> Seen:
 
     Those clipped at the bottom do: a shadow may be there.
     """
-    photograph = samples.photograph
+    photograph = samples.whole()
     photograph = (photograph[..., 0] if is_grey(view) else photograph.mean(-1)).astype(np.float64)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)

@@ -114,7 +114,7 @@ class Fit:
             image = photograph(self.scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
-        return Prediction(samples.photograph, image, counts)
+        return Prediction(samples.whole(), image, counts)
 
     def __str__(self) -> str:
         """Return the table of parameters, and below it the notes."""

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float, Int8, Int32
+from jaxtyping import Bool, Float, Int8, Int32
 
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
 from ..gbuffers import as_mask
+from ..lazy_images import LazyImage, row_tiles
 from ..rendering import render, select, silhouette
 from ..scenes import Scene, check_positions, check_shapes
 
+# Float[np.ndarray, "h w c"], or a LazyImage; Any, so that a type checker takes it for what one knows it is.
+Image: TypeAlias = Any
 
-def as_image(image: ArrayLike) -> Any:
-    """Make an image a NumPy array with its channels last; anything else is handed on for the check to refuse."""
+
+def as_image(image: Any) -> Any:
+    """Make an image a NumPy array with its channels last; what is read by rows, lazily, stays so.
+
+    Anything else is handed on for the check to refuse.
+    """
+    if isinstance(image, LazyImage):
+        return image
+    lazy = all(hasattr(image, name) for name in ("shape", "dtype", "__getitem__"))
+    if lazy and not isinstance(image, np.ndarray | np.generic | jax.Array):
+        return LazyImage(lambda first, last: image[first:last], image.shape, image.dtype)
     array = np.asarray(image)
     return array[..., None] if array.ndim == 2 else array
 
@@ -83,15 +95,17 @@ class View(Checked):
     """A photograph (or render) and how it was taken: exposure * radiance + black, with noise, clipped by the sensor.
 
     `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a further channel is alpha, and alpha of at least
-    half is inside the mask. `camera`: of the image's shape. `mask`: (H, W), True or at least half where pixels count;
-    by default the scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`:
-    the factor from radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a
-    `Noise`, or the standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`:
-    samples at or above it are clipped; by default 1 in an image whose largest value that counts is exactly 1, the top
-    of an integer file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
+    half is inside the mask. One larger than memory is what `open_image` returns, or any array of one's own with
+    `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py, zarr). `camera`: of the image's shape.
+    `mask`: (H, W), True or at least half where pixels count; by default the scene's own silhouette. `lit`: the indices
+    of the lights that were on; by default all. `exposure`: the factor from radiance to the image, above 0. `black`:
+    what the image shows where there is no light. `noise`: a `Noise`, or the standard deviation of noise that is the
+    same everywhere; by default it is estimated. `saturation`: samples at or above it are clipped; by default 1 in an
+    image whose largest value that counts is exactly 1, the top of an integer file's range, else none. `floor`: samples
+    at or below it are clipped from below; by default none.
     """
 
-    image: Float[np.ndarray, "h w c"] = eqx.field(converter=as_image)
+    image: Image = eqx.field(converter=as_image)
     camera: AbstractCamera
     mask: Bool[np.ndarray, "h w"] | None = eqx.field(
         converter=lambda mask: None if mask is None else np.asarray(mask), default=None
@@ -148,7 +162,7 @@ class Samples(eqx.Module):
     """Pixels that show an object."""
     pixels: Int32[np.ndarray, " n"]
     """Where those pixels are in the flattened image."""
-    photograph: Float[np.ndarray, "h w c"]
+    photograph: Image
     """The photograph without alpha, not copied."""
     floor: float
     """The sensor's range: samples at or below its floor, and at or above its level, are clipped."""
@@ -158,8 +172,14 @@ class Samples(eqx.Module):
 
     def values(self, pixels: Int32[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
         """Return the photograph at some of its pixels."""
+        if isinstance(self.photograph, LazyImage):
+            return self.photograph.at(pixels)
         h, w, c = self.photograph.shape
         return self.photograph.reshape(h * w, c)[pixels]
+
+    def whole(self) -> Float[np.ndarray, "h w c"]:
+        """Return the whole photograph, which is read here where it is lazy."""
+        return self.photograph[:]
 
     def clipped(self, values: Float[np.ndarray, "m c"]) -> Int8[np.ndarray, "m c"]:
         """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
@@ -212,7 +232,7 @@ def repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
 
 
 def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
-    return [(one.image, other.image), (one.mask, other.mask)]
+    return [(one.mask, other.mask), (one.image, other.image)]
 
 
 def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
@@ -223,6 +243,10 @@ def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
 
 def _equal(one: Any, other: Any) -> bool:
     """Whether two modules or arrays are of one structure and hold equal numbers."""
+    if isinstance(one, LazyImage) or isinstance(other, LazyImage):
+        same = one.shape == other.shape and one.dtype == other.dtype
+        tiles = row_tiles(*one.shape[:2]) if same and one is not other else []
+        return same and all(np.array_equal(one[first:last], other[first:last]) for first, last in tiles)
     return bool(eqx.tree_equal(jax.tree.map(np.asarray, one), jax.tree.map(np.asarray, other)))
 
 
@@ -240,10 +264,10 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     select(scene, view.lit)
     check_shapes(scene, view.camera)
     check_positions(scene, view.camera)
-    alpha = view.image.shape[2] in (2, 4)
+    alpha, lazy = view.image.shape[2] in (2, 4), isinstance(view.image, LazyImage)
     masks = [] if view.mask is None else [as_mask(view.mask)]
     if alpha:
-        masks.append(as_mask(view.image[..., -1]))
+        masks.append(_alpha(view.image))
     if not moving:
         masks.append(np.asarray(silhouette(scene.objects, view.camera)))
     elif not masks:
@@ -257,7 +281,8 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
             "Check that the mask is white on the object, and the camera."
         )
-    samples = Samples(inside, pixels, view.image[..., :-1] if alpha else view.image, -np.inf, np.inf, 0.0)
+    photograph = view.image if not alpha else view.image.colours() if lazy else view.image[..., :-1]
+    samples = Samples(inside, pixels, photograph, -np.inf, np.inf, 0.0)
     least, most = _extremes(samples)
     rounded = samples.photograph.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
     level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
@@ -265,6 +290,13 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
         raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
     floor = -np.inf if view.floor is None else float(rounded(view.floor))
     return Samples(inside, pixels, samples.photograph, floor, level, most)
+
+
+def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
+    """Return where the last channel is at least half."""
+    if isinstance(image, LazyImage):
+        return np.concatenate([as_mask(tile[..., -1]) for _, tile in image.tiles()])
+    return np.asarray(as_mask(image[..., -1]))
 
 
 def _extremes(samples: Samples) -> tuple[float, float]:

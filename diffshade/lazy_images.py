@@ -1,0 +1,205 @@
+"""Lazy images: larger than memory, opened without being read, and read by rows. The only file that knows zarr."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .images import as_fractions, check_exists, decoded
+
+TILE = 1 << 16  # pixels that are read at once
+Rows = Callable[[int, int], Any]
+
+
+class LazyImage:
+    """An image that is read by rows: `image[r0:r1]` is a NumPy array (r1 - r0, W, C) of floats, read anew each time.
+
+    What a `View` makes of any array of the user's own, which need have only `shape`, `dtype` and `array[r0:r1]` (h5py,
+    zarr, a generator of numbers); `open_image` opens files. Nothing but a slice of rows is ever read.
+    """
+
+    def __init__(self, rows: Rows, shape: tuple[int, ...], dtype: Any):
+        self._rows = rows
+        self.shape = tuple(int(length) for length in shape) + ((1,) if len(shape) == 2 else ())
+        self.dtype = np.dtype(dtype)
+        self.ndim = len(self.shape)
+
+    def __repr__(self) -> str:
+        return f"LazyImage(shape={self.shape}, dtype={self.dtype})"
+
+    def __getitem__(self, rows: Any) -> Float[np.ndarray, "r w c"]:
+        if not isinstance(rows, slice) or rows.step not in (None, 1):
+            raise TypeError(f"a lazy image is read by rows; got the index {rows!r}. Write image[r0:r1].")
+        first, last, _ = rows.indices(self.shape[0])
+        shape = (max(last - first, 0), *self.shape[1:])
+        found = np.asarray(self._rows(first, first + shape[0]))
+        if found.dtype.kind != "f" or found.size != np.prod(shape) or len(found) != shape[0]:
+            raise ValueError(
+                f"rows {first} to {last} of a lazy image must be floats of shape {shape}; got {found.dtype} of shape "
+                f"{found.shape}. Correct what its array[r0:r1] returns."
+            )
+        return found.reshape(shape)
+
+    def colours(self) -> LazyImage:
+        """Return the image without its last channel, which is alpha."""
+        shape = (*self.shape[:2], self.shape[2] - 1)
+        return LazyImage(lambda first, last: self[first:last][..., :-1], shape, self.dtype)
+
+    def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
+        """Read the image from top to bottom: the first row of each tile, and the tile."""
+        return ((first, self[first:last]) for first, last in row_tiles(self.shape[0], self.shape[1]))
+
+    def at(self, pixels: np.ndarray) -> Float[np.ndarray, "m c"]:
+        """Return the image at some of its pixels, where they are in the flattened image, reading few rows at once."""
+        out = np.empty((len(pixels), self.shape[2]), self.dtype)
+        row, column = np.divmod(pixels, self.shape[1])
+        step = rows_of_a_tile(self.shape[1])
+        order = np.argsort(row, kind="stable")
+        ends = np.searchsorted(row[order], np.arange(0, self.shape[0] + step, step))
+        for start, end in itertools.pairwise(ends):
+            if start < end:
+                these = order[start:end]
+                first, last = int(row[these[0]]), int(row[these[-1]]) + 1
+                out[these] = self[first:last][row[these] - first, column[these]]
+        return out
+
+
+def rows_of_a_tile(width: int) -> int:
+    """Return how many rows are read at once."""
+    return max(TILE // width, 1)
+
+
+def row_tiles(height: int, width: int) -> list[tuple[int, int]]:
+    """Return the first row of each tile and the one after its last."""
+    step = rows_of_a_tile(width)
+    return [(first, min(first + step, height)) for first in range(0, height, step)]
+
+
+def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> LazyImage:
+    """Open an image as linear radiance without reading it, shape (H, W, C); `View` takes it for its image.
+
+    Its rows, `image[r0:r1]`, are what `read_image` gives, with the same rules for integers and `srgb`; floats keep
+    their precision. Formats: .npy and uncompressed .tif, mapped from disk; other .tif and .zarr (an array (H, W) or
+    (H, W, C)), read by their own tiles, for which it takes `pip install 'diffshade[zarr]'` (a .tif always needs it).
+
+    Raises FileNotFoundError; ValueError for a suffix, layout or type of number that is not supported; OSError for a
+    file that is damaged; ImportError without the packages.
+    """
+    path = Path(path)
+    check_exists(path, folder=path.suffix.lower() == ".zarr")
+    opened = {".npy": _open_npy, ".tif": _open_tiff, ".tiff": _open_tiff, ".zarr": _open_zarr}.get(path.suffix.lower())
+    if opened is None:
+        raise ValueError(
+            f"cannot open {path}: a file with the suffix '{path.suffix}' is not read by rows. Write it as .npy, .tif "
+            "or .zarr, or read it whole with ds.read_image."
+        )
+    try:
+        rows, shape, dtype = opened(path)
+    except (ImportError, MemoryError, PermissionError, _UnsupportedError) as error:
+        if isinstance(error, ModuleNotFoundError):
+            message = f"cannot open {path} without the package {error.name}. Install it: pip install 'diffshade[zarr]'."
+            raise ImportError(message) from None
+        if isinstance(error, _UnsupportedError):
+            raise ValueError(f"cannot open {path}: it {error}") from None
+        raise
+    except Exception:  # as a decoder, a reader raises anything for a file that is not sound
+        message = "it is empty, truncated, damaged or no image. Make or copy the file again."
+        raise OSError(f"cannot open {path}: {message}") from None
+    if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
+        raise ValueError(
+            f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."
+        )
+
+    def read(first: int, last: int) -> np.ndarray:
+        stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
+        fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
+        return decoded(path, fractions, dtype, srgb)
+
+    return LazyImage(read, shape, read(0, 0).dtype)
+
+
+class _UnsupportedError(ValueError):
+    """The file is sound, but of a kind that is not read by rows. The message goes on after the name of the file."""
+
+
+Opened = tuple[Rows, tuple[int, ...], np.dtype]
+
+
+def _open_npy(path: Path) -> Opened:
+    whole = np.load(path, mmap_mode="r", allow_pickle=False)
+    if not isinstance(whole, np.memmap):
+        raise _UnsupportedError("is no single array. Save one array with np.save.")
+    return _mapped(path, whole)
+
+
+def _mapped(path: Path, whole: np.memmap) -> Opened:
+    """Map rows alone, and let go of them: pages of a map of the whole stay in memory once they are touched."""
+    shape, dtype, offset = whole.shape, whole.dtype, whole.offset  # of a map, this is where its numbers begin
+    if not whole.flags.c_contiguous:
+        return (lambda first, last: np.array(whole[first:last])), shape, dtype
+    width = int(np.prod(shape[1:])) * dtype.itemsize
+
+    def rows(first: int, last: int) -> np.ndarray:
+        if first == last:
+            return np.zeros((0, *shape[1:]), dtype)
+        of = np.memmap(path, dtype, "r", offset + first * width, (last - first, *shape[1:]))
+        return np.array(of)
+
+    return rows, shape, dtype
+
+
+def _open_tiff(path: Path) -> Opened:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        page, series = file.pages.first, file.series[0]
+        if series.axes not in ("YX", "YXS") or page.photometric not in (1, 2):
+            raise _UnsupportedError(
+                f"is a TIFF with axes {series.axes} and Photometric {page.photometric:d}. Save one picture, grey, RGB "
+                "or RGBA, the channels of a pixel side by side."
+            )
+        shape, dtype, plain = series.shape, series.dtype, page.is_memmappable
+    if plain:
+        return _mapped(path, tifffile.memmap(path, mode="r"))
+    import zarr
+
+    store = tifffile.imread(path, aszarr=True)
+    array: Any = zarr.open(store, mode="r")
+    rows = _by_bands(array if isinstance(array, zarr.Array) else array["0"])  # of a pyramid, the finest picture
+    weakref.finalize(rows, store.close)
+    return rows, shape, dtype
+
+
+def _open_zarr(path: Path) -> Opened:
+    import zarr
+
+    array = zarr.open_array(path, mode="r")
+    return _by_bands(array), array.shape, array.dtype
+
+
+def _by_bands(array: Any) -> Rows:
+    """Read whole rows of chunks and keep the last: a chunk is decoded once while the rows go by, not once a slice."""
+    step, height = int(array.chunks[0]), int(array.shape[0])
+    kept: dict[int, np.ndarray] = {}
+    lock = threading.Lock()
+
+    def band(k: int) -> np.ndarray:
+        if k not in kept:
+            kept.clear()
+            kept[k] = np.asarray(array[k * step : min((k + 1) * step, height)])
+        return kept[k]
+
+    def rows(first: int, last: int) -> np.ndarray:
+        with lock:
+            of = [band(k)[max(first - k * step, 0) : last - k * step] for k in range(first // step, -(-last // step))]
+        return np.concatenate(of) if of else np.zeros((0, *array.shape[1:]), array.dtype)
+
+    return rows
