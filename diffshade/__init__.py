@@ -63,3 +63,5 @@ from .scenes import Scene as Scene
 from .surfaces import Box as Box
 from .surfaces import Plane as Plane
 from .surfaces import Sphere as Sphere
+from .texels.fitting import fit_texels as fit_texels
+from .texels.maps import TexelMaps as TexelMaps

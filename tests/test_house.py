@@ -23,6 +23,7 @@ LAYERS = (
     "tracing",
     "rendering scene_files",
     "inverse",
+    "texels",
     "diagnosis",
     "exchange",
     "report",

@@ -1,0 +1,380 @@
+"""Fitting texels: a stack of photographs from one camera in, a map of every number of the material out."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from ..backend import check_backend
+from ..fields import check, check_kind
+from ..fresnel import NoFresnel
+from ..inverse.blocks import on_all_cores
+from ..inverse.losses import LOSSES
+from ..inverse.parameters import RANGES
+from ..inverse.views import View, is_grey
+from ..progress import showing, silent
+from ..scenes import Scene, check_positions, check_shapes
+from .descent import GRID
+from .estimates import FAILED, Choices, Estimates, estimate, residual_sizes
+from .maps import TexelMaps
+from .passes import COEFFICIENTS, Known
+from .records import Record, fingerprint
+from .shared import MOST_PASSES, STILL, by_region, grid_costs, slopes, stepped
+from .sights import Rig, rig_of
+from .tiles import Source, Tile
+
+FREE = (*COEFFICIENTS, "n_s", "normal")
+MEMORY = 1 << 28
+QUICK, PATIENT = 8, 60  # steps for all texels, and for the few that need more
+SAMPLED = 4096  # texels from which the scale of a robust loss is taken
+
+
+def fit_texels(
+    scene: Scene,
+    views: Sequence[View] | View,
+    *,
+    free: Iterable[str] = ("k_d", "k_s", "n_s"),
+    regions: Int[np.ndarray, "h w"] | None = None,
+    loss: str = "squares",
+    out: str | os.PathLike[str] | None = None,
+    memory: int = MEMORY,
+    progress: bool = False,
+) -> TexelMaps:
+    """Fit a material of its own to every pixel of views that share a camera: maps of k_d, k_s, n_s and the normal.
+
+    Minimises at each texel sum rho((exposure * radiance + black - image)^2) over all views: the coefficients exactly
+    and never below 0, log n_s (and the normal) by Levenberg-Marquardt on what they leave (variable projection; Golub
+    and Pereyra 1973), in float64 whatever the global flag. It needs no start: n_s is searched for, the normal begins at
+    photometric stereo (Woodham 1980) from the middle of each texel's observations. A texel has a highlight where one
+    explains enough of what it shows; elsewhere k_s and n_s are 0, with infinite errors, and the map says so.
+
+    `scene`: one opaque object, whose surface says where the texels are, and all the lights; what is free in it is not
+    looked at. `views`: at least 3, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`, of one
+    camera; an observation that the sensor clipped is left out, in all its channels, and 1 exactly is clipped where no
+    saturation is given. `free`: "k_a", "k_d", "k_s", "n_s", "normal". `regions`: whole numbers from 0, (H, W); texels
+    of one number share one n_s, so that zeros share it among all. `loss`: "squares", or "huber", "cauchy" or
+    "geman-mcclure", which take an observation in shadow, say, for the outlier it is; all its channels have one say.
+    `out`: a folder that the maps are written to as they come, `NAME.npy` and `NAME_error.npy`; the same call again goes
+    on where it was stopped, at any moment. `memory`: bytes for photographs at work, more or less: larger ones are
+    read in bands. `progress`: show a line on the terminal.
+
+    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy; RuntimeError
+    where this jaxlib adds up wrongly.
+    """
+    views = (views,) if isinstance(views, View) else tuple(views)
+    free = _checked(scene, views, free, regions, loss)
+    check_backend()
+    scene = jax.tree.map(np.asarray, scene)
+    with showing("texels") if progress else nullcontext(silent) as tell, jax.enable_x64(True):
+        return _Run(scene, views, free, regions, loss, out, memory, tell).maps()
+
+
+class _Run:
+    """One fit of texels at work: what is known, what is read, and what was found."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        views: Sequence[View],
+        free: tuple[str, ...],
+        regions: np.ndarray | None,
+        loss: str,
+        out: str | os.PathLike[str] | None,
+        memory: int,
+        tell: Callable[[str], None],
+    ):
+        self.scene, self.free, self.tell = scene, free, tell
+        self.source = Source(scene, views)
+        known_noise = views[0].noise is not None
+        uniform = all(view.noise is None or view.noise.is_uniform for view in views)
+        self.choices = Choices(free, loss, uniform, known_noise)
+        self.rig: Rig = rig_of(scene, views)
+        self.known = _known(scene, free, self.source.channels)
+        self.regions = None if regions is None else np.asarray(regions).reshape(-1)
+        height = self.source.shape[0]
+        about = fingerprint(
+            scene, views, {"free": free, "loss": loss, "regions": "none" if regions is None else regions}
+        )
+        self.record = Record(out, about, self.source.rows_of(memory), lambda rows: -(-height // rows))
+        self.rows = self.record.tile
+        self.count = len(self.record.done)
+        self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, RANGES["n_s"][0])))
+
+    def maps(self) -> TexelMaps:
+        """Find the maps, tile by tile."""
+        sigma = np.asarray(1.0 if self.choices.known_noise or self.choices.loss == "squares" else self._scale())
+        x, error = (None, None) if self.regions is None else self._exponents(sigma)
+        choices = self.choices if x is None else self.choices._replace(free=tuple(f for f in self.free if f != "n_s"))
+
+        def fit(tile: Tile) -> None:
+            log_n_s = self._exponent_of(tile, x)
+            found = self._fit(tile, choices, sigma, log_n_s, QUICK)
+            slow = np.flatnonzero(found.status == FAILED)
+            if len(slow):
+                again = self._fit(tile, choices, sigma, log_n_s, PATIENT, slow)
+                jax.tree.map(lambda all_, some: all_.__setitem__((..., slow), some), found, again)
+            if x is not None:
+                assert error is not None
+                self._take_exponents(found, tile, x, error)
+            self._write(tile, found)
+
+        self._over_tiles(fit, self.record.done, "fitted", self.record.finish)
+        shape = self.source.shape
+        values, errors = ({name: self._map(name + end) for name in self._names()} for end in ("", "_error"))
+        status, residual = self._map("status")[..., 0], self._map("residual")[..., 0]
+        assert status.shape == shape
+        return TexelMaps(values, errors, status, residual, self.scene, self.source.camera)
+
+    def _over_tiles(
+        self, work: Callable[[Tile], Any], done: np.ndarray, verb: str, finish: Callable[[int], None]
+    ) -> None:
+        """Read every tile that is not done, work on it, and mark it."""
+        height = self.source.shape[0]
+        todo = [t for t in range(self.count) if not done[t]]
+        begun = time.monotonic()
+        for k, t in enumerate(todo):
+            first = t * self.rows
+            work(self.source.read(first, min(first + self.rows, height), self.rows))
+            finish(t)
+            left = (time.monotonic() - begun) / (k + 1) * (len(todo) - k - 1)
+            share = 100.0 * (self.count - len(todo) + k + 1) / self.count
+            self.tell(f"{verb} {share:.0f} %, about {_minutes(left)} left")
+
+    def _fit(
+        self, tile: Tile, choices: Choices, sigma: np.ndarray, log_n_s: np.ndarray, patience: int, which: Any = None
+    ) -> Estimates:
+        """Return the estimates of a tile, or of some of its texels."""
+
+        def of_block(cut: Any) -> Estimates:
+            part, laid = cut
+            found = estimate(self.rig, self.known, self.source.lay_out(*laid), sigma, np.asarray(patience), choices)
+            return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(part)], found)
+
+        found = on_all_cores(of_block, self.source.blocks(tile, log_n_s, which))
+        return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
+
+    def _scale(self) -> float:
+        """Return the scale of the residuals of a robust loss: 1.4826 times the median of their size at some texels."""
+        self.tell("judging the residuals")
+        tiles = np.unique(np.linspace(0, self.count - 1, 8).astype(int))
+        some = []
+        for t in tiles:
+            first = int(t) * self.rows
+            tile = self.source.read(first, min(first + self.rows, self.source.shape[0]), self.rows)
+            which = np.unique(np.linspace(0, max(len(tile.pixels) - 1, 0), SAMPLED // len(tiles)).astype(int))
+            some.append((tile, which[: len(tile.pixels)]))
+        sigma, choices = 1.0, self.choices._replace(loss="squares")
+        for _ in range(4):
+            sizes = []
+            for tile, which in some:
+                if len(which):
+                    found = self._sizes(tile, which, choices, sigma)
+                    sizes.append(found)
+            new = 1.4826 * float(np.median(np.concatenate(sizes))) if sizes else 1.0
+            if abs(new - sigma) <= 0.01 * new:
+                break
+            sigma, choices = max(new, 1e-12), self.choices._replace(loss="huber")
+        return sigma
+
+    def _sizes(self, tile: Tile, which: np.ndarray, choices: Choices, sigma: float) -> np.ndarray:
+        """Return the sizes of the residuals of some texels, in all channels together."""
+        log_n_s = self._exponent_of(tile, None)
+
+        def of_block(cut: Any) -> np.ndarray:
+            part, laid = cut
+            block = self.source.lay_out(*laid)
+            size = residual_sizes(self.rig, self.known, block, np.asarray(sigma), np.asarray(PATIENT), choices)
+            return np.asarray(size)[:, : len(part)][block.seen.counts[:, : len(part)]]
+
+        return np.concatenate(on_all_cores(of_block, self.source.blocks(tile, log_n_s, which)))
+
+    def _exponents(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return log n_s of each region, and its standard error."""
+        assert self.regions is not None
+        regions = int(self.regions.max()) + 1
+        costs = self._pass(
+            "search", len(GRID), regions, lambda block: grid_costs(self.rig, self.known, block, self.choices)
+        )
+        x = GRID[np.argmin(costs, 0)]
+        error = np.full(regions, np.inf)
+        patience = np.asarray(PATIENT)
+        for k in range(MOST_PASSES):
+            at = x
+            sums = self._pass(
+                f"pass_{k}",
+                4,
+                regions,
+                lambda block: slopes(self.rig, self.known, block, sigma, patience, self.choices),
+                at,
+            )
+            x, error = stepped(at, sums)
+            if np.all(np.abs(x - at) <= STILL * np.minimum(error, 1.0)):
+                break
+        return x, error
+
+    def _pass(
+        self, name: str, rows: int, regions: int, program: Callable[[Any], Any], x: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Add up what a program says of every texel, region by region; each tile's share is kept in the record."""
+        assert self.regions is not None
+        shares = self.record.array(f"{name}_sums", (self.count, rows, regions), np.float64)
+        done = self.record.array(f"{name}_done", (self.count,), np.uint8)
+        now = iter(())
+
+        def work(tile: Tile) -> None:
+            nonlocal now
+            log_n_s = self._exponent_of(tile, x)
+            region = self.regions[tile.pixels]  # type: ignore[index]
+
+            def of_block(cut: Any) -> np.ndarray:
+                part, laid = cut
+                values = np.asarray(program(self.source.lay_out(*laid)))[:, : len(part)]
+                return by_region(values, region[part], regions)
+
+            blocks = self.source.blocks(tile, log_n_s)
+            now = iter([sum(on_all_cores(of_block, blocks), np.zeros((rows, regions)))])
+
+        def finish(t: int) -> None:
+            shares[t] = next(now)
+            self.record.finish(t, name=f"{name}_done")
+
+        self._over_tiles(work, done, f"n_s of the regions, {name.replace('_', ' ')}:", finish)
+        return shares.sum(0)
+
+    def _exponent_of(self, tile: Tile, x: np.ndarray | None) -> np.ndarray:
+        """Return log n_s of each texel of a tile where it is not one of its own unknowns."""
+        if x is None or self.regions is None:
+            return np.full(len(tile.pixels), self.log_n_s)
+        return x[self.regions[tile.pixels]]
+
+    def _take_exponents(self, found: Estimates, tile: Tile, x: np.ndarray, error: np.ndarray) -> None:
+        """Write the regions' n_s beside the estimates of a tile."""
+        assert self.regions is not None
+        region = self.regions[tile.pixels]
+        n_s = np.exp(x[region])
+        found.values["n_s"], found.errors["n_s"] = n_s[None], (n_s * error[region])[None]
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(name for name in FREE if name in self.free)
+
+    def _map(self, name: str) -> np.ndarray:
+        """Return a map, (H, W, C)."""
+        base = name.removesuffix("_error")
+        width = {"n_s": 1, "status": 1, "residual": 1, "normal": 1 if name != base else 3}.get(
+            base, self.source.channels
+        )
+        return self.record.array(name, (*self.source.shape, width), np.uint8 if name == "status" else np.float32)
+
+    def _write(self, tile: Tile, found: Estimates) -> None:
+        """Write a tile's numbers to the maps."""
+        numbers = {"status": found.status[None], "residual": found.residual[None], **found.values}
+        numbers |= {f"{name}_error": error for name, error in found.errors.items()}
+        for name, value in numbers.items():
+            whole = self._map(name)
+            with np.errstate(over="ignore"):  # an error too large for float32 is infinite there
+                whole.reshape(-1, whole.shape[2])[tile.pixels] = value.T
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
+def _known(scene: Scene, free: tuple[str, ...], channels: int) -> Known:
+    """Return the coefficients that are not free."""
+    material = scene.objects[0].material
+
+    def of(name: str) -> np.ndarray:
+        colour = np.asarray(getattr(material, name), np.float64)
+        return colour if channels == 3 else colour.mean(keepdims=True)
+
+    k_a, k_d, k_s = (None if name in free else of(name) for name in COEFFICIENTS)
+    return Known(k_a, k_d, k_s, of("k_e"))
+
+
+def _checked(scene: Any, views: Sequence[Any], free: Iterable[str], regions: Any, loss: Any) -> tuple[str, ...]:
+    """Refuse what cannot be fitted, in one sentence; return the names of what is free."""
+    if len(views) < 2:
+        raise ValueError(f"fit_texels needs at least two views; got {len(views)}. Give a View for each photograph.")
+    check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
+    for i, view in enumerate(views):
+        check_kind(f"views[{i}]", view, View, "View(image, camera)")
+    check((scene, tuple(views)))
+    free = (free,) if isinstance(free, str) else tuple(free)
+    for name in free:
+        if name not in FREE:
+            close = difflib.get_close_matches(str(name), FREE, 1)
+            hint = f"Did you mean '{close[0]}'?" if close else "Give some of them."
+            raise ValueError(f"free must hold names among {', '.join(FREE)}; got {name!r}. {hint}")
+    if not free:
+        raise ValueError("free must name at least one map; got none. Give for example free=('k_d', 'k_s', 'n_s').")
+    if loss not in LOSSES:
+        raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")
+    _check_scene(scene, free)
+    _check_views(scene, views)
+    if regions is None:
+        return free
+    regions = np.asarray(regions)
+    if "n_s" not in free:
+        raise ValueError("regions share n_s, which is not free. Add 'n_s' to free, or leave regions out.")
+    if regions.shape != views[0].camera.shape or not np.issubdtype(regions.dtype, np.integer) or regions.min() < 0:
+        raise ValueError(
+            f"regions must be whole numbers from 0 of the camera's shape {views[0].camera.shape}; got {regions.dtype} "
+            f"of shape {regions.shape}. Give np.zeros(shape, int) for one n_s."
+        )
+    return free
+
+
+def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
+    """Refuse a scene whose texels are more than reflection of light."""
+    if len(scene.objects) != 1:
+        raise ValueError(
+            f"fit_texels needs a scene of one object; got {len(scene.objects)}. Leave the others out and mask them."
+        )
+    material = scene.objects[0].material
+    for wrong, what, remedy in (
+        (scene.atmosphere is not None, "an atmosphere", "Leave it out."),
+        (material.k_t is not None, "k_t, a material that light passes through", "Leave it out."),
+        (not isinstance(material.fresnel, NoFresnel), f"fresnel={material.fresnel!r}", "Leave it out."),
+        (bool(material.patterns), "a pattern among the coefficients", "Give plain colours."),
+        (np.ndim(material.n_s) > 0, "an n_s for each channel", "Give one n_s."),
+        (not scene.lights, "a scene without lights", "Give the lights of the photographs."),
+    ):
+        if wrong:
+            raise ValueError(f"fit_texels does not know {what}. {remedy}")
+    if "n_s" in free and "k_s" not in free and not np.any(material.k_s):
+        raise ValueError("n_s is free, but k_s is neither free nor above 0. Add 'k_s' to free.")
+    if "normal" in free and "k_d" not in free and not np.any(material.k_d):
+        raise ValueError("normal is free, but k_d is neither free nor above 0. Add 'k_d' to free.")
+    if "k_a" in free and not np.all(scene.ambient > 0):
+        raise ValueError(f"k_a is free, but scene.ambient is {scene.ambient}. Give the ambient light, above 0.")
+
+
+def _check_views(scene: Scene, views: Sequence[View]) -> None:
+    """Refuse views that do not show one texel at one pixel."""
+    first = views[0]
+    for i, view in enumerate(views):
+        if not eqx.tree_equal(jax.tree.map(np.asarray, first.camera), jax.tree.map(np.asarray, view.camera)):
+            raise ValueError(
+                f"views[{i}] has another camera than views[0]: a texel must be at one pixel in all. Give the views one "
+                "camera, or use ds.fit."
+            )
+        if is_grey(view) != is_grey(first):
+            raise ValueError(f"views[{i}] and views[0] must both be grey or both be colour. Convert one of them.")
+        if (view.noise is None) != (first.noise is None):
+            raise ValueError(f"views[{i}] and views[0] must both have noise or neither. Give all of them or none.")
+        for k in view.lit or ():
+            if not 0 <= k < len(scene.lights):
+                raise ValueError(
+                    f"views[{i}].lit must hold indices of the scene's {len(scene.lights)} lights; got {k}. Correct it."
+                )
+    check_shapes(scene, first.camera)
+    check_positions(scene, first.camera)

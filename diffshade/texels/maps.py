@@ -1,0 +1,160 @@
+"""Maps: what a fit of texels found, to look at, to shade with, and to write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import numpy as np
+import tomli_w
+from jaxtyping import Bool, Float, UInt8
+
+from ..cameras import AbstractCamera
+from ..fields import Array
+from ..files import replacing
+from ..gbuffers import GBuffer
+from ..image_formats import save
+from ..images import write_image
+from ..lights import AbstractLight
+from ..materials import Coefficients
+from ..reflection import reflection
+from ..rendering import pixel_rays, select
+from ..scenes import Scene, StackedScene, check_positions, stack_scene
+from ..vectors import Vec3
+from .estimates import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
+
+SUFFIXES = (".npy", ".exr", ".png")
+
+
+@dataclass(frozen=True, eq=False)
+class TexelMaps:
+    """A map of each number of a material, from `fit_texels`; row 0 on top, float32.
+
+    `values`: k_a, k_d, k_s (H, W, 3), (H, W, 1) of grey photographs; n_s (H, W, 1); normal (H, W, 3), unit. `errors`:
+    standard errors of the same shapes, that of the normal in degrees, (H, W, 1); infinite where nothing is known.
+    `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight seen, where k_s and n_s are 0 with
+    infinite errors; not determined, where what was seen leaves an error of log n_s over 0.5, or infinite ones;
+    shadowed, where no more observations are lit and unclipped than there are numbers; failed, where the fit did not
+    converge. `residual`: root mean square of the residuals, in the photographs' units, or those of their noise.
+    """
+
+    values: Mapping[str, Float[np.ndarray, "h w c"]]
+    errors: Mapping[str, Float[np.ndarray, "h w c"]]
+    status: UInt8[np.ndarray, "h w"]
+    residual: Float[np.ndarray, "h w"]
+    scene: Scene
+    camera: AbstractCamera
+
+    STATUS = STATUS
+
+    @property
+    def determined(self) -> Bool[np.ndarray, "h w"]:
+        """Where everything that was free is known: the highlight too, where one was to be fitted."""
+        return self.status == DETERMINED
+
+    @property
+    def inside(self) -> Bool[np.ndarray, "h w"]:
+        """Where the views show the object and its diffuse colour could be told."""
+        return (self.status != OUTSIDE) & (self.status <= NO_HIGHLIGHT + 1)
+
+    def shade(
+        self, lights: Sequence[AbstractLight] | None = None, *, lit: Sequence[int] | int | None = None
+    ) -> Float[np.ndarray, "h w 3"]:
+        """Return the picture that the maps show under these lights, by default the scene's: linear radiance (E9).
+
+        `lit`: the indices of the lights that are on; all of them by default. 0 where no view shows the object.
+        """
+        scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, tuple(lights))
+        scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
+        check_positions(scene, self.camera)
+        material = scene.objects[0].material
+        maps = {}
+        for name in ("k_a", "k_d", "k_s", "n_s"):
+            known = np.asarray(getattr(material, name), np.float64)
+            value = np.asarray(self.values[name], np.float64) if name in self.values else known
+            maps[name] = value[..., 0] if name == "n_s" and name in self.values else value + np.zeros(3)
+        normal = np.asarray(self.values["normal"], np.float64) if "normal" in self.values else None
+        with jax.enable_x64(True):
+            image = np.asarray(_shade(stack_scene(scene), self.camera, maps, normal))
+        return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
+
+    def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
+        """Write every map to a folder, each file whole or not at all; return their paths.
+
+        `suffix`: ".npy" and ".exr" hold the numbers as they are; ".png" is 16 bits, where normals are (n + 1)/2 and any
+        other map is divided by its `scale`, the larger of 1 and its greatest value, which `maps.toml` lists. Beside
+        them `NAME_error`, but for PNGs, and as a PNG of 8 bits `status`, whose levels `maps.toml` names.
+
+        Raises ValueError for another suffix, and what writing a file raises.
+        """
+        if suffix not in SUFFIXES:
+            raise ValueError(f"suffix must be one of {', '.join(SUFFIXES)}; got {suffix!r}. Give one of them.")
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        written, scales = [], {}
+        for name, value in self.values.items():
+            path = folder / f"{name}{suffix}"
+            if suffix == ".png":
+                scales[name] = 1.0 if name == "normal" else max(1.0, float(value.max()))
+                shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
+                write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
+                written.append(path)
+                continue
+            for target, numbers in ((path, value), (folder / f"{name}_error{suffix}", self.errors[name])):
+                with replacing(target) as temporary:
+                    np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
+                written.append(target)
+        path = folder / "status.png"
+        write_image(path, self.status[..., None] / 255.0, srgb=False)
+        written.append(path)
+        about = {"status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True))}
+        if scales:
+            about["scale"] = scales
+        with replacing(folder / "maps.toml") as temporary:
+            temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
+        return [*written, folder / "maps.toml"]
+
+    def __str__(self) -> str:
+        """Return how many texels became what, and the median of each map and of its errors."""
+        inside = int((self.status != OUTSIDE).sum())
+        lines = [f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels"]
+        for kind, name in enumerate(STATUS):
+            number = int((self.status == kind).sum())
+            if kind != OUTSIDE and number:
+                lines.append(f"  {name:<18} {number:>11,}  {100 * number / inside:.1f} %")
+        lines.append(f"{'map':<10} {'5 %':>10} {'median':>10} {'95 %':>10} {'error':>10}")
+        for name, value in self.values.items():
+            where = self.determined if name in ("k_s", "n_s") else self.inside
+            if name == "normal" or not where.any():
+                continue
+            for c in range(value.shape[2]):
+                label = name if value.shape[2] == 1 else f"{name}.{'rgb'[c]}"
+                low, middle, high = np.percentile(value[..., c][where], (5, 50, 95))
+                error = np.median(self.errors[name][..., c][where])
+                lines.append(f"{label:<10} {low:>10.4g} {middle:>10.4g} {high:>10.4g} {error:>10.2g}")
+        if "normal" in self.values and self.inside.any():
+            error = np.median(self.errors["normal"][..., 0][self.inside])
+            lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
+        return "\n".join(lines)
+
+
+@jax.jit
+def _shade(scene: StackedScene, camera: AbstractCamera, maps: Mapping[str, Array], normal: Array | None) -> Array:
+    """Return the radiance of every pixel with coefficients and normals of its own."""
+    projection = camera.projection()
+    item = scene.objects[0]
+    hit = item.surface.intersect(pixel_rays(projection, camera.shape))
+    n = hit.n if normal is None else Vec3.of(normal)
+    p = None if isinstance(item.surface, GBuffer) and item.surface.position is None else hit.p
+    material = item.material
+    rest = material.at(p)
+    k = Coefficients(
+        Vec3.of(maps["k_a"]), Vec3.of(maps["k_d"]), Vec3.of(maps["k_s"]), rest.k_e, rest.k_t, maps["n_s"], rest.eta
+    )
+    v = projection.viewer(p)
+    ambient = Vec3.of(scene.ambient)
+    return reflection(k, material.lobe, material.fresnel, ambient, scene.lights, p, n, v).stack()

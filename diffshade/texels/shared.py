@@ -1,0 +1,69 @@
+"""Shared exponents: one n_s for all texels of a region, found before the rest of each texel is.
+
+The cost of a region is the sum of its texels' reduced costs. Passes over all tiles add up, region by region, what the
+next value of log n_s takes: first the costs on a grid, then slopes and curvatures for Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..fields import Array
+from .coefficients import solve
+from .descent import FARTHEST, FIRM, GRID, HIGH, LOW, descend
+from .estimates import Block, Choices, begin
+from .passes import Known, evaluate, project, reduced
+from .sights import Rig
+
+MOST_PASSES = 12
+STILL = 1e-3  # a step of log n_s, as a share of its standard error, below which it has arrived
+
+
+@partial(jax.jit, static_argnames="choices")
+def grid_costs(rig: Rig, known: Known, block: Block, choices: Choices) -> Float[Array, "grid texels"]:
+    """Return the cost of every texel at every n_s of the grid."""
+    task, n, weight = begin(rig, known, block, choices)
+    return jax.lax.map(lambda x: project(task, n, jnp.full(n.x.shape, x), weight), jnp.asarray(GRID))
+
+
+@partial(jax.jit, static_argnames="choices")
+def slopes(
+    rig: Rig, known: Known, block: Block, sigma: Array, patience: Array, choices: Choices
+) -> Float[Array, "4 texels"]:
+    """Return, at each texel's n_s, the slope and the curvature of its reduced cost, its squares and its freedom."""
+    held = choices._replace(free=tuple(name for name in choices.free if name != "n_s"))
+    task, n, weight = begin(rig, known, block, held, sigma)
+    descent = descend(task, n, block.log_n_s, weight, patience)
+    sharp, *_ = begin(rig, known, block, choices, sigma)
+    found = evaluate(sharp, descent.found.n, block.log_n_s, descent.weight)
+    A = reduced(found, held=True).rest
+    curvature = A[-1][-1]
+    if sharp.turning:  # what n takes up of it
+        z = solve([row[:2] for row in A[:2]], [row[-1] for row in A[:2]])
+        curvature = curvature - sum(a * b for a, b in zip(z, [row[-1] for row in A[:2]], strict=True))
+    curvature = jnp.maximum(curvature, FIRM * found.rest[-1][-1])
+    samples = found.share * block.seen.target.shape[1]
+    freedom = jnp.where(samples > sharp.unknowns, samples - sharp.unknowns + 1.0, 0.0)
+    counts = (freedom > 0.0) & descent.done
+    return jnp.where(counts, jnp.stack([found.slope[-1], curvature, found.squares, freedom]), 0.0)
+
+
+def stepped(x: Float[np.ndarray, " regions"], sums: Float[np.ndarray, "4 regions"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return log n_s of each region after one step, and its standard error."""
+    slope, curvature, squares, freedom = sums
+    known = curvature > 0.0
+    safe = np.where(known, curvature, 1.0)
+    step = np.where(known, np.clip(-slope / safe, -FARTHEST[1], FARTHEST[1]), 0.0)
+    error = np.where(known & (freedom > 0), np.sqrt(squares / np.maximum(freedom, 1.0) / safe), np.inf)
+    return np.clip(x + step, LOW, HIGH), error
+
+
+def by_region(values: Float[np.ndarray, "rows texels"], region: np.ndarray, regions: int) -> Any:
+    """Add up the texels of each region."""
+    return np.stack([np.bincount(region, row, regions) for row in values])

@@ -1,0 +1,162 @@
+"""Tiles: bands of rows of the views, read one after another, and the texels in them that count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..cameras import Projection
+from ..fields import Array
+from ..gbuffers import GBuffer, as_mask
+from ..inverse.views import View
+from ..scenes import Scene
+from ..surfaces import AbstractSurface
+from ..vectors import Vec3
+from .estimates import Block
+from .passes import Photographs
+
+BLOCK = 4096  # texels at most in one call of a compiled program; what a view needs of them stays in a core's cache
+
+
+class Tile(eqx.Module):
+    """The texels of a band of rows that count, and what the views show of them."""
+
+    pixels: Int[np.ndarray, " n"]
+    """Where they are in the flattened image."""
+    normal: Float[np.ndarray, "n 3"]
+    position: Float[np.ndarray, "n 3"] | None
+    target: Float[np.ndarray, "views channels n"]
+    counts: Bool[np.ndarray, "views n"]
+
+
+class Source:
+    """The views of one camera, to be read band by band."""
+
+    def __init__(self, scene: Scene, views: Sequence[View]):
+        self.scene, self.views = scene, views
+        self.camera = views[0].camera
+        self.shape = self.camera.shape
+        self.surface = scene.objects[0].surface
+        with jax.enable_x64(True):
+            self.projection = jax.tree.map(np.asarray, _projection(self.camera))
+        near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
+        self.with_position = near
+        self.channels = 3 if views[0].image.shape[2] >= 3 else 1
+
+    def rows_of(self, memory: int) -> int:
+        """Return how many rows a band may have for its photographs, as read and as laid out, to fit a budget."""
+        images = (v.image for v in self.views)
+        row = sum(2 * image.shape[1] * image.shape[2] * np.dtype(image.dtype).itemsize for image in images)
+        geometry = 2 * 8 * 9 * self.shape[1]
+        return int(np.clip(memory // (row + geometry), 1, self.shape[0]))
+
+    def read(self, first: int, last: int, height: int) -> Tile:
+        """Read rows first to last - 1; `height` is that of a whole band, so that one program serves all.
+
+        Raises ValueError where a photograph is not finite.
+        """
+        width = self.shape[1]
+        inside, normal, position = self._geometry(first, last, height)
+        seen = []
+        for i, view in enumerate(self.views):
+            image = np.asarray(view.image[first:last])
+            image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
+            alpha = image.shape[1] in (2, 4)
+            counts = inside.copy() if view.mask is None else inside & as_mask(view.mask[first:last]).reshape(-1)
+            if alpha:
+                counts &= as_mask(image[:, -1])
+                image = image[:, :-1]
+            seen.append((i, view, image, counts))
+        pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
+        target = np.empty((len(seen), self.channels, len(pixels)), seen[0][2].dtype)
+        usable = np.empty((len(seen), len(pixels)), bool)
+        for i, view, image, counts in seen:
+            values = image[pixels]
+            usable[i] = counts[pixels] & ~_clipped(view, values).any(1)
+            bad = usable[i] & ~np.isfinite(values).all(1)
+            if bad.any():
+                row, column = divmod(int(pixels[bad.argmax()]), width)
+                raise ValueError(
+                    f"views[{i}]: the image must be finite inside the mask; got {values[bad.argmax()]} at row "
+                    f"{first + row}, column {column}. Mask it out."
+                )
+            target[i] = np.where(usable[i][:, None], values, 0.0).T
+        return Tile(
+            pixels + first * width, normal[pixels], None if position is None else position[pixels], target, usable
+        )
+
+    def _geometry(self, first: int, last: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return what the camera sees in a band: where the object is, its normals and its points."""
+        count = (last - first) * self.shape[1]
+        if isinstance(self.surface, GBuffer):
+            inside = np.asarray(self.surface.mask[first:last]).reshape(-1)
+            normal = np.asarray(self.surface.normal[first:last]).reshape(-1, 3)
+            place = self.surface.position
+            position = (
+                np.asarray(place[first:last]).reshape(-1, 3) if self.with_position and place is not None else None
+            )
+            return inside, normal, position
+        row = np.arange(first, first + height, dtype=np.float64)
+        with jax.enable_x64(True):
+            seen = _points(self.surface, self.projection, row, np.arange(self.shape[1], dtype=np.float64))
+        inside, normal, position = (np.asarray(a).reshape(height * self.shape[1], *a.shape[2:])[:count] for a in seen)
+        return inside, normal, position if self.with_position else None
+
+    def blocks(self, tile: Tile, log_n_s: Float[np.ndarray, " n"], which: Any = None) -> list[tuple[np.ndarray, Any]]:
+        """Cut a tile, or some of its texels, into blocks: which texels each has, and what `lay_out` takes.
+
+        The last is padded with texels that no view counts.
+        """
+        index = np.arange(len(tile.pixels)) if which is None else which
+        size = min(BLOCK, max(64, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
+        cut = [index[start : start + size] for start in range(0, len(index), size)]
+        return [(part, (tile, part, size, log_n_s)) for part in cut]
+
+    def lay_out(self, tile: Tile, part: np.ndarray, size: int, log_n_s: np.ndarray) -> Block:
+        """Return the block of some texels of a tile."""
+        padded = np.concatenate([part, np.full(size - len(part), part[0])])
+        counts = tile.counts[:, padded]
+        counts[:, len(part) :] = False
+        n = Vec3(*tile.normal[padded].T)
+        p = None if tile.position is None else Vec3(*tile.position[padded].T)
+        v = self.projection.viewer(None)
+        if self.camera.local_viewer and p is not None:
+            to_eye = Vec3(*(np.asarray(e) - c for e, c in zip(_parts(self.projection.eye), _parts(p), strict=True)))
+            length = np.sqrt(to_eye.x**2 + to_eye.y**2 + to_eye.z**2)
+            v = Vec3(*(c / np.where(length > 0, length, 1.0) for c in _parts(to_eye)))
+        return Block(n, p, v, Photographs(tile.target[..., padded], counts), log_n_s[padded])
+
+
+def _parts(v: Vec3) -> tuple[Any, Any, Any]:
+    return v.x, v.y, v.z
+
+
+def _clipped(view: View, values: Float[np.ndarray, "n c"]) -> Bool[np.ndarray, "n c"]:
+    """Return which samples stand at an end of the sensor's range.
+
+    The top is `View.saturation`; without it 1 exactly, where the range of an integer file ends: in an image that goes
+    on beyond 1, next to no sample is 1 exactly.
+    """
+    kind = values.dtype.type
+    top = values == 1.0 if view.saturation is None else values >= kind(view.saturation)
+    return top if view.floor is None else top | (values <= kind(view.floor))
+
+
+@jax.jit
+def _projection(camera: Any) -> Projection:
+    return camera.projection()
+
+
+@jax.jit
+def _points(surface: AbstractSurface, projection: Projection, row: Array, column: Array) -> tuple[Array, Array, Array]:
+    """Return the mask, normals and points of the pixels of some rows."""
+    rays = projection.rays(row[:, None] + jnp.zeros_like(column), column + jnp.zeros_like(row)[:, None])
+    hit = surface.intersect(rays)
+    assert hit.p is not None
+    return hit.inside, hit.n.stack(), hit.p.stack()
