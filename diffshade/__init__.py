@@ -29,6 +29,7 @@ from .images import write_image as write_image
 from .inverse.constraints import Grey as Grey
 from .inverse.constraints import Proportional as Proportional
 from .inverse.fitting import fit as fit
+from .inverse.hosts import LostProcess as LostProcess
 from .inverse.outcome import Fit as Fit
 from .inverse.outcome import Prediction as Prediction
 from .inverse.photographs import read_photographs as read_photographs

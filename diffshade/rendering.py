@@ -16,6 +16,7 @@ from .fields import Array, check, is_concrete
 from .gbuffers import GBuffer
 from .lights import AbstractLight
 from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
+from .surfaces import AbstractSurface
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
@@ -107,6 +108,29 @@ def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Arra
     """Return the pixels that show an object."""
     rays = pixel_rays(camera.projection(), camera.shape)
     return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
+
+
+def silhouette_of_rows(
+    objects: tuple[Object, ...], camera: AbstractCamera, first: int, last: int
+) -> Bool[np.ndarray, "r w"]:
+    """Return `silhouette` of some rows alone, in a program for the next power of two of rows, so that these are few."""
+    rows = np.minimum(first + np.arange(1 << (last - first - 1).bit_length()), camera.shape[0] - 1)
+
+    def of_rows(item: Object) -> AbstractSurface:
+        surface = item.surface
+        return jax.tree.map(lambda leaf: leaf[rows], surface) if isinstance(surface, GBuffer) else surface
+
+    surfaces = tuple(of_rows(item) for item in objects)
+    return np.asarray(_silhouette_of_rows(surfaces, camera, rows.astype(float)))[: last - first]
+
+
+@jax.jit
+def _silhouette_of_rows(
+    surfaces: tuple[AbstractSurface, ...], camera: AbstractCamera, rows: Float[Array, " r"]
+) -> Bool[Array, "r w"]:
+    row, column = jnp.meshgrid(rows, jnp.arange(camera.shape[1], dtype=float), indexing="ij")
+    rays = camera.projection().rays(row, column)
+    return jnp.any(jnp.stack([surface.intersect(rays).inside for surface in surfaces]), 0)
 
 
 @jax.jit

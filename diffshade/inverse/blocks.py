@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Int, Int8, Int32
+from jaxtyping import Float, Int, Int8
 
 from ..fields import Array
 from .views import Samples, View, is_grey
@@ -44,7 +45,7 @@ class Piece(eqx.Module):
 
     view: int = eqx.field(static=True)
     samples: Samples
-    pixels: Int32[np.ndarray, " n"]
+    pixels: Int[np.ndarray, " n"]
 
 
 def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) -> list[Piece]:
@@ -60,9 +61,9 @@ def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) ->
     return found
 
 
-def block_size(samples: Sequence[Samples]) -> int:
-    """Return how many pixels a block holds: fewer where the views are small, so that little is padding."""
-    mean = sum(len(s.pixels) for s in samples) / len(samples)
+def block_size(pixels: Sequence[int]) -> int:
+    """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded."""
+    mean = sum(pixels) / len(pixels)
     return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
 
 
@@ -74,20 +75,26 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
 def padded_length(count: int) -> int:
     """Return the number of blocks of a chunk of at least `count`."""
     lengths = (1, 2, 3, 4, 6, 8, 12, 16, 24, CHUNK)
-    return next(length for length in lengths if length >= min(count, CHUNK))
+    return -(-count // CHUNK) * CHUNK if count > CHUNK else next(length for length in lengths if length >= count)
 
 
 def observed(
-    parts: Sequence[Piece], views: Sequence[View], size: int, channels: int, *, clipping: bool
+    parts: Sequence[Piece],
+    views: Sequence[View],
+    size: int,
+    channels: int,
+    *,
+    clipping: bool,
+    length: int | None = None,
 ) -> tuple[Observed, Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
     """Lay a chunk's samples out in blocks, and beside them the row and the column of each pixel."""
-    length = padded_length(len(parts))
+    length = length or padded_length(len(parts))
     target, weight = (np.zeros((length, channels, size)) for _ in range(2))
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
     row, column = np.zeros((length, size)), np.zeros((length, size))
     for b, part in enumerate(parts):
         n = len(part.pixels)
-        row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.inside.shape[1])
+        row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.photograph.shape[1])
         values = part.samples.values(part.pixels)
         used = 1 if is_grey(views[part.view]) else 3
         target[b, :used, :n] = values.T
@@ -119,6 +126,29 @@ def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
 
     items = list(items)
     return [in_float64(item) for item in items] if len(items) < 2 else list(_threads().map(in_float64, items))
+
+
+def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ahead: int) -> Iterator[T]:
+    """Yield work(item) for each item, in order, in float64, from so many threads, at most `ahead` items early.
+
+    What is early waits, so that memory holds so many results and no more.
+    """
+
+    def in_float64(item: Any) -> T:
+        with jax.enable_x64(True):
+            return work(item)
+
+    waiting: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(threads, thread_name_prefix="diffshade") as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(in_float64, item))
+                if len(waiting) > ahead:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def total(parts: Sequence[Any]) -> Any:

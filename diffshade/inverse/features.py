@@ -27,11 +27,11 @@ from ..lights import DirectionalLight, PointLight, SpotLight
 from ..materials import Material
 from ..scenes import Scene
 from ..vectors import Vec3, dot
-from .blocks import Block, Piece
+from .blocks import Block
 from .gram import Gram
 from .losses import Likelihood
 from .parameters import RANGES, Unknown
-from .residuals import Pixels, Problem, Rendered, costs
+from .residuals import Pixels, Problem, costs
 from .views import View, lights_on
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
@@ -98,14 +98,8 @@ class FeatureForm(eqx.Module):
         """Whether light passes through an object: no."""
         return False
 
-    def points(self, parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[Any]) -> Fields:
-        """Return the fields of a chunk's pixels."""
-        pixels = Rendered(self.problem, self.likelihood).points(parts, row, column, gbuffers)
-        length, size = row.shape
-        counts, view = np.zeros((length, size), bool), np.zeros(length, np.int64)
-        for b, part in enumerate(parts):
-            counts[b, : len(part.pixels)] = True
-            view[b] = part.view
+    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields:
+        """Return the fields of a chunk's pixels, of those that count and are no padding."""
         return _fields(self.problem, pixels, view, counts)
 
     def weights(self) -> Float[Array, " views"]:

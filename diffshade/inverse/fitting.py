@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.sharding import Mesh
 
 from ..backend import check_backend
 from ..fields import check, check_kind
 from ..progress import showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
+from .features import MOST_LIGHTS
+from .hosts import Lanes, open_checkpoint
 from .losses import LOSSES
-from .outcome import Fit, diagnose
+from .outcome import MEMORY, Fit, diagnose
 from .parameters import Unknown, find_unknowns
 from .residuals import Counts
+from .streams import surveyed
 from .study import Study
-from .views import Samples, View, find_samples, is_grey, repeats
+from .tiles import Tiles
+from .views import Samples, View, find_samples, is_grey, lights_on, repeats
 
 CLIPPED = ("hinge", "tobit", "leave out")
 
@@ -37,6 +45,9 @@ def fit(
     loss: str = "squares",
     clipped: str = "hinge",
     start: str = "search",
+    memory: float = MEMORY,
+    checkpoint: str | Path | None = None,
+    mesh: Mesh | None = None,
     progress: bool = False,
 ) -> Fit:
     """Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
@@ -59,12 +70,23 @@ def fit(
     lies within the noise of the sensor's floor; "leave out", nothing, nor do its pixel's other channels. `start`:
     "search", or "scene" to begin at the scene's values. `progress`: show a line on the terminal.
 
+    More pixels than memory: `memory`, bytes, is what the pixels may take laid out (about 100 each); where they would
+    take more, they are read and laid out anew at each pass, by tiles of rows, and images that are lazy (`open_image`)
+    are never whole in memory. `checkpoint`: a folder, made where there is none, to which every pass is written, and
+    every few seconds what a pass under way has summed: after any end the same call goes on from there, to the same
+    bits. Of several processes the first one writes, and a pass under way is begun again.
+    More than one device: `mesh`, a `jax.sharding.Mesh`, over whose devices the tiles are spread, with one sum over all
+    a step; after `jax.distributed.initialize` in every process, the devices of all of them (`jax.devices()`), where
+    each process makes the same call, must be able to read all views, and gets the same fit.
+
     Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy;
-    FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly.
+    FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly;
+    `LostProcess` where another process of the fit was lost.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
     check_choices(scene, views, constraints, loss, clipped, start)
+    check_scale(memory, checkpoint, mesh)
     check_backend()
     scene = jax.tree.map(_numpy, scene)
     grey = all(is_grey(view) for view in views)
@@ -74,8 +96,14 @@ def fit(
     check_free(unknowns)
     with showing("fit") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
         tell("reading the views")
-        samples, counts = look_at(scene, views, unknowns, clipped)
-        return run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
+        if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
+            samples, counts = look_at(scene, views, unknowns, clipped)
+            found = run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
+        else:
+            found = run_by_tiles(
+                scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
+            )
+        return dataclasses.replace(found, memory=memory)
 
 
 def look_at(
@@ -85,7 +113,7 @@ def look_at(
 
     A view that is an earlier one again has none; `foreseen` says that the photographs are still to be taken.
     """
-    moving = any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
+    moving = moves_surface(unknowns)
     samples, clipping, again = [], 0, {} if foreseen else repeats(scene, views)
     for i, view in enumerate(views):
         try:
@@ -99,22 +127,29 @@ def look_at(
         if clipped == "leave out" and ends.any():
             found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
         samples.append(found)
-    pixels = sum(len(s.pixels) for s in samples)
-    number = sum(len(s.pixels) * s.photograph.shape[2] for s in samples)
-    left_out = clipped == "leave out"
-    for noun, have in (
-        ("pixels", pixels),
-        ("samples that are not clipped", number - clipping * (clipped != "leave out")),
-    ):
+    pixels = [len(s.pixels) for s in samples]
+    kept, left = (0, clipping) if clipped == "leave out" else (clipping, 0)
+    counts = _counted(views, len(views) - len(again), pixels, kept, left)
+    check_enough(counts, unknowns, [s.brightest for s in samples])
+    return samples, counts
+
+
+def _counted(views: Sequence[View], taken: int, pixels: Sequence[int], clipped: int, left_out: int) -> Counts:
+    """Return the counts of a fit, given the pixels of each view that count."""
+    number = sum(n * (1 if is_grey(view) else 3) for n, view in zip(pixels, views, strict=True))
+    return Counts(taken, sum(pixels), number, clipped, left_out)
+
+
+def check_enough(counts: Counts, unknowns: Sequence[Unknown], brightest: Sequence[float]) -> None:
+    """Refuse fewer pixels or samples than unknowns, and black images."""
+    for noun, have in (("pixels", counts.pixels), ("samples that are not clipped", counts.samples - counts.clipped)):
         if have < len(unknowns):
             raise ValueError(
                 f"these views have fewer {noun} than there are unknowns, {have} for {len(unknowns)}. Free fewer "
                 "parameters or add views."
             )
-    if all(s.brightest <= 0.0 for s in samples):
+    if all(most <= 0.0 for most in brightest):
         raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
-    kept, left = (0, clipping) if left_out else (clipping, 0)
-    return samples, Counts(len(views) - len(again), pixels, number, kept, left)
 
 
 def run(
@@ -134,6 +169,40 @@ def run(
     study.lay_out()
     end = study.solve(from_scene=from_scene, tell=tell)
     return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
+
+
+def run_by_tiles(
+    scene: Scene,
+    views: tuple[View, ...],
+    unknowns: Sequence[Unknown],
+    loss: str,
+    clipped: str,
+    memory: float,
+    checkpoint: str | Path | None,
+    mesh: Mesh | None,
+    *,
+    from_scene: bool = False,
+    tell: Callable[[str], None] = silent,
+) -> Fit:
+    """As `look_at` and `run`, with a few tiles of the views in memory at a time, what is found kept in a checkpoint."""
+    lanes = None if mesh is None else Lanes(mesh)
+    kept = open_checkpoint(checkpoint, lanes, scene, views, tuple(unknowns), loss, clipped, from_scene)
+    again = repeats(scene, views)
+    tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "leave out")
+    ends = tiles.settle(surveyed(tiles, kept, lanes, tell))
+    counts = _counted(views, len(views) - len(again), tiles.pixels, *ends)
+    check_enough(counts, unknowns, tiles.brightest.tolist())
+    study = Study(scene, views, unknowns, tiles, counts, loss, clipped)
+    theta = study.stream(kept, lanes, memory, from_scene=from_scene, tell=tell)
+    end = study.finish(theta, tell)
+    return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
+
+
+def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -> float:
+    """Return about how many bytes pixels take laid out, by default all of the views: samples, and numbers a light."""
+    pixels = sum(view.image.shape[0] * view.image.shape[1] for view in views) if pixels is None else pixels
+    lights = max(len(lights_on(scene, view)) for view in views)
+    return 8.0 * pixels * (6 + 4 * min(lights, MOST_LIGHTS))
 
 
 def check_free(unknowns: Sequence[Unknown]) -> None:
@@ -174,6 +243,23 @@ def check_choices(
         )
     if clipped == "tobit" and not all(known):
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
+
+
+def check_scale(memory: Any, checkpoint: Any, mesh: Any) -> None:
+    """Refuse what is no size of memory, folder or mesh."""
+    if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
+        raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
+    if checkpoint is not None and not isinstance(checkpoint, str | os.PathLike):
+        raise TypeError(
+            f"checkpoint must be the name of a folder; got {checkpoint!r}. Give for example 'run.checkpoint'."
+        )
+    if mesh is not None:
+        check_kind("mesh", mesh, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")
+
+
+def moves_surface(unknowns: Sequence[Unknown]) -> bool:
+    """Whether a surface is free."""
+    return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
 
 
 def _numpy(leaf: object) -> np.ndarray:

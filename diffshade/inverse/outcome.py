@@ -32,6 +32,7 @@ from .solvers import Minimum
 from .uncertainty import Evidence
 from .views import View, find_samples, has_mask, photograph, repeated, setups
 
+MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
 REFLECTS = ("k_a", "k_d", "k_s", "k_e")
 
 
@@ -79,6 +80,8 @@ class Fit:
     """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
     notes: tuple[str, ...]
     """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
+    memory: float = MEMORY
+    """Bytes that the pixels may take laid out, as given to the fit."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from .blocks import Block, Piece, pieces
 from .blocks import chunks as in_chunks
-from .fitting import look_at, run
+from .fitting import laid_bytes, look_at, run
 from .outcome import Fit
 from .parameters import Unknown, coordinates
 from .residuals import Counts
@@ -93,6 +93,11 @@ class Laid:
 
 def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Counts]:
     """Return the samples of a fit, or those of the pixels to keep, and their count."""
+    if (needs := laid_bytes(fit.scene, fit.views, fit.counts.pixels)) > fit.memory:
+        raise ValueError(
+            f"what looks at a fit again holds all of its pixels at once, here {needs:.3g} bytes, and this fit's memory "
+            f"is {fit.memory:.3g}. Fit some of the rows or views, or give fit more memory."
+        )
     samples, counts = look_at(fit.scene, fit.views, fit.unknowns, fit.clipped)
     if keep is None:
         return samples, counts

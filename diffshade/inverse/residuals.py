@@ -77,9 +77,9 @@ class Rendered(eqx.Module):
         """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
         return any(item.material.k_t is not None for item in self.problem.setup.scene.objects)
 
-    def points(self, parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[Any]) -> Pixels:
+    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
         """Return what the predictions need to know of the pixels of a chunk."""
-        return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
+        return pixels
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return exposure * radiance + black, one array a channel; of a grey view the mean of the three channels."""
@@ -158,6 +158,11 @@ def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
 
 def _switch(lights: Any, on: Array) -> Any:
     return eqx.tree_at(lambda light: light.intensity, lights, lights.intensity * on[:, None])
+
+
+def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[GBuffer | None]) -> Pixels:
+    """Return where the pixels of a chunk are."""
+    return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
 
 
 def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:

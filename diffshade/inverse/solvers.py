@@ -18,6 +18,7 @@ from ..backend import UNFUSED
 from .blocks import Block, on_all_cores, total
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 from .gram import Gram, Point
+from .streams import Passes
 
 
 class Soft(eqx.Module):
@@ -115,8 +116,15 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
     return evaluate(theta, form, soft, box, summary)
 
 
-def look(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
+def summary_of(theta: Array, form: Any, chunk: Block) -> Any:
+    """Return what a chunk adds to a pass."""
+    return form.summary(theta, chunk)
+
+
+def look(theta: Any, task: Task, chunks: Sequence[Block] | Passes) -> Point:
     """Return the point at theta, or, for a form that projects, at its best linear unknowns: one pass, on all cores."""
+    if isinstance(chunks, Passes):
+        return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.form))
     program = _summary_unfused if task.form.transparent and jax.default_backend() == "cpu" else _summary
     summaries = on_all_cores(lambda chunk: program(task.form_structure, task.form_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
@@ -143,7 +151,7 @@ def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: 
 def minimise(
     theta: Any,
     task: Task,
-    chunks: Sequence[Block],
+    chunks: Sequence[Block] | Passes,
     *,
     squares: float,
     max_steps: int,

@@ -14,13 +14,17 @@ from ..fields import Array
 from ..gbuffers import GBuffer
 from ..scenes import Scene
 from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total
+from .checkpoints import Checkpoint
 from .features import feature_form, has_features
 from .gram import Gram
+from .hosts import Lanes
 from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
-from .residuals import Counts, Rendered, prepare
+from .residuals import Counts, Rendered, place, prepare
 from .solvers import Box, Minimum, Soft, Task, minimise
 from .starts import is_local, search, steepest, with_wide_edges
+from .streams import Passes
+from .tiles import Tiles
 from .views import Samples, View, is_grey
 
 MAX_STEPS = 200
@@ -36,15 +40,16 @@ class Study:
         scene: Scene,
         views: Sequence[View],
         unknowns: Sequence[Unknown],
-        samples: Sequence[Samples],
+        samples: Sequence[Samples] | Tiles,
         counts: Counts,
         loss: str,
         clipped: str,
         rendered: bool = False,
     ):
         """Gather what the fit needs; `rendered` asks for the form that serves any scene where a faster one would do."""
-        self.scene, self.views, self.unknowns, self.samples = scene, views, unknowns, samples
-        self.loss, self.count = loss, counts.pixels
+        self.scene, self.views, self.unknowns = scene, views, unknowns
+        self.tiles, self.samples = (samples, []) if isinstance(samples, Tiles) else (None, samples)
+        self.loss, self.count, self.number = loss, counts.pixels, counts.samples
         self.clips = counts.clipped > 0
         self.noisy = views[0].noise is not None
         self.uniform = all(view.noise is None or view.noise.is_uniform for view in views)
@@ -60,12 +65,13 @@ class Study:
         ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
         lower, upper = map(jnp.asarray, ends)
         self.box = Box(lower, upper, jnp.asarray([u.is_linear for u in unknowns]))
-        self.size = block_size(samples)
+        self.size = block_size(samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples])
+        self.gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in scene.objects]
 
     def lay_out(self) -> None:
         """Lay out a part of the pixels, evenly spread, for the search; all follow when the programs are compiled."""
         self.part = self.chunks(PART)
-        self.whole = self.part if self.count <= PART else []
+        self.whole: Any = self.part if self.count <= PART else []
         self.measured = on_all_cores(_without_clipped, self.part) if self.clips else self.part
         self.squares = float(np.sum(on_all_cores(lambda chunk: _squares(self.form, chunk), self.measured))) or 1.0
 
@@ -77,24 +83,25 @@ class Study:
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some; in blocks of another size than usual where it is given."""
         size = size or self.size
+        if self.tiles is not None:
+            return self.lay(pieces(self.tiles.part(at_most or self.count), size), size)
         return self.lay(pieces(self.samples, size, at_most), size)
 
     def lay(self, parts: Sequence[Piece], size: int) -> list[Block]:
         """Return the chunks of pieces of at most so many pixels, a block a piece."""
-        gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
-        channels = 1 if self.grey else 3
 
         def chunk(parts: list) -> Block:
-            seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips)
-            points = self.form.points(parts, row, column, gbuffers)
-            view = np.zeros(len(row), np.int64)
-            view[: len(parts)] = [part.view for part in parts]
-            if self.form.projects:
-                seen = eqx.tree_at(lambda o: o.weight, seen, None)
-            laid = jax.tree.map(jnp.asarray, Block(view, points, seen))
-            return _weigh(None, self.form, laid) if self.noisy and not self.form.projects else laid
+            return laid(None, self.form, self.gathered(parts, size), noisy=self.noisy)
 
         return on_all_cores(chunk, chunks(parts))
+
+    def gathered(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
+        """Return a chunk as NumPy arrays, with where its pixels are in place of the points they show."""
+        channels = 1 if self.grey else 3
+        seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips, length=length)
+        view = np.zeros(len(row), np.int64)
+        view[: len(parts)] = [part.view for part in parts]
+        return Block(view, place(parts, row, column, self.gbuffers), seen)
 
     def reweigh(self, theta: np.ndarray, laid: list[Block]) -> list[Block]:
         """Return the chunks with weights by the noise at the level that theta predicts."""
@@ -119,12 +126,21 @@ class Study:
 
     def solve(self, *, from_scene: bool, tell: Callable[[str], None]) -> Minimum:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
+        theta = self.begin(from_scene=from_scene, tell=tell)
+        self.whole = self.reweigh(theta, self.whole or self.chunks())
+        return self.finish(theta, tell)
+
+    def begin(self, *, from_scene: bool, tell: Callable[[str], None]) -> np.ndarray:
+        """Search on a part of the pixels, and settle weights and scale there."""
         tell("searching for a start")
         begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
         theta = begin if from_scene else self.search()
         if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
             theta = self.settle(theta)
-        self.whole = self.reweigh(theta, self.whole or self.chunks())
+        return theta
+
+    def finish(self, theta: np.ndarray, tell: Callable[[str], None]) -> Minimum:
+        """Return the minimum over all pixels."""
         self.squares *= max(self.count / PART, 1.0)
         return minimise(
             theta,
@@ -134,6 +150,37 @@ class Study:
             max_steps=MAX_STEPS,
             tell=lambda step, cost: tell(f"step {step}, cost {cost:.6g}"),
         )
+
+    def stream(
+        self, kept: Checkpoint, lanes: Lanes | None, memory: float, *, from_scene: bool, tell: Callable[[str], None]
+    ) -> np.ndarray:
+        """Settle where to begin, which one process does for all, and make ready to pass over the tiles."""
+        assert self.tiles is not None
+
+        def begin() -> list[np.ndarray]:
+            numbers = np.zeros(len(self.unknowns) + 2)
+            if lanes is None or lanes.first:
+                self.lay_out()
+                theta = self.begin(from_scene=from_scene, tell=tell)
+                numbers = np.array([*theta, float(self.likelihood.sigma), self.squares])
+                self.part, self.measured = [], []
+            return [numbers if lanes is None else lanes.from_first(numbers)]
+
+        *theta, sigma, self.squares = kept.once("start", begin)[0].tolist()
+        self.use(sigma, self.loss)
+        theta = np.array(theta)
+        self.whole = Passes(
+            self.tiles,
+            lambda parts, length: self.gathered(parts, self.size, length),
+            lay_weighed if self.noisy else lay_plain,
+            self.size,
+            weigh_at=None if self.uniform else theta,
+            memory=memory,
+            checkpoint=kept,
+            lanes=lanes,
+            tell=tell,
+        )
+        return theta
 
     def search(self) -> np.ndarray:
         """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
@@ -184,8 +231,10 @@ class Study:
         theta = jnp.asarray(end.point.theta)
         cost = float(end.point.views.cost.sum())
         if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
-            count = float(sum(len(s.pixels) * s.photograph.shape[2] for s in self.samples))
+            count = float(self.number)
             return _beside(theta, self.soft()), np.array([count, *[2 * cost] * 2, *[count] * 2])
+        if isinstance(self.whole, Passes):
+            return _beside(theta, self.soft()), self.whole.summed(spread_of, theta, self.form)
         spread = total(on_all_cores(lambda chunk: _spread(theta, self.form, chunk), self.whole))
         return _beside(theta, self.soft()), spread
 
@@ -246,8 +295,30 @@ def _residuals(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
     return jax.lax.map(of_block, chunk)
 
 
-@jax.jit
-def _spread(theta: Array, form: Any, chunk: Block) -> Array:
+def laid(theta: Array | None, form: Any, gathered: Block, *, noisy: bool) -> Block:
+    """Return a chunk laid out: the points its pixels show, and weights by the noise at the level that theta predicts.
+
+    Without theta the level is the photograph's.
+    """
+    seen = gathered.observed
+    points = form.fields(gathered.points, gathered.view, seen.weight[:, 0] > 0)
+    if form.projects:
+        seen = eqx.tree_at(lambda o: o.weight, seen, None)
+    chunk = jax.tree.map(jnp.asarray, Block(gathered.view, points, seen))
+    return _weigh(theta, form, chunk) if noisy and not form.projects else chunk
+
+
+def lay_plain(theta: Array | None, form: Any, gathered: Block) -> Block:
+    """Return a chunk laid out whose samples all weigh alike."""
+    return laid(theta, form, gathered, noisy=False)
+
+
+def lay_weighed(theta: Array | None, form: Any, gathered: Block) -> Block:
+    """Return a chunk laid out whose samples weigh as the noise says."""
+    return laid(theta, form, gathered, noisy=True)
+
+
+def spread_of(theta: Array, form: Any, chunk: Block) -> Array:
     """Return the sums of `Likelihood.spread` over a chunk."""
 
     def add(total: Array, block: Block) -> tuple[Array, None]:
@@ -256,3 +327,6 @@ def _spread(theta: Array, form: Any, chunk: Block) -> Array:
         return total + form.likelihood.spread(m, seen.target, weights(form, block), seen.clipped), None
 
     return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
+
+
+_spread = jax.jit(spread_of)

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int8, Int32
+from jaxtyping import Bool, Float, Int, Int8
 
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
@@ -160,7 +160,7 @@ class Samples(eqx.Module):
 
     inside: Bool[np.ndarray, "h w"]
     """Pixels that show an object."""
-    pixels: Int32[np.ndarray, " n"]
+    pixels: Int[np.ndarray, " n"]
     """Where those pixels are in the flattened image."""
     photograph: Image
     """The photograph without alpha, not copied."""
@@ -169,13 +169,15 @@ class Samples(eqx.Module):
     level: float
     brightest: float
     """The largest sample."""
+    first: int = 0
+    """The row of the image at which `inside` and `photograph` begin, where they are a tile of it."""
 
-    def values(self, pixels: Int32[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
+    def values(self, pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
         """Return the photograph at some of its pixels."""
         if isinstance(self.photograph, LazyImage):
             return self.photograph.at(pixels)
         h, w, c = self.photograph.shape
-        return self.photograph.reshape(h * w, c)[pixels]
+        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
 
     def whole(self) -> Float[np.ndarray, "h w c"]:
         """Return the whole photograph, which is read here where it is lazy."""
@@ -250,9 +252,21 @@ def _equal(one: Any, other: Any) -> bool:
     return bool(eqx.tree_equal(jax.tree.map(np.asarray, one), jax.tree.map(np.asarray, other)))
 
 
+def has_alpha(view: View) -> bool:
+    """Whether the last channel of a view's image is alpha."""
+    return view.image.shape[2] in (2, 4)
+
+
+def colours(view: View) -> Image:
+    """Return a view's image without alpha, not copied."""
+    if not has_alpha(view):
+        return view.image
+    return view.image.colours() if isinstance(view.image, LazyImage) else view.image[..., :-1]
+
+
 def has_mask(view: View) -> bool:
     """Whether a view says which of its pixels count."""
-    return view.mask is not None or view.image.shape[2] in (2, 4)
+    return view.mask is not None or has_alpha(view)
 
 
 def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
@@ -261,35 +275,47 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
     `moving` says that a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
     otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
     """
-    select(scene, view.lit)
-    check_shapes(scene, view.camera)
-    check_positions(scene, view.camera)
-    alpha, lazy = view.image.shape[2] in (2, 4), isinstance(view.image, LazyImage)
+    check_view(scene, view, moving=moving)
     masks = [] if view.mask is None else [as_mask(view.mask)]
-    if alpha:
+    if has_alpha(view):
         masks.append(_alpha(view.image))
     if not moving:
         masks.append(np.asarray(silhouette(scene.objects, view.camera)))
-    elif not masks:
-        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
     inside = np.logical_and.reduce(masks)
     if moving:
-        inside = _erode(inside)
+        inside = erode(inside)
     pixels = np.flatnonzero(inside).astype(np.int32)
-    if not len(pixels):
+    check_any(len(pixels))
+    samples = Samples(inside, pixels, colours(view), -np.inf, np.inf, 0.0)
+    least, most = extremes(samples)
+    return Samples(inside, pixels, samples.photograph, *sensor_range(view, least, most), most)
+
+
+def check_view(scene: Scene, view: View, *, moving: bool) -> None:
+    """Refuse a view that does not fit the scene, or has no mask where a surface is free."""
+    select(scene, view.lit)
+    check_shapes(scene, view.camera)
+    check_positions(scene, view.camera)
+    if moving and not has_mask(view):
+        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
+
+
+def check_any(pixels: int) -> None:
+    """Refuse a view of which no pixel counts."""
+    if not pixels:
         raise ValueError(
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
             "Check that the mask is white on the object, and the camera."
         )
-    photograph = view.image if not alpha else view.image.colours() if lazy else view.image[..., :-1]
-    samples = Samples(inside, pixels, photograph, -np.inf, np.inf, 0.0)
-    least, most = _extremes(samples)
-    rounded = samples.photograph.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
+
+
+def sensor_range(view: View, least: float, most: float) -> tuple[float, float]:
+    """Return the levels at which the sensor clips, at the bottom and at the top, given the extreme samples."""
+    rounded = view.image.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
     level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
     if least >= level:
         raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
-    floor = -np.inf if view.floor is None else float(rounded(view.floor))
-    return Samples(inside, pixels, samples.photograph, floor, level, most)
+    return -np.inf if view.floor is None else float(rounded(view.floor)), level
 
 
 def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
@@ -299,7 +325,7 @@ def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
     return np.asarray(as_mask(image[..., -1]))
 
 
-def _extremes(samples: Samples) -> tuple[float, float]:
+def extremes(samples: Samples) -> tuple[float, float]:
     """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
     least, most = np.inf, -np.inf
     for start in range(0, len(samples.pixels), 1 << 16):
@@ -309,7 +335,7 @@ def _extremes(samples: Samples) -> tuple[float, float]:
         if not np.isfinite(low + high):
             wrong = ~np.isfinite(values).all(-1)
             first = int(wrong.argmax())
-            row, column = divmod(int(pixels[first]), samples.inside.shape[1])
+            row, column = divmod(int(pixels[first]), samples.photograph.shape[1])
             count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
             raise ValueError(
                 f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
@@ -319,7 +345,7 @@ def _extremes(samples: Samples) -> tuple[float, float]:
     return least, most
 
 
-def _erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+def erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Take one pixel off the edge of a mask."""
     padded = np.pad(mask, 1)
     return padded[1:-1, 1:-1] & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
