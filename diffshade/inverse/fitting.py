@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,7 @@ def fit(
     loss: str = "squares",
     clipped: str = "hinge",
     start: str = "search",
-    memory: float = MEMORY,
+    memory: float | int = MEMORY,
     checkpoint: str | Path | None = None,
     mesh: Mesh | None = None,
     progress: bool = False,
@@ -177,7 +176,7 @@ def run_by_tiles(
     unknowns: Sequence[Unknown],
     loss: str,
     clipped: str,
-    memory: float,
+    memory: float | int,
     checkpoint: str | Path | None,
     mesh: Mesh | None,
     *,
@@ -249,7 +248,7 @@ def check_scale(memory: Any, checkpoint: Any, mesh: Any) -> None:
     """Refuse what is no size of memory, folder or mesh."""
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
         raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
-    if checkpoint is not None and not isinstance(checkpoint, str | os.PathLike):
+    if checkpoint is not None and not isinstance(checkpoint, str | Path):
         raise TypeError(
             f"checkpoint must be the name of a folder; got {checkpoint!r}. Give for example 'run.checkpoint'."
         )

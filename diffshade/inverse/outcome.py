@@ -80,7 +80,7 @@ class Fit:
     """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
     notes: tuple[str, ...]
     """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
-    memory: float = MEMORY
+    memory: float | int = MEMORY
     """Bytes that the pixels may take laid out, as given to the fit."""
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from ..cameras import OrthographicCamera
 from ..gbuffers import GBuffer
 from ..images import read_image, read_mask
+from ..lazy_images import open_image
 from ..lights import DirectionalLight
 from ..materials import Material
 from ..scenes import Object, Scene
@@ -24,7 +26,8 @@ def read_photographs(folder: str | Path) -> tuple[Scene, tuple[View, ...]]:
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph a line; `light_directions.txt`,
     three numbers a line, *towards* the light, x right, y up, z to the camera; `light_intensities.txt`, R G B a line, or
     one number; `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row
-    by row). The photographs are linear and the camera is far away on +z. Light i is on in photograph i alone.
+    by row). The photographs are linear and the camera is far away on +z. Light i is on in photograph i alone. Those in
+    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory.
 
     Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
     """
@@ -43,10 +46,16 @@ def read_photographs(folder: str | Path) -> tuple[Scene, tuple[View, ...]]:
     views = []
     for i, name in enumerate(names):
         try:
-            views.append(View(read_image(_existing(folder / name), srgb=False), camera, mask, lit=(i,)))
+            views.append(View(_photograph(folder / name), camera, mask, lit=(i,)))
         except ValueError as error:
             raise ValueError(f"{folder / name}: {error}") from None
     return Scene(Object(surface, Material()), lights), tuple(views)
+
+
+def _photograph(path: Path) -> Any:
+    if path.suffix.lower() in (".npy", ".zarr"):
+        return open_image(path, srgb=False)
+    return read_image(_existing(path), srgb=False)
 
 
 def _existing(path: Path) -> Path:

@@ -116,7 +116,7 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
     return evaluate(theta, form, soft, box, summary)
 
 
-def summary_of(theta: Array, form: Any, chunk: Block) -> Any:
+def summary_of(theta: Any, form: Any, chunk: Block) -> Any:
     """Return what a chunk adds to a pass."""
     return form.summary(theta, chunk)
 

@@ -36,7 +36,7 @@ class Passes:
         size: int,
         *,
         weigh_at: Any,
-        memory: float,
+        memory: float | int,
         checkpoint: Checkpoint,
         lanes: Lanes | None,
         tell: Callable[[str], None] = silent,
@@ -48,7 +48,7 @@ class Passes:
         self.tiles, self.gather, self.lay, self.size, self.tell = tiles, gather, lay, size, tell
         self.checkpoint, self.lanes = checkpoint, lanes
         self.weigh_at = weigh_at
-        self.room = memory
+        self.room = float(memory)
         self.kept: dict[int, Block] = {}
         self.shapes: dict[Any, Any] = {}
         self.count = 0

@@ -152,7 +152,13 @@ class Study:
         )
 
     def stream(
-        self, kept: Checkpoint, lanes: Lanes | None, memory: float, *, from_scene: bool, tell: Callable[[str], None]
+        self,
+        kept: Checkpoint,
+        lanes: Lanes | None,
+        memory: float | int,
+        *,
+        from_scene: bool,
+        tell: Callable[[str], None],
     ) -> np.ndarray:
         """Settle where to begin, which one process does for all, and make ready to pass over the tiles."""
         assert self.tiles is not None
@@ -318,7 +324,7 @@ def lay_weighed(theta: Array | None, form: Any, gathered: Block) -> Block:
     return laid(theta, form, gathered, noisy=True)
 
 
-def spread_of(theta: Array, form: Any, chunk: Block) -> Array:
+def spread_of(theta: Any, form: Any, chunk: Block) -> Array:
     """Return the sums of `Likelihood.spread` over a chunk."""
 
     def add(total: Array, block: Block) -> tuple[Array, None]:

@@ -1,0 +1,81 @@
+"""Views larger than memory, whose rows are made when they are read, and a fit of them as a process that can be killed.
+
+python generated.py SIZE MEMORY CHECKPOINT OUT SECONDS fits 8 views of SIZE x SIZE, with sums written every so many
+seconds, and writes OUT.npz: the answer, and by how many bytes the process's own memory (RssAnon) grew in the fit.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import synthetic
+
+import diffshade as ds
+from diffshade.inverse import checkpoints
+
+FOV = 60.0  # the ball fills a sixth of a view
+SMALL = ds.Camera(eye=(0, 0, 4), fov=FOV, shape=(64, 64))
+NOISE = 37  # rows of noise, which come again
+
+
+class Generated:
+    """A render drawn larger, pixel by pixel, with noise: any slice of rows is the same numbers."""
+
+    def __init__(self, render: np.ndarray, size: int, seed: int):
+        self.shape, self.dtype, self.ndim = (size, size, 3), np.dtype(np.float32), 3
+        self.row, column = (np.arange(size) * len(render) // size for _ in range(2))
+        self.render = render.astype(np.float32)[:, column]
+        self.noise = 0.005 * np.random.default_rng(seed).standard_normal((NOISE, size, 1)).astype(np.float32)
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        index = np.arange(*rows.indices(self.shape[0]))
+        return self.render[self.row[index]] + self.noise[index % NOISE]
+
+
+def views(size: int) -> list[ds.View]:
+    """Return 8 views of size x size, 96 size^2 bytes in all."""
+    renders = synthetic.photographs(synthetic.standard_scene(), SMALL)
+    camera = ds.Camera(eye=(0, 0, 4), fov=FOV, shape=(size, size))
+    return synthetic.one_light_each([Generated(image, size, k) for k, image in enumerate(renders)], camera)
+
+
+def fit(size: int, **options: Any) -> ds.Fit:
+    """Fit k_d, k_s and n_s of the standard problem."""
+    return ds.fit(synthetic.standard_scene(), views(size), free=("k_d", "k_s", "n_s"), **options)
+
+
+def own_memory() -> int:
+    """Return the bytes of memory that are this process's own and in no file."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return 1024 * int(next(line for line in status.splitlines() if line.startswith("RssAnon")).split()[1])
+
+
+def main() -> None:
+    """Fit, and watch the memory meanwhile."""
+    size, memory, checkpoint, out = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3], sys.argv[4]
+    checkpoints.SECONDS = float(sys.argv[5])
+    jax.block_until_ready(jax.numpy.zeros(3))
+    before, peak, done = own_memory(), 0, threading.Event()
+
+    def watch() -> None:
+        nonlocal peak
+        while not done.wait(0.01):
+            peak = max(peak, own_memory())
+
+    watching = threading.Thread(target=watch)
+    watching.start()
+    try:
+        found = fit(size, memory=memory, checkpoint=checkpoint)
+    finally:
+        done.set()
+        watching.join()
+    np.savez(out, values=found.values, errors=found.plain_errors, pixels=found.counts.pixels, grown=peak - before)
+
+
+if __name__ == "__main__":
+    main()
