@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ from .coefficients import solve
 from .passes import Found, Task, evaluate, first_weights, project, reduced, tangents
 from .sights import Sights
 
+T = TypeVar("T")
 LOW, HIGH = (float(end) for end in np.log(RANGES["n_s"]))
 GRID = np.log(0.5 * 4.0 ** np.arange(7))  # of log n_s, for a start: a factor of 4 is well within reach of a descent
 CLOSE = 1e-3  # what a step still promises, as a share of the variance of a sample, when a texel is done
@@ -36,8 +39,7 @@ def descend(task: Task, n: Vec3, x: Array, weight: Array, patience: Array) -> De
 
     One stage for each loss of the task, each from where the last one ended.
     """
-    samples = jnp.sum(task.seen.counts, 0) * task.seen.target.shape[1]
-    freedom = jnp.maximum(samples - task.unknowns, 1.0)
+    freedom = jnp.maximum(task.samples - task.unknowns, 1.0)
     squares = jnp.sum(first_weights(task) * task.seen.target.astype(x.dtype) ** 2, (0, 1))
 
     def step(task: Task, state: tuple[Descent, Array]) -> tuple[Descent, Array]:
@@ -47,9 +49,9 @@ def descend(task: Task, n: Vec3, x: Array, weight: Array, patience: Array) -> De
         better = (fell > 0.0) & ~now.done
         enough = CLOSE * 2.0 * tried.cost / freedom + 1e-24 * squares
         done = now.done | ((promised <= enough) & (fell <= enough)) | (now.damping > 1e8)
-        new = now.weight if tried.weight is None else jnp.where(better, tried.weight, now.weight)
+        new = now.weight if tried.weight is None else chosen(better, tried.weight, now.weight)
         damping = jnp.where(better, 0.2 * now.damping, 5.0 * now.damping + 0.01)
-        return Descent(where(better, tried, now.found), new, damping, done), steps + 1
+        return Descent(chosen(better, tried, now.found), new, damping, done), steps + 1
 
     def stage(last: Descent, loss: Array) -> tuple[Descent, None]:
         of_stage = eqx.tree_at(lambda t: t.stage, task, loss)
@@ -67,6 +69,11 @@ def descend(task: Task, n: Vec3, x: Array, weight: Array, patience: Array) -> De
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     nothing = eqx.tree_at(lambda f: (f.n, f.x), nothing, (n, x))
     return jax.lax.scan(stage, _begun(nothing, weight), jnp.arange(len(task.losses)))[0]
+
+
+def chosen(condition: Bool[Array, " texels"], a: T, b: T) -> T:
+    """Choose texel by texel between two trees of arrays whose last axis is the texels."""
+    return jax.tree.map(lambda x, y: jnp.where(jnp.reshape(condition, (1,) * (x.ndim - 1) + (-1,)), x, y), a, b)
 
 
 def _begun(found: Found, weight: Array) -> Descent:
@@ -113,18 +120,14 @@ def brightest_direction(sights: Sights, seen_light: Array, counts: Array) -> Vec
     size = jnp.sqrt(arriving.x**2 + arriving.y**2 + arriving.z**2)
     usable = counts & (size > 0.0)
     per_light = jnp.where(usable, seen_light / jnp.where(size > 0.0, size, 1.0), jnp.inf)
-    number = jnp.sum(usable, 0)
+    number = jnp.sum(usable, 0, dtype=float)
     order = jnp.sort(per_light, 0)
-    first = jnp.floor(0.2 * number).astype(int)
-    last = jnp.minimum(jnp.maximum(jnp.ceil(0.7 * number).astype(int), first + 4), number) - 1
-    low, high = (jnp.take_along_axis(order, jnp.maximum(i, 0)[None], 0)[0] for i in (first, last))
-    middle = usable & (per_light >= low) & (per_light <= high)
+    first = jnp.floor(0.2 * number)
+    last = jnp.minimum(jnp.maximum(jnp.ceil(0.7 * number), first + 4.0), number) - 1.0
+    low, high = (jnp.take_along_axis(order, jnp.maximum(i, 0.0).astype(int)[None], 0)[0] for i in (first, last))
+    middle = usable & (per_light >= low[None]) & (per_light <= high[None])
     l = [jnp.where(middle, c / jnp.where(size > 0.0, size, 1.0), 0.0) for c in (arriving.x, arriving.y, arriving.z)]
     y = jnp.where(middle, per_light, 0.0)
     g = solve([[jnp.sum(a * b, 0) for b in l] for a in l], [jnp.sum(a * y, 0) for a in l])
     n = normalize(Vec3(*g))
-    return where(n.x**2 + n.y**2 + n.z**2 > 0.5, n, Vec3(*(c + jnp.zeros_like(n.x) for c in _each(sights.v))))
-
-
-def _each(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z
+    return where(n.x**2 + n.y**2 + n.z**2 > 0.5, n, jax.tree.map(lambda c: c[0] + jnp.zeros_like(n.x), sights.v))

@@ -14,13 +14,14 @@ from jaxtyping import Float, UInt8
 from ..fields import Array
 from ..vectors import Vec3
 from .coefficients import RIDGE, inverse_diagonal
-from .descent import HIGH, LOW, Descent, brightest_direction, descend, sharpest
+from .descent import HIGH, LOW, Descent, brightest_direction, chosen, descend, sharpest
 from .passes import Known, Photographs, Task, features, first_weights, looks, reduced
 from .sights import Rig, Sights, sights_of
 
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
 OUTSIDE, DETERMINED, NO_HIGHLIGHT, UNDETERMINED, SHADOWED, FAILED = range(len(STATUS))
 SEEN = 8.0  # F of the highlight: how much it must explain for each of its numbers, in variances of a sample
+HUGE = 1e30  # a value that no map can hold
 VAGUE = 0.5  # standard error of log n_s, from which on it is not determined
 
 
@@ -101,9 +102,11 @@ def begin(
     task = task_of(rig, known, sights, block, choices, jnp.asarray(sigma))
     n = block.n
     if task.turning:
-        shown = block.seen.target.astype(float) - (rig.black[:, None] + rig.exposure[:, None] * known.k_e)[..., None]
+        shown = (
+            block.seen.target.astype(float) - (rig.black[:, None] + rig.exposure[:, None] * known.k_e[None])[..., None]
+        )
         if known.k_a is not None:
-            shown = shown - (rig.exposure[:, None] * rig.ambient * known.k_a)[..., None]
+            shown = shown - (rig.exposure[:, None] * (rig.ambient * known.k_a)[None])[..., None]
         assert isinstance(task.sights, Sights)
         n = brightest_direction(task.sights, shown.mean(1), block.seen.counts)
     return task, n, first_weights(task)
@@ -164,7 +167,7 @@ def _errors(best: Best) -> tuple[Sequence[Array], Sequence[Array]]:
     # what one channel's coefficients and the rest know together, the other channels' coefficients eliminated
     corner = [
         [
-            rest[i][j] + sum((a * b for a, b in zip(known.mixed[i], known.mixed[j], strict=True)), 0.0)
+            rest[i][j][None] + sum((a * b for a, b in zip(known.mixed[i], known.mixed[j], strict=True)), 0.0)
             for j in range(count)
         ]
         for i in range(count)
@@ -174,18 +177,19 @@ def _errors(best: Best) -> tuple[Sequence[Array], Sequence[Array]]:
     joint += [[*(B[i][j] for i in range(size)), *corner[j]] for j in range(count)]
     each = jnp.zeros_like(found.mixed[0][0]) if size and count else jnp.zeros((1, *found.x.shape))
     joint = [[element + each for element in row] for row in joint]
-    deviation = [jnp.sqrt(best.variance * v) for v in inverse_diagonal(joint)]
+    deviation = [jnp.sqrt(best.variance[None] * v) for v in inverse_diagonal(joint)]
     return deviation[:size], [d[0] for d in deviation[size:]]
 
 
 def _named(best: Best) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the values and errors of one fit by name; of log n_s the error of its own."""
+    """Return the values and errors of one fit by name."""
     task, found = best.task, best.descent.found
     coefficients, rest = _errors(best)
     values = dict(zip(task.known.linear, found.k, strict=True))
     errors = dict(zip(task.known.linear, coefficients, strict=True))
     if task.sharpening:
-        values["n_s"], errors["n_s"] = found.x[None], rest[-1][None]
+        values["n_s"] = jnp.exp(found.x)[None]
+        errors["n_s"] = values["n_s"] * rest[-1][None]
     if task.turning:
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
         errors["normal"] = jnp.rad2deg(jnp.sqrt(rest[0] ** 2 + rest[1] ** 2))[None]
@@ -201,37 +205,33 @@ def _finish(full: Best, plain: Best, choices: Choices, shines: Array) -> Estimat
     residual = jnp.sqrt(jnp.where(shines, _mean_square(full), _mean_square(plain)))
     vague = jnp.zeros(shines.shape, bool)
     if "n_s" in choices.free:
-        x = values["n_s"][0]
-        vague = shines & ((errors["n_s"][0] > VAGUE) | (x <= LOW) | (x >= HIGH))
+        x = full.descent.found.x
+        vague = shines & ((errors["n_s"][0] > VAGUE * values["n_s"][0]) | (x <= LOW) | (x >= HIGH))
     if plain is not full:
         matte, of_matte = _named(plain)
         channels = full.task.seen.target.shape[1]
         matte |= {"k_s": jnp.zeros((channels, *shines.shape)), "n_s": jnp.zeros((1, *shines.shape))}
         nothing = jnp.full((1, *shines.shape), jnp.inf)
         of_matte |= {"k_s": jnp.broadcast_to(nothing, (channels, *shines.shape)), "n_s": nothing}
-        values = {name: jnp.where(shines, value, matte[name]) for name, value in values.items()}
-        errors = {name: jnp.where(shines, error, of_matte[name]) for name, error in errors.items()}
-    if "n_s" in choices.free:
-        values["n_s"] = jnp.exp(values["n_s"])
-        errors["n_s"] = values["n_s"] * errors["n_s"]
+        values = {name: chosen(shines, value, matte[name]) for name, value in values.items()}
+        errors = {name: chosen(shines, error, of_matte[name]) for name, error in errors.items()}
     vague = vague | ~jnp.all(
         jnp.stack([jnp.isfinite(e).all(0) for a, e in errors.items() if a not in ("k_s", "n_s")]), 0
     )
     few = (freedom <= 0) | (jnp.where(shines, full.lit, plain.lit) < (3 if full.task.turning else 1))
-    finite = jnp.all(jnp.stack([jnp.isfinite(value).all(0) for value in values.values()]), 0)
+    finite = jnp.all(jnp.stack([(jnp.abs(value) < HUGE).all(0) for value in values.values()]), 0)
     status = jnp.where(vague, UNDETERMINED, status)
     status = jnp.where(~done | ~finite, FAILED, status)
     status = jnp.where(few, SHADOWED, status)
     lost = few | ~finite
-    values = {name: jnp.where(finite, value, 0.0) for name, value in values.items()}
-    errors = {name: jnp.where(lost | jnp.isnan(error), jnp.inf, error) for name, error in errors.items()}
+    values = {name: jnp.where(finite[None], value, 0.0) for name, value in values.items()}
+    errors = {name: jnp.where(lost[None] | jnp.isnan(error), jnp.inf, error) for name, error in errors.items()}
     return Estimates(values, errors, residual, status.astype(jnp.uint8))
 
 
 def _mean_square(best: Best) -> Array:
     """Return the mean square of the weighted residuals, as the loss believes them."""
-    samples = jnp.sum(best.task.seen.counts, 0) * best.task.seen.target.shape[1]
-    return best.descent.found.squares / jnp.maximum(samples, 1.0)
+    return best.descent.found.squares / jnp.maximum(best.task.samples, 1.0)
 
 
 @partial(jax.jit, static_argnames="choices")
@@ -251,6 +251,5 @@ def residual_sizes(
         m = sum((k * column for k, column in zip(found.k, F.columns, strict=True)), F.base)
         return jnp.sqrt(jnp.mean((m - look.target.astype(found.x.dtype)) ** 2, 0))
 
-    samples = jnp.sum(block.seen.counts, 0) * block.seen.target.shape[1]
-    left = jnp.clip((samples - task.unknowns) / jnp.maximum(samples, 1), 0.05, 1.0)
-    return jax.lax.map(of_view, looks(task, None)) / jnp.sqrt(left)
+    left = jnp.clip((task.samples - task.unknowns) / jnp.maximum(task.samples, 1.0), 0.05, 1.0)
+    return jax.lax.map(of_view, looks(task, None)) / jnp.sqrt(left)[None]

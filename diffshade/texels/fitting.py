@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from jax.sharding import Mesh
 from jaxtyping import Int
 
 from ..backend import check_backend
 from ..fields import check, check_kind
 from ..fresnel import NoFresnel
-from ..inverse.blocks import on_all_cores
+from ..inverse.blocks import in_order, on_all_cores
+from ..inverse.checkpoints import fingerprint
+from ..inverse.hosts import Lanes
 from ..inverse.losses import LOSSES
 from ..inverse.parameters import RANGES
 from ..inverse.views import View, is_grey
@@ -27,7 +30,7 @@ from .descent import GRID
 from .estimates import FAILED, Choices, Estimates, estimate, residual_sizes
 from .maps import TexelMaps
 from .passes import COEFFICIENTS, Known
-from .records import Record, fingerprint
+from .records import Record
 from .shared import MOST_PASSES, STILL, by_region, grid_costs, slopes, stepped
 from .sights import Rig, rig_of
 from .tiles import Source, Tile
@@ -47,6 +50,7 @@ def fit_texels(
     loss: str = "squares",
     out: str | os.PathLike[str] | None = None,
     memory: int = MEMORY,
+    mesh: Mesh | None = None,
     progress: bool = False,
 ) -> TexelMaps:
     """Fit a material of its own to every pixel of views that share a camera: maps of k_d, k_s, n_s and the normal.
@@ -65,17 +69,21 @@ def fit_texels(
     "geman-mcclure", which take an observation in shadow, say, for the outlier it is; all its channels have one say.
     `out`: a folder that the maps are written to as they come, `NAME.npy` and `NAME_error.npy`; the same call again goes
     on where it was stopped, at any moment. `memory`: bytes for photographs at work, more or less: larger ones are
-    read in bands. `progress`: show a line on the terminal.
+    read in bands. `mesh`: devices to spread the work over; of several processes, joined by
+    `jax.distributed.initialize`, each does its share, and all write to one `out`. `progress`: show a line on the
+    terminal.
 
-    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy; RuntimeError
-    where this jaxlib adds up wrongly.
+    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy; `LostProcess`
+    where another process is gone; RuntimeError where this jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     free = _checked(scene, views, free, regions, loss)
     check_backend()
     scene = jax.tree.map(np.asarray, scene)
-    with showing("texels") if progress else nullcontext(silent) as tell, jax.enable_x64(True):
-        return _Run(scene, views, free, regions, loss, out, memory, tell).maps()
+    with showing("texels") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+        run = _Run(scene, views, free, regions, loss, out, memory, mesh, tell)
+        with contextlib.closing(run.record):
+            return run.maps()
 
 
 class _Run:
@@ -90,6 +98,7 @@ class _Run:
         loss: str,
         out: str | os.PathLike[str] | None,
         memory: int,
+        mesh: Mesh | None,
         tell: Callable[[str], None],
     ):
         self.scene, self.free, self.tell = scene, free, tell
@@ -101,12 +110,22 @@ class _Run:
         self.known = _known(scene, free, self.source.channels)
         self.regions = None if regions is None else np.asarray(regions).reshape(-1)
         height = self.source.shape[0]
-        about = fingerprint(
-            scene, views, {"free": free, "loss": loss, "regions": "none" if regions is None else regions}
-        )
-        self.record = Record(out, about, self.source.rows_of(memory), lambda rows: -(-height // rows))
-        self.rows = self.record.tile
+        self.lanes = None if mesh is None else Lanes(mesh)
+        if self.lanes is not None and self.lanes.several and out is None:
+            raise ValueError(
+                "several processes need one folder for their maps; got out=None. Give out a shared folder."
+            )
+        problem = fingerprint(scene, views, free, self.regions, loss)
+        rows = self.source.rows_of(memory)
+        if self.lanes is not None:  # no device without a tile
+            rows = min(rows, -(-height // self.lanes.count))
+        self.record = Record(out, problem, rows, lambda rows: -(-height // rows), self.lanes)
+        self.rows = self.record.rows
         self.count = len(self.record.done)
+        self.own = range(self.count)
+        if self.lanes is not None:
+            lanes = self.lanes
+            self.own = [t for t in range(self.count) if t % lanes.count in lanes.own]
         self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, RANGES["n_s"][0])))
 
     def maps(self) -> TexelMaps:
@@ -116,6 +135,8 @@ class _Run:
         choices = self.choices if x is None else self.choices._replace(free=tuple(f for f in self.free if f != "n_s"))
 
         def fit(tile: Tile) -> None:
+            if not len(tile.pixels):
+                return
             log_n_s = self._exponent_of(tile, x)
             found = self._fit(tile, choices, sigma, log_n_s, QUICK)
             slow = np.flatnonzero(found.status == FAILED)
@@ -127,11 +148,14 @@ class _Run:
                 self._take_exponents(found, tile, x, error)
             self._write(tile, found)
 
+        for name in (*self._names(), "status", "residual"):
+            self._map(name)
+            if name in self.free:
+                self._map(f"{name}_error")
         self._over_tiles(fit, self.record.done, "fitted", self.record.finish)
-        shape = self.source.shape
+        self.record.meet()
         values, errors = ({name: self._map(name + end) for name in self._names()} for end in ("", "_error"))
         status, residual = self._map("status")[..., 0], self._map("residual")[..., 0]
-        assert status.shape == shape
         return TexelMaps(values, errors, status, residual, self.scene, self.source.camera)
 
     def _over_tiles(
@@ -139,15 +163,32 @@ class _Run:
     ) -> None:
         """Read every tile that is not done, work on it, and mark it."""
         height = self.source.shape[0]
-        todo = [t for t in range(self.count) if not done[t]]
+        todo = [t for t in self.own if not done[t]]
         begun = time.monotonic()
-        for k, t in enumerate(todo):
+
+        def read(t: int) -> tuple[int, Tile]:
             first = t * self.rows
-            work(self.source.read(first, min(first + self.rows, height), self.rows))
+            return t, self.source.read(first, min(first + self.rows, height), self.rows)
+
+        for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
+            work(tile)
             finish(t)
             left = (time.monotonic() - begun) / (k + 1) * (len(todo) - k - 1)
-            share = 100.0 * (self.count - len(todo) + k + 1) / self.count
+            share = 100.0 * (len(self.own) - len(todo) + k + 1) / len(self.own)
             self.tell(f"{verb} {share:.0f} %, about {_minutes(left)} left")
+
+    def _on_devices(self, work: Callable[[Any], Any], blocks: Sequence[Any]) -> list[Any]:
+        """Return what each block gives, in order: on all cores, or each on the next device of the mesh."""
+        if self.lanes is None:
+            return on_all_cores(work, blocks)
+        devices = list(self.lanes.here.devices.flat)
+
+        def on_device(item: tuple[int, Any]) -> Any:
+            k, block = item
+            with jax.default_device(devices[k % len(devices)]):
+                return work(block)
+
+        return on_all_cores(on_device, list(enumerate(blocks)))
 
     def _fit(
         self, tile: Tile, choices: Choices, sigma: np.ndarray, log_n_s: np.ndarray, patience: int, which: Any = None
@@ -159,7 +200,7 @@ class _Run:
             found = estimate(self.rig, self.known, self.source.lay_out(*laid), sigma, np.asarray(patience), choices)
             return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(part)], found)
 
-        found = on_all_cores(of_block, self.source.blocks(tile, log_n_s, which))
+        found = self._on_devices(of_block, self.source.blocks(tile, log_n_s, which))
         return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
 
     def _scale(self) -> float:
@@ -195,7 +236,7 @@ class _Run:
             size = residual_sizes(self.rig, self.known, block, np.asarray(sigma), np.asarray(PATIENT), choices)
             return np.asarray(size)[:, : len(part)][block.seen.counts[:, : len(part)]]
 
-        return np.concatenate(on_all_cores(of_block, self.source.blocks(tile, log_n_s, which)))
+        return np.concatenate(self._on_devices(of_block, self.source.blocks(tile, log_n_s, which)))
 
     def _exponents(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log n_s of each region, and its standard error."""
@@ -240,15 +281,18 @@ class _Run:
                 values = np.asarray(program(self.source.lay_out(*laid)))[:, : len(part)]
                 return by_region(values, region[part], regions)
 
-            blocks = self.source.blocks(tile, log_n_s)
-            now = iter([sum(on_all_cores(of_block, blocks), np.zeros((rows, regions)))])
+            blocks = self.source.blocks(tile, log_n_s)  # none in a band that shows no object
+            now = iter([sum(self._on_devices(of_block, blocks), np.zeros((rows, regions)))])
 
         def finish(t: int) -> None:
             shares[t] = next(now)
             self.record.finish(t, name=f"{name}_done")
 
         self._over_tiles(work, done, f"n_s of the regions, {name.replace('_', ' ')}:", finish)
-        return shares.sum(0)
+        if self.lanes is None or not self.lanes.several:
+            return shares.sum(0)
+        mine = np.zeros((rows, regions)) + sum(shares[t] for t in self.own)
+        return self.lanes.total([mine, *[np.zeros_like(mine)] * (len(self.lanes.own) - 1)])
 
     def _exponent_of(self, tile: Tile, x: np.ndarray | None) -> np.ndarray:
         """Return log n_s of each texel of a tile where it is not one of its own unknowns."""

@@ -152,9 +152,9 @@ def _shade(scene: StackedScene, camera: AbstractCamera, maps: Mapping[str, Array
     p = None if isinstance(item.surface, GBuffer) and item.surface.position is None else hit.p
     material = item.material
     rest = material.at(p)
-    k = Coefficients(
-        Vec3.of(maps["k_a"]), Vec3.of(maps["k_d"]), Vec3.of(maps["k_s"]), rest.k_e, rest.k_t, maps["n_s"], rest.eta
-    )
+    k_a, k_d, k_s = (Vec3.of(maps[name]) for name in ("k_a", "k_d", "k_s"))
+    n_s = Vec3(maps["n_s"], maps["n_s"], maps["n_s"])
+    k = Coefficients(k_a, k_d, k_s, rest.k_e, rest.k_t, n_s, rest.eta)
     v = projection.viewer(p)
     ambient = Vec3.of(scene.ambient)
     return reflection(k, material.lobe, material.fresnel, ambient, scene.lights, p, n, v).stack()

@@ -44,6 +44,11 @@ class Photographs(eqx.Module):
     counts: Bool[Array, "views texels"]
     """False where an observation does not count."""
 
+    @property
+    def observations(self) -> Float[Array, " texels"]:
+        """How many observations of each texel count."""
+        return jnp.sum(self.counts, 0, dtype=float)
+
 
 class Task(eqx.Module):
     """What is to be fitted at every texel of a block."""
@@ -68,6 +73,11 @@ class Task(eqx.Module):
     def reweighs(self) -> bool:
         """Whether weights depend on the prediction."""
         return self.losses != ("squares",) or not self.uniform
+
+    @property
+    def samples(self) -> Float[Array, " texels"]:
+        """How many samples of each texel count."""
+        return self.seen.observations * self.seen.target.shape[1]
 
     @property
     def unknowns(self) -> int:
@@ -232,11 +242,9 @@ def evaluate(task: Task, n: Vec3, x: Array, weight: Array) -> Found:
         predicted = sum((c * row[j] for c, row in zip(k, mixed, strict=True)), jnp.zeros((1, 1)))
         slope.append(jnp.sum(predicted - with_terms(lambda f: right[f], J), 0))
     cost = 0.5 * (squares - jnp.sum(gain, 0))
-    share = jnp.sum(task.seen.counts, 0).astype(x.dtype)
-    found = Found(
-        n, x, tuple(k), cost, 2.0 * cost, share, _tuples([row[:size] for row in products[:size]]), _tuples(mixed),
-        _tuples(rest), tuple(slope), None,
-    )  # fmt: skip
+    gram = [row[:size] for row in products[:size]]
+    matrices = map(_tuples, (gram, mixed, rest))
+    found = Found(n, x, tuple(k), cost, 2.0 * cost, task.seen.observations, *matrices, tuple(slope), None)
     return believe(task, found) if task.reweighs else found
 
 
@@ -256,7 +264,7 @@ def believe(task: Task, found: Found) -> Found:
         rho, believed = jax.lax.switch(task.stage, [_loss(name) for name in task.losses], r2 / task.sigma**2)
         cost, squares, share = total
         cost = cost + 0.5 * task.sigma**2 * rho
-        return (cost, squares + believed * r2, share + jnp.where(look.counts, believed, 0.0)), precise * believed
+        return (cost, squares + believed * r2, share + jnp.where(look.counts, believed, 0.0)), precise * believed[None]
 
     zero = jnp.zeros(found.x.shape)
     of, weight = jax.lax.scan(add, (zero, zero, zero), looks(task, None))

@@ -2,57 +2,77 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from ..files import replacing
-from ..inverse.views import View
-from ..scenes import Scene
-
-LOOKED_AT = 8  # rows of an image that tell it from another
+from ..inverse.hosts import Lanes
 
 
 class Record:
     """The arrays of a run, mapped from files of a folder, or in memory alone; and which of its tiles are done.
 
     A tile is written before it is marked, so that a run that was killed does it again, whole: nothing is lost but the
-    tile at work, and nothing counts twice. `done` is one byte a tile.
+    tile at work, and nothing counts twice. Of several processes, which share the folder, the first makes the files.
     """
 
-    def __init__(self, folder: str | os.PathLike[str] | None, about: Mapping[str, Any], tile: int, tiles: Any):
-        """Open the record of a run in a folder, or begin one; `tiles` gives their number for so many rows a tile.
+    def __init__(
+        self,
+        folder: str | os.PathLike[str] | None,
+        problem: str,
+        rows: int,
+        tiles: Callable[[int], int],
+        lanes: Lanes | None,
+    ):
+        """Open the record of a run in a folder, or begin one with `rows` a tile; `tiles` gives their number.
 
-        Raises ValueError where the folder has the record of another run.
+        `problem`: the fingerprint of what is computed. Raises ValueError where the folder has the record of another
+        run, or one is at work in it.
         """
         self.folder = None if folder is None else Path(folder)
+        self.lanes = lanes if lanes is not None and lanes.several else None
+        self.first = self.lanes is None or self.lanes.first
+        self.rows = rows
         self.arrays: dict[str, np.ndarray] = {}
-        self.tile = tile
-        if self.folder is not None:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            run = self.folder / "run.json"
-            if run.exists():
-                was = json.loads(run.read_text(encoding="utf-8"))
-                for name, value in about.items():
-                    if was.get(name) != value:
-                        raise ValueError(
-                            f"{self.folder} has the maps of another run: its {name} differ. Give another folder for "
-                            "out, or delete that one to begin anew."
-                        )
-                self.tile = was["rows"]
-            else:
-                with replacing(run) as temporary:
-                    temporary.write_text(json.dumps({**about, "rows": tile}, indent=1), encoding="utf-8")
-        self.done = self.array("done", (tiles(self.tile),), np.uint8)
+        self.lock: Any = None
+        refused: Exception | None = None
+        if self.folder is not None and self.first:
+            try:
+                self.rows = self._open(self.folder, problem, rows)
+            except (ValueError, OSError) as error:
+                refused = error
+        if self.lanes is not None:  # the others must learn that the first one has refused
+            self.rows = int(self.lanes.from_first(np.array([0.0 if refused else float(self.rows)]))[0])
+        if refused or not self.rows:
+            self.close()
+            raise refused or ValueError("the first process refused the folder of maps. Read its message.")
+        self.done = self.array("done", (tiles(self.rows),), np.uint8)
+
+    def _open(self, folder: Path, problem: str, rows: int) -> int:
+        """Lock the folder and return the rows of a tile in its record, or begin a record."""
+        run = folder / "run.json"
+        if folder.exists() and not run.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise ValueError(f"{folder} is no folder of maps of an earlier run. Give out the name of a new folder.")
+        folder.mkdir(parents=True, exist_ok=True)
+        self.lock = _locked(folder)
+        if not run.exists():
+            with replacing(run) as temporary:
+                temporary.write_text(json.dumps({"problem": problem, "rows": rows}), encoding="utf-8")
+        was = json.loads(run.read_text(encoding="utf-8"))
+        if was["problem"] != problem:
+            raise ValueError(
+                f"{folder} has the maps of another run: its scene, views or options are not these. Give out another "
+                "folder, or remove this one."
+            )
+        return was["rows"]
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-        """Return an array of zeros, or what is there already."""
+        """Return an array of zeros, or what is there already; all processes ask for the same arrays in turn."""
         if name not in self.arrays:
             self.arrays[name] = np.zeros(shape, dtype) if self.folder is None else self._mapped(name, shape, dtype)
         return self.arrays[name]
@@ -60,9 +80,10 @@ class Record:
     def _mapped(self, name: str, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
         assert self.folder is not None
         path = self.folder / f"{name}.npy"
-        if not path.exists():
+        if self.first and not path.exists():
             with replacing(path) as temporary:  # whole, or not there
                 np.lib.format.open_memmap(temporary, "w+", dtype, shape).flush()
+        self.meet()
         return np.lib.format.open_memmap(path, "r+")
 
     def finish(self, tile: int, name: str = "done") -> None:
@@ -72,33 +93,27 @@ class Record:
                 array.flush()
         self.arrays[name][tile] = 1
 
+    def close(self) -> None:
+        """Let go of the folder."""
+        if self.lock is not None:
+            self.lock.close()
 
-def fingerprint(scene: Scene, views: Sequence[View], more: Mapping[str, Any]) -> dict[str, str]:
-    """Return what tells a run from another: digests of the scene, of how the views were taken, and of their images.
+    def meet(self) -> None:
+        """Wait for the other processes; raise LostProcess where one is gone."""
+        if self.lanes is not None:
+            self.lanes.total([np.zeros(1)] * len(self.lanes.own))
 
-    Of an image its shape, its type and a few of its rows.
-    """
 
-    def digest(*parts: Any) -> str:
-        found = hashlib.blake2b(digest_size=16)
-        for part in parts:
-            for leaf in jax.tree.leaves(part):
-                array = (
-                    np.ascontiguousarray(leaf) if not isinstance(leaf, str) else np.frombuffer(leaf.encode(), np.uint8)
-                )
-                found.update(f"{array.shape}{array.dtype}".encode())
-                found.update(array.tobytes())
-        return found.hexdigest()
-
-    images = []
-    for view in views:
-        height = view.image.shape[0]
-        rows = np.unique(np.linspace(0, height - 1, LOOKED_AT).astype(int))
-        images += [str(view.image.shape), *(np.asarray(view.image[r : r + 1]) for r in rows)]
-    taken = [(v.camera, v.mask, v.exposure, v.black, v.noise, str((v.lit, v.saturation, v.floor))) for v in views]
-    return {
-        "scene": digest(scene, str(jax.tree.structure(scene))),
-        "views": digest(taken, str(jax.tree.structure(taken))),
-        "images": digest(images),
-        **{name: digest(value) if isinstance(value, np.ndarray) else str(value) for name, value in more.items()},
-    }
+def _locked(folder: Path) -> Any:
+    """Return a lock on the folder, which ends with the process; raise ValueError where another run has it."""
+    try:
+        import fcntl
+    except ImportError:  # not on this system
+        return None
+    file = (folder / "lock").open("w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise ValueError(f"another run is at work in {folder}. Wait for it, or give out another folder.") from None
+    return file

@@ -51,7 +51,7 @@ def slopes(
     samples = found.share * block.seen.target.shape[1]
     freedom = jnp.where(samples > sharp.unknowns, samples - sharp.unknowns + 1.0, 0.0)
     counts = (freedom > 0.0) & descent.done
-    return jnp.where(counts, jnp.stack([found.slope[-1], curvature, found.squares, freedom]), 0.0)
+    return jnp.where(counts[None], jnp.stack([found.slope[-1], curvature, found.squares, freedom]), 0.0)
 
 
 def stepped(x: Float[np.ndarray, " regions"], sums: Float[np.ndarray, "4 regions"]) -> tuple[np.ndarray, np.ndarray]:

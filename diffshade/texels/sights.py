@@ -93,6 +93,7 @@ class Sights(eqx.Module):
     """Components (views, emitters, texels or 1)."""
     strength: Float[Array, "views lamps emitters _"]
     v: Vec3
+    """Components (1, texels or 1)."""
     lobe: AbstractLobe
 
     def facing(self, n: Vec3) -> Facing:
@@ -101,7 +102,7 @@ class Sights(eqx.Module):
         def of_view(view: Any) -> tuple[Array, Array]:
             l, strength = view
             n_l, log = _angles(n, l, self.v, self.lobe)
-            return jnp.sum(strength * n_l, 1), log
+            return jnp.sum(strength * n_l[None], 1), log
 
         u, log = jax.lax.map(of_view, (self.l, self.strength))
         return Facing(u, log, self.strength)
@@ -110,11 +111,11 @@ class Sights(eqx.Module):
         """Return the shading of one view for normals n, with slopes along the tangents and by x = log n_s."""
         l, strength = view
 
-        def at(n: Vec3) -> tuple[Array, Array, Array]:
+        def at(n: Vec3) -> tuple[Array, ...]:
             n_l, log = _angles(n, l, self.v, self.lobe)
-            e = jnp.exp(x) * log
+            e = jnp.exp(x)[None] * log
             s = jnp.exp(e)
-            return jnp.sum(strength * n_l, 1), jnp.sum(strength * s, 1), jnp.sum(strength * (e * s), 1)
+            return tuple(jnp.sum(strength * row[None], 1) for row in (n_l, s, e * s))
 
         (u, v, v_x), along = jax.linearize(at, n)
         turned = [along(tangent)[:2] for tangent in tangents]
@@ -136,9 +137,10 @@ class Facing(eqx.Module):
     def shading(self, view: Any, n: Vec3, tangents: Sequence[Vec3], x: Array) -> Shading:
         """Return the shading of one view, with its slope by x = log n_s."""
         u, log, strength = view
-        e = jnp.exp(x) * log
+        e = jnp.exp(x)[None] * log
         s = jnp.exp(e)
-        return Shading(u, jnp.sum(strength * s, 1), ((jnp.zeros_like(u), jnp.sum(strength * (e * s), 1)),))
+        v, v_x = (jnp.sum(strength * row[None], 1) for row in (s, e * s))
+        return Shading(u, v, ((jnp.zeros_like(u), v_x),))
 
     @property
     def views(self) -> Any:
@@ -148,6 +150,7 @@ class Facing(eqx.Module):
 
 def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractLobe) -> tuple[Array, Array]:
     """Return (n.l)_+ and the logarithm of the highlight's base, DARK where there is no highlight."""
+    n = jax.tree.map(lambda c: c[None], n)
     n_l, cosine = dot(n, l), lobe.cosine(n, l, v)
     lit = n_l > 0
     shines = lit & (cosine > 0)
@@ -174,7 +177,7 @@ def sights_of(rig: Rig, p: Vec3 | None, v: Vec3) -> Sights:
         return l, jnp.concatenate([jnp.broadcast_to(s, (*s.shape[:2], wide)) for s in strengths], 1)
 
     l, strength = jax.lax.map(of_view, (rig.lit, rig.exposure))
-    return Sights(l, strength, v, rig.lobe)
+    return Sights(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), rig.lobe)
 
 
 def _as_rows(component: Array) -> Array:

@@ -156,7 +156,6 @@ def _projection(camera: Any) -> Projection:
 @jax.jit
 def _points(surface: AbstractSurface, projection: Projection, row: Array, column: Array) -> tuple[Array, Array, Array]:
     """Return the mask, normals and points of the pixels of some rows."""
-    rays = projection.rays(row[:, None] + jnp.zeros_like(column), column + jnp.zeros_like(row)[:, None])
-    hit = surface.intersect(rays)
+    hit = surface.intersect(projection.rays(*jnp.meshgrid(row, column, indexing="ij")))
     assert hit.p is not None
     return hit.inside, hit.n.stack(), hit.p.stack()
