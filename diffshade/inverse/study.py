@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..backend import jit_quickly
 from ..fields import Array
 from ..gbuffers import GBuffer
 from ..scenes import Scene
@@ -56,10 +57,9 @@ class Study:
             form = feature_form(problem, self.likelihood, unknowns, shared=plain, grey=self.grey)
         else:
             form = Rendered(problem, self.likelihood, steepest(unknowns))
-        self.form: Any = jax.tree.map(jnp.asarray, form)
+        self.form: Any = jax.device_put(form)
         ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-        lower, upper = map(jnp.asarray, ends)
-        self.box = Box(lower, upper, jnp.asarray([u.is_linear for u in unknowns]))
+        self.box = jax.device_put(Box(*ends, np.array([u.is_linear for u in unknowns])))
         self.size = block_size(samples)
 
     def lay_out(self) -> None:
@@ -91,7 +91,7 @@ class Study:
             view[: len(parts)] = [part.view for part in parts]
             if self.form.projects:
                 seen = eqx.tree_at(lambda o: o.weight, seen, None)
-            laid = jax.tree.map(jnp.asarray, Block(view, points, seen))
+            laid = jax.device_put(Block(view, points, seen))
             return _weigh(None, self.form, laid) if self.noisy and not self.form.projects else laid
 
         return on_all_cores(chunk, chunks(parts))
@@ -115,7 +115,7 @@ class Study:
         units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
         weight = float(self.likelihood.sigma) / width.astype(float)
         soft = Soft(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(self.squares)))
-        return jax.tree.map(jnp.asarray, soft)
+        return jax.device_put(soft)
 
     def solve(self, *, from_scene: bool, tell: Callable[[str], None]) -> Minimum:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
@@ -141,7 +141,7 @@ class Study:
         wide = with_wide_edges(self.scene, self.unknowns)
         if wide is not self.scene:
             problem = prepare(wide, self.views, slots_of(wide, self.views, self.unknowns))
-            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.tree.map(jnp.asarray, problem))
+            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.device_put(problem))
         coarse = self.few() if is_local(self.unknowns) else self.measured
         theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
         self.form = sharp
@@ -181,7 +181,7 @@ class Study:
 
     def evidence(self, end: Minimum) -> tuple[Any, Any]:
         """Return the Gram of what is known beside the views, and the sums of `Likelihood.spread` at the end."""
-        theta = jnp.asarray(end.point.theta)
+        theta = end.point.theta
         cost = float(end.point.views.cost.sum())
         if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
             count = float(sum(len(s.pixels) * s.photograph.shape[2] for s in self.samples))
@@ -190,7 +190,7 @@ class Study:
         return _beside(theta, self.soft()), spread
 
 
-@jax.jit
+@jit_quickly
 def _soft_gram(theta: Array, soft: Soft) -> Gram:
     return soft.gram(theta)
 
