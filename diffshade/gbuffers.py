@@ -76,7 +76,9 @@ class GBuffer(AbstractSurface):
         return Hit(distance, p, Vec3.of(self.normal), self.mask)
 
 
-_sound: dict[tuple[int, ...], list[weakref.ref]] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
+_sound: dict[
+    tuple[int, ...], list[weakref.ref]
+] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
 
 
 def _remember(arrays: Sequence[Array]) -> None:
@@ -88,7 +90,7 @@ def _remember(arrays: Sequence[Array]) -> None:
 
 
 def _stays(*arrays: Array | None) -> bool:
-    """Whether arrays stay JAX's, on their device: float32 do; float64 would not survive where `jax_enable_x64` is off."""
+    """Whether arrays stay JAX's, on their device: of float32. float64 is none where `jax_enable_x64` is off."""
     return all(array is None or (isinstance(array, jax.Array) and array.dtype == np.float32) for array in arrays)
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from .fields import Array
 from .fresnel import AbstractFresnel
 from .lights import AbstractEmitter, AbstractLight, AreaLight
 from .materials import AbstractLobe, Coefficients

@@ -59,7 +59,8 @@ class Study:
             form = Rendered(problem, self.likelihood, steepest(unknowns))
         self.form: Any = jax.device_put(form)
         ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-        self.box = jax.device_put(Box(*ends, np.array([u.is_linear for u in unknowns])))
+        lower, upper = ends
+        self.box = jax.device_put(Box(lower, upper, np.array([u.is_linear for u in unknowns])))
         self.size = block_size(samples)
 
     def lay_out(self) -> None:
