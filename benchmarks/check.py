@@ -1,9 +1,9 @@
 """Measure the quick ratios again and say which got worse than the committed baseline; exit with 1 if one did.
 
-A ratio is diffshade's time over another program's in the same rounds, so that a smaller one is better on any machine.
-It got worse where it is more than 30 % above the baseline in each of several tries. What cannot be measured here
-(PyTorch is not installed, say) is said and passed by. `--write` makes what is measured the new baseline: do that on a
-machine that nobody else uses, and say in the commit why it changed.
+A ratio is diffshade's time over another program's in the same rounds, so that a smaller one is better on any machine;
+time is what all threads computed, so that others who use the machine change little. It got worse where it is more than
+30 % above the baseline in each of several tries. What cannot be measured here (PyTorch is not installed, say) is said
+and passed by. `--write` makes what is measured the new baseline: say in the commit why it changed.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def shading_ratios() -> Ratios:
     found = {}
     for what, size in (("forward", 256), ("forward", 1024), ("gradient", 512)):
         programs = {"forward": shading.forward, "gradient": shading.gradient}[what](size, compiled=False)
-        seconds = take_turns(programs, ROUNDS, f"{what} {size}")
+        seconds = take_turns(programs, ROUNDS, f"{what} {size}", time.process_time)
         first = next(iter(seconds))
         for name in list(seconds)[1:]:
             found[f"{what} {size}: {first} / {name}"] = ratio(seconds, first, name)

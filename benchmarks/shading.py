@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,6 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", nargs="+", type=int, default=SIZES, help="pixels on a side (default: 128 to 1024)")
     parser.add_argument("--rounds", type=int, default=25, help="rounds in which all take turns (default: 25)")
+    parser.add_argument("--cpu", action="store_true", help="time what all threads compute, not what a clock shows")
     parser.add_argument("--no-compile", action="store_true", help="leave torch.compile out, which needs a C++ compiler")
     parser.add_argument("--json", type=Path, help="write every number to this file too")
     arguments = parser.parse_args()
@@ -53,9 +55,11 @@ def main() -> None:
     found = {}
     for size in arguments.sizes:
         for what, programs in (("forward", forward), ("gradient", gradient)):
-            seconds = take_turns(programs(size, compiled=not arguments.no_compile), arguments.rounds, f"{what} {size}")
+            made = programs(size, compiled=not arguments.no_compile)
+            clock = time.process_time if arguments.cpu else time.perf_counter
+            seconds = take_turns(made, arguments.rounds, f"{what} {size}", clock)
             found[f"{what} {size}"] = seconds
-            show(f"{what}, {size} x {size}, {conditions()}", size, seconds)
+            show(f"{what}, {size} x {size}{', processor time' * arguments.cpu}, {conditions()}", size, seconds)
         if arguments.json:
             arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
 

@@ -7,7 +7,8 @@ The slope s is that of t = a + b n^s, all three fitted to the logarithms of the 
 (the call, and what a search for a start does on a part of the pixels), and s = 1 is linear. Beside it is the plain
 slope of log t over log n in the upper half of the counts, which is below 1 where a still counts. Memory is the peak of
 the first call beyond what the process held before it, the photographs: of a fit, which is cold, with what the compiler
-took. On a GPU it is the peak of the device.
+took. On a GPU it is the peak of the device. `cpu` is what all threads computed: others' load hardly changes it, and on
+a GPU it says nothing.
 """
 
 from __future__ import annotations
@@ -95,13 +96,13 @@ def show(kind: str, rows: dict[int, dict]) -> None:
     """Print the table of one kind, and the growth of each call."""
     n = np.array(list(rows), float)
     table = Table(title=kind)
-    for heading in (kind, "render, ms", "fit, ms", "render, MB", "fit, MB"):
+    for heading in (kind, "render, ms", "fit, ms", "render, cpu ms", "fit, cpu ms", "render, MB", "fit, MB"):
         table.add_column(heading, justify="right")
     for count, row in rows.items():
-        times = (f"{1e3 * row[call]:.2f}" for call in CALLS)
+        times = (f"{1e3 * row[f'{call}{kind}']:.2f}" for kind in ("", " cpu") for call in CALLS)
         table.add_row(f"{count}", *times, *(f"{row[f'{call} memory']:.0f}" for call in CALLS))
     Console(width=110).print(table)
-    for call in CALLS:
+    for call in ("render", "fit", "render cpu", "fit cpu"):
         t = np.array([row[call] for row in rows.values()])
         a, b, s = growth(n, t)
         print(f"{call}: {1e3 * a:.2f} ms + {1e9 * b:.3g} ns x n^{s:.2f}; plain slope {plain_slope(n, t):.2f}")
@@ -141,7 +142,7 @@ def measure(kind: str, count: int, repeats: int) -> dict[str, float]:
         before = memory("VmRSS")
         run()
         found[f"{call} memory"] = _device_peak() or memory("VmHWM") - before
-        found[call] = float(np.median([_seconds(run) for _ in range(repeats)]))
+        found[call], found[f"{call} cpu"] = np.median([_seconds(run) for _ in range(repeats)], 0).tolist()
     return found
 
 
@@ -174,10 +175,11 @@ def programs(kind: str, count: int) -> tuple[Callable, Callable]:
     return render, lambda: ds.fit(scene, photographs, free=free)
 
 
-def _seconds(run: Callable) -> float:
-    started = time.perf_counter()
+def _seconds(run: Callable) -> tuple[float, float]:
+    """Return the time of a call, and what all threads computed in it."""
+    started, computed = time.perf_counter(), time.process_time()
     run()
-    return time.perf_counter() - started
+    return time.perf_counter() - started, time.process_time() - computed
 
 
 def _device_peak() -> float:

@@ -25,10 +25,19 @@ from rich.progress import track
 Seconds = dict[str, list[float]]  # of each program, round by round
 
 
-def take_turns(programs: Mapping[str, Callable[[], Any]], rounds: int, title: str = "") -> Seconds:
+def take_turns(
+    programs: Mapping[str, Callable[[], Any]],
+    rounds: int,
+    title: str = "",
+    clock: Callable[[], float] = time.perf_counter,
+) -> Seconds:
     """Run each program once, which compiles it, and then all in turn; return the seconds until each result is there.
 
-    `title`: shows progress.
+    In its turn a program runs twice, and the second time counts: then memory and caches are as they are in a loop of
+    its own, not as the program before it left them.
+
+    `title`: shows progress. `clock`: `time.process_time` counts what all threads computed instead, which others' load
+    hardly changes, but which does not see whether the cores were used side by side.
     """
     import jax
 
@@ -38,9 +47,10 @@ def take_turns(programs: Mapping[str, Callable[[], Any]], rounds: int, title: st
     shown = Console(stderr=True)
     for _ in track(range(rounds), description=title, console=shown, transient=True, disable=not title):
         for name, run in programs.items():
-            started = time.perf_counter()
             jax.block_until_ready(run())
-            found[name].append(time.perf_counter() - started)
+            started = clock()
+            jax.block_until_ready(run())
+            found[name].append(clock() - started)
     return found
 
 
@@ -55,7 +65,7 @@ def ratio(seconds: Seconds, slow: str, fast: str) -> float:
 
 
 def in_a_process(script: str | Path, *arguments: str, environment: Mapping[str, str] | None = None) -> dict:
-    """Run a script in a process of its own; return what its last line says, a JSON object, and the bytes of `stderr`."""
+    """Run a script in a process of its own; return its last line, a JSON object, and how many bytes of `stderr`."""
     command = [sys.executable, str(script), *arguments]
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})}
