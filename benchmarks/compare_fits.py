@@ -11,11 +11,7 @@ before it.
 from __future__ import annotations
 
 import argparse
-import ctypes
-import gc
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from timing import forget_peak, in_a_process, memory
 
 SIZES = ("128x1", "128x8", "512x1", "512x8", "2048x1", "2048x8")
 OURS = ("diffshade, solve", "diffshade, fit", "one forward render of all views")
@@ -53,7 +50,7 @@ def main() -> None:
         runs: dict[str, list[dict]] = {name: [] for name in names}
         jobs = [name for _ in range(arguments.rounds) for name in names]
         for name in track(jobs, description=size, console=Console(stderr=True), transient=True):
-            runs[name].append(_in_a_process(name, size, arguments.repeats))
+            runs[name].append(in_a_process(__file__, "--one", name, size, "--repeats", str(arguments.repeats)))
         found[size] = {name: _median(of) for name, of in runs.items()}
         show(size, found[size])
         if arguments.json:
@@ -79,14 +76,6 @@ def _median(runs: list[dict]) -> dict:
     return {key: None if runs[0][key] is None else float(np.median([run[key] for run in runs])) for key in runs[0]}
 
 
-def _in_a_process(name: str, size: str, repeats: int) -> dict:
-    command = [sys.executable, __file__, "--one", name, size, "--repeats", str(repeats)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        sys.exit(f"{name} on {size}: {done.stderr[-2000:]}")
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def measure(name: str, size: str, repeats: int) -> dict:
     """Solve once cold and several times warm; return times, memory beyond the data, and the cost of the answer."""
     import jax
@@ -106,12 +95,12 @@ def measure(name: str, size: str, repeats: int) -> dict:
         solver = lambda: _theta(_fit(made))  # noqa: E731
     else:
         solver = lambda: _render(made)  # noqa: E731
-    _forget_peak()
-    before = _memory("VmRSS")
+    forget_peak()
+    before = memory("VmRSS")
     started = time.perf_counter()
     theta = solver()
     cold = time.perf_counter() - started
-    memory = _memory("VmHWM") - before
+    peak = memory("VmHWM") - before
     times = []
     for _ in range(repeats):
         started = time.perf_counter()
@@ -120,20 +109,7 @@ def measure(name: str, size: str, repeats: int) -> dict:
     cost = None
     if theta is not None:
         cost = float(problem.compiled_cost(theta, data or problem.fields(made)))
-    return {"cold": cold, "warm": float(np.median(times)), "memory": memory, "cost": cost}
-
-
-def _forget_peak() -> None:
-    """Give freed memory back to the system and start the process's peak anew (Linux)."""
-    gc.collect()
-    ctypes.CDLL("libc.so.6").malloc_trim(0)
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def _memory(key: str) -> float:
-    """Return this process's memory now (VmRSS) or at its peak (VmHWM), in MB."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith(key)) / 1024
+    return {"cold": cold, "warm": float(np.median(times)), "memory": peak, "cost": cost}
 
 
 def _fit(made):

@@ -16,8 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -25,6 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from timing import medians, take_turns
 
 import diffshade as ds
 
@@ -121,18 +121,9 @@ def times(scene: ds.Scene, camera: ds.Camera, repeats: int, options: dict[str, s
         return ds.render(*both).sum()
 
     gradient = jax.jit(jax.grad(total), compiler_options=options)
-    return median(lambda: ds.render(scene, camera), repeats), median(lambda: gradient((scene, camera)), repeats)
-
-
-def median(run: Callable, repeats: int) -> float:
-    """Return the median time of a call after the first, which compiles."""
-    jax.block_until_ready(run())
-    found = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        jax.block_until_ready(run())
-        found.append(time.perf_counter() - started)
-    return float(np.median(found))
+    runs = {"render": lambda: ds.render(scene, camera), "gradient": lambda: gradient((scene, camera))}
+    middle = medians(take_turns(runs, repeats))
+    return middle["render"], middle["gradient"]
 
 
 def show(kind: str, rows: list[tuple[float, ...]]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,8 @@ class GBuffer(AbstractSurface):
     `normal`: (H, W, 3), unit to within 0.001, never flipped. `position`: (H, W, 3), scene units; needed by point and
     spot lights, a local viewer and several objects, else it may be left out. `mask`: (H, W), True (or at least half)
     where the surface is; without it, where the normal is not zero. Outside the mask the numbers are not looked at and
-    not kept. Only the camera's own rays can find it: it cannot stand in a scene with glass that bends them.
+    not kept. JAX arrays of float32, such as `intersect` gives, stay on their device; others are copied there for every
+    render. Only the camera's own rays can find it: it cannot stand in a scene with glass that bends them.
     """
 
     normal: Float[Array, "h w 3"]
@@ -45,13 +48,14 @@ class GBuffer(AbstractSurface):
                     f"GBuffer.{name} must have shape (H, W, 3), with the mask's H and W; got {array.shape} with a mask "
                     f"of shape {inside.shape}. Give one vector a pixel."
                 )
-        keep = np.where if is_concrete(normal, position, inside) else jnp.where
+        keep = jnp.where if _stays(normal, position) or not is_concrete(normal, position, inside) else _frozen
         self.normal = keep(inside[..., None], normal, 0.0)
         self.position = None if position is None else keep(inside[..., None], position, 0.0)
-        self.mask = inside
+        self.mask = keep(inside, inside, False)
 
     def check_together(self) -> None:
-        if not is_concrete(self.normal, self.mask):
+        arrays = [array for array in (self.normal, self.position, self.mask) if array is not None]
+        if not is_concrete(*arrays) or tuple(map(id, arrays)) in _sound:
             return
         squared = np.sum(np.square(self.normal), -1)
         points = self.normal if self.position is None else self.position
@@ -63,12 +67,38 @@ class GBuffer(AbstractSurface):
                 f"{column} the normal is {self.normal[row, column]} and the position "
                 f"{None if self.position is None else self.position[row, column]}. Normalise it or mask it out."
             )
+        _remember(arrays)
 
     def intersect(self, rays: Rays) -> Hit:
         """Return the buffer's own points: the rays must be those of the camera that it was made for."""
         p = None if self.position is None else Vec3.of(self.position)
         distance = jnp.zeros(self.mask.shape) if p is None else dot(p - rays.origin, rays.direction)
         return Hit(distance, p, Vec3.of(self.normal), self.mask)
+
+
+_sound: dict[
+    tuple[int, ...], list[weakref.ref]
+] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
+
+
+def _remember(arrays: Sequence[Array]) -> None:
+    """Remember that the arrays of a G-buffer are sound, by their identity, for as long as all of them live."""
+    if any(isinstance(array, np.ndarray) and (array.flags.writeable or not array.flags.owndata) for array in arrays):
+        return
+    key = tuple(map(id, arrays))
+    _sound[key] = [weakref.ref(array, lambda _: _sound.pop(key, None)) for array in arrays]
+
+
+def _stays(*arrays: Array | None) -> bool:
+    """Whether arrays stay JAX's, on their device: of float32. float64 is none where `jax_enable_x64` is off."""
+    return all(array is None or (isinstance(array, jax.Array) and array.dtype == np.float32) for array in arrays)
+
+
+def _frozen(inside: Array, array: Array, outside: float | bool) -> np.ndarray:
+    """Return the array where the mask is True, as a copy that cannot be written to."""
+    kept = np.where(inside, array, outside)
+    kept.flags.writeable = False
+    return kept
 
 
 def _mask_of(noun: str, mask: ArrayLike, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:

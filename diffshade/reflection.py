@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from .fields import Array
 from .fresnel import AbstractFresnel
 from .lights import AbstractEmitter, AbstractLight, AreaLight
 from .materials import AbstractLobe, Coefficients
@@ -24,16 +23,13 @@ def reflectance(k: Coefficients, lobe: AbstractLobe, fresnel: AbstractFresnel, n
     n_l = dot(n, l)
     lit = n_l > 0
     diffuse = jnp.where(lit, n_l, 0.0)
-    cosine = lobe.cosine(n, l, v)
-
-    def highlight(n_s: Array) -> Array:
-        return jnp.where(lit, positive_power(cosine, n_s), 0.0)
+    cosine = jnp.where(lit, lobe.cosine(n, l, v), 0.0)
 
     W = fresnel.weight(k.k_s, k.eta, diffuse)
     if isinstance(k.n_s, Vec3):  # one exponent a channel
-        specular = W * Vec3(highlight(k.n_s.x), highlight(k.n_s.y), highlight(k.n_s.z))
+        specular = W * Vec3(*(positive_power(cosine, n_s) for n_s in (k.n_s.x, k.n_s.y, k.n_s.z)))
     else:
-        specular = W * highlight(k.n_s)
+        specular = W * positive_power(cosine, k.n_s)
     return k.k_d * diffuse + specular
 
 

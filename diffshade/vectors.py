@@ -125,5 +125,7 @@ def positive_power(x: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Arra
 
     The derivative at and below x = 0 is 0, that of the dark side. As x -> 0+ with 0 < n < 1 the true one is infinite.
     """
-    positive = x > 0
-    return jnp.where(positive, jnp.exp(n * jnp.log(jnp.where(positive, x, 1.0))), 0.0)
+    positive = (
+        x > 0
+    )  # chosen before the exponential, which XLA does not repeat for each channel as it does what follows
+    return jnp.exp(jnp.where(positive, n * jnp.log(jnp.where(positive, x, 1.0)), -jnp.inf))

@@ -96,3 +96,14 @@ assert not xla_bridge.backends_are_initialized()
     # and indeed there need be none to start: any array of JAX's would end in an error
     done = run("import diffshade", JAX_PLATFORMS="none_of_that_name")
     assert done.returncode == 0, done.stderr
+
+
+def test_a_compiler_that_does_not_know_the_quick_options_compiles_as_usual(monkeypatch):
+    assert backend._quickly() == backend.QUICKLY
+    backend._quickly.cache_clear()
+    monkeypatch.setattr(backend, "QUICKLY", {"xla_cpu_no_such_option": 1})
+    try:
+        assert backend._quickly() is None
+        assert backend.jit_quickly(lambda x: x + 1.0)(1.0) == 2.0
+    finally:
+        backend._quickly.cache_clear()

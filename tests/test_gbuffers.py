@@ -1,12 +1,17 @@
 """G-buffers of normal maps and height maps."""
 
+import gc
 import inspect
 from re import escape
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade import gbuffers
 
 DIRECTIONS = np.array([[(0, 0, 1), (0.6, 0, 0.8), (0, -0.8, 0.6)], [(1, 0, 0), (-0.6, 0, 0.8), (0, 0.6, 0.8)]])
 
@@ -127,3 +132,43 @@ def test_a_height_map_of_another_shape():
     message = "a height map must have the camera's shape (30, 20); got (20, 30). Resize it."
     with pytest.raises(ValueError, match=f"^{escape(message)}$"):
         ds.height_map(np.zeros((20, 30)), CAMERA)
+
+
+# --- kept as they are
+
+
+def test_float32_of_jax_stays_on_its_device_and_the_rest_is_a_copy_that_cannot_change():
+    normal, mask = np.zeros((2, 3, 3)), np.ones((2, 3), bool)
+    normal[..., 2] = 1.0
+    there = ds.GBuffer(jnp.asarray(normal, np.float32), None, mask)
+    assert isinstance(there.normal, jax.Array)
+    for given in (normal, jnp.asarray(normal)):  # float64 of JAX would not survive where x64 is off
+        here = ds.GBuffer(given, None, mask)
+        assert isinstance(here.normal, np.ndarray)
+        assert here.normal.dtype == np.float64
+        with pytest.raises(ValueError, match="read-only"):
+            here.normal[0, 0, 0] = 7.0
+    mask[0, 0] = False
+    assert np.asarray(here.mask).all()
+
+
+def test_what_was_looked_at_is_not_looked_at_again_but_what_takes_its_place_is():
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(2, 3), local_viewer=False)
+    normal = np.tile([0.0, 0.0, 1.0], (2, 3, 1))
+    good = ds.GBuffer(normal, None, np.ones((2, 3), bool))
+    scene = ds.Scene(ds.Object(good), ds.DirectionalLight((0, 0, -1)))
+    known = len(gbuffers._sound)
+    image = np.asarray(ds.render(scene, camera))
+    assert len(gbuffers._sound) == known
+    bad = eqx.tree_at(lambda s: s.objects[0].surface.normal, scene, 2.0 * normal)
+    with pytest.raises(ValueError, match="unit normal"):
+        ds.render(bad, camera)
+    changing = normal.copy()
+    written = eqx.tree_at(lambda s: s.objects[0].surface.normal, scene, changing)
+    np.testing.assert_array_equal(ds.render(written, camera), image)
+    changing[:] = 3.0  # an array that somebody else may write to is looked at each time
+    with pytest.raises(ValueError, match="unit normal"):
+        ds.render(written, camera)
+    del good, scene, bad, written
+    gc.collect()
+    assert len(gbuffers._sound) < known

@@ -209,7 +209,9 @@ def test_a_broad_and_a_sharp_highlight_are_found_from_the_default_start(n_s, sig
     noise = [(v.image - c)[find_samples(scene, v).inside] for v, c in zip(views, clean, strict=True)]
     rmse_of_truth = np.sqrt(np.mean(np.concatenate(noise) ** 2))
     assert fit.converged
-    assert fit.rmse <= rmse_of_truth * (1 + 1e-9) + 1e-13
+    assert (
+        fit.rmse <= rmse_of_truth * (1 + 1e-9) + 3e-13
+    )  # a fit stops where a step promises 1e-25 of the sum of squares
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1e4])

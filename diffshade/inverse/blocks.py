@@ -19,7 +19,7 @@ from .views import Samples, View, is_grey
 
 T = TypeVar("T")
 BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
-CHUNK = 32  # blocks at most in one call of a compiled program
+CHUNK = 16  # blocks at most in one call of a compiled program
 
 
 class Observed(eqx.Module):
@@ -68,14 +68,17 @@ def block_size(pixels: Sequence[int]) -> int:
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
-    """Gather blocks into chunks of few different lengths, so that few programs compile."""
-    return [list(parts[start : start + CHUNK]) for start in range(0, len(parts), CHUNK)]
+    """Gather blocks into chunks; of several the last is filled up with empty ones, so that one program serves all."""
+    empty = -len(parts) % CHUNK if len(parts) > CHUNK else 0
+    parts = [*parts, *(Piece(part.view, part.samples, part.pixels[:0]) for part in parts[:empty])]
+    return [parts[start : start + CHUNK] for start in range(0, len(parts), CHUNK)]
 
 
 def padded_length(count: int) -> int:
-    """Return the number of blocks of a chunk of at least `count`."""
-    lengths = (1, 2, 3, 4, 6, 8, 12, 16, 24, CHUNK)
-    return -(-count // CHUNK) * CHUNK if count > CHUNK else next(length for length in lengths if length >= count)
+    """Return the number of blocks of a chunk of at least `count`: few different ones, so that few programs compile."""
+    if count > CHUNK:
+        return -(-count // CHUNK) * CHUNK
+    return next(length for length in (1, 2, 3, 4, 6, 8, 12, CHUNK) if length >= count)
 
 
 def observed(

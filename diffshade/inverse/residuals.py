@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..backend import jit_quickly
 from ..cameras import AbstractCamera, Projection
 from ..fields import Array
 from ..gbuffers import GBuffer
@@ -179,7 +180,7 @@ def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) ->
     return jax.tree.map(gather, gbuffer)
 
 
-@jax.jit
+@jit_quickly
 def _jitted_projection(camera: AbstractCamera) -> Projection:
     return camera.projection()
 

@@ -14,7 +14,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import fields
-from ..backend import UNFUSED
+from ..backend import UNFUSED, jit_quickly
 from .blocks import Block, on_all_cores, total
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 from .gram import Gram, Point
@@ -110,7 +110,7 @@ _summary = jax.jit(_summarise, static_argnums=0)
 _summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSED)
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jit_quickly, static_argnums=0)
 def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
     form, soft, box = jax.tree.unflatten(structure, leaves)
     return evaluate(theta, form, soft, box, summary)
@@ -135,14 +135,14 @@ def _given(y: Array, point: Point) -> tuple[Any, Point]:
     return point.total.cost, point
 
 
-@jax.jit
+@jit_quickly
 def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
     f_struct, aux_struct = jax.eval_shape(_given, theta, point)
     state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)  # of no weak type, as all later ones
 
 
-@jax.jit
+@jit_quickly
 def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point) -> tuple[Array, State, Array]:
     theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
     return theta, state, state.done | (state.result != optx.RESULTS.successful)

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..backend import jit_quickly
 from ..fields import Array
 from ..lights import SpotLight
 from ..scenes import Scene
@@ -122,7 +122,7 @@ _MOVES = {
 }
 
 
-@jax.jit
+@jit_quickly
 def _judge(point: Point, box: Box) -> tuple[Array, Array]:
     """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
     step = linear_step(point, box)
@@ -162,7 +162,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     return theta
 
 
-@jax.jit
+@jit_quickly
 def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
     """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
     theta, of = point.theta, point.total

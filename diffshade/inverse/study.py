@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..backend import jit_quickly
 from ..fields import Array
 from ..gbuffers import GBuffer
 from ..scenes import Scene
@@ -61,10 +62,10 @@ class Study:
             form = feature_form(problem, self.likelihood, unknowns, shared=plain, grey=self.grey)
         else:
             form = Rendered(problem, self.likelihood, steepest(unknowns))
-        self.form: Any = jax.tree.map(jnp.asarray, form)
+        self.form: Any = jax.device_put(form)
         ends = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-        lower, upper = map(jnp.asarray, ends)
-        self.box = Box(lower, upper, jnp.asarray([u.is_linear for u in unknowns]))
+        lower, upper = ends
+        self.box = jax.device_put(Box(lower, upper, np.array([u.is_linear for u in unknowns])))
         self.size = block_size(samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples])
         self.gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in scene.objects]
 
@@ -122,7 +123,7 @@ class Study:
         units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
         weight = float(self.likelihood.sigma) / width.astype(float)
         soft = Soft(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(self.squares)))
-        return jax.tree.map(jnp.asarray, soft)
+        return jax.device_put(soft)
 
     def solve(self, *, from_scene: bool, tell: Callable[[str], None]) -> Minimum:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
@@ -194,7 +195,7 @@ class Study:
         wide = with_wide_edges(self.scene, self.unknowns)
         if wide is not self.scene:
             problem = prepare(wide, self.views, slots_of(wide, self.views, self.unknowns))
-            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.tree.map(jnp.asarray, problem))
+            self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.device_put(problem))
         coarse = self.few() if is_local(self.unknowns) else self.measured
         theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
         self.form = sharp
@@ -234,7 +235,7 @@ class Study:
 
     def evidence(self, end: Minimum) -> tuple[Any, Any]:
         """Return the Gram of what is known beside the views, and the sums of `Likelihood.spread` at the end."""
-        theta = jnp.asarray(end.point.theta)
+        theta = end.point.theta
         cost = float(end.point.views.cost.sum())
         if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
             count = float(self.number)
@@ -245,7 +246,7 @@ class Study:
         return _beside(theta, self.soft()), spread
 
 
-@jax.jit
+@jit_quickly
 def _soft_gram(theta: Array, soft: Soft) -> Gram:
     return soft.gram(theta)
 
@@ -310,7 +311,7 @@ def laid(theta: Array | None, form: Any, gathered: Block, *, noisy: bool) -> Blo
     points = form.fields(gathered.points, gathered.view, seen.weight[:, 0] > 0)
     if form.projects:
         seen = eqx.tree_at(lambda o: o.weight, seen, None)
-    chunk = jax.tree.map(jnp.asarray, Block(gathered.view, points, seen))
+    chunk = jax.device_put(Block(gathered.view, points, seen))
     return _weigh(theta, form, chunk) if noisy and not form.projects else chunk
 
 

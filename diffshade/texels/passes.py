@@ -243,8 +243,8 @@ def evaluate(task: Task, n: Vec3, x: Array, weight: Array) -> Found:
         slope.append(jnp.sum(predicted - with_terms(lambda f: right[f], J), 0))
     cost = 0.5 * (squares - jnp.sum(gain, 0))
     gram = [row[:size] for row in products[:size]]
-    matrices = map(_tuples, (gram, mixed, rest))
-    found = Found(n, x, tuple(k), cost, 2.0 * cost, task.seen.observations, *matrices, tuple(slope), None)
+    G, B, P = map(_tuples, (gram, mixed, rest))
+    found = Found(n, x, tuple(k), cost, 2.0 * cost, task.seen.observations, G, B, P, tuple(slope), None)
     return believe(task, found) if task.reweighs else found
 
 
