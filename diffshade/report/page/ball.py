@@ -11,6 +11,7 @@ import numpy as np
 
 from ...attenuation import RadialAttenuation
 from ...cameras import AbstractCamera, Camera, OrthographicCamera, axes
+from ...fields import Array
 from ...fresnel import Dielectric, NoFresnel, Schlick
 from ...inverse.identifiability import listing
 from ...inverse.outcome import Fit
@@ -21,6 +22,7 @@ from ...patterns import AbstractPattern
 from ...rendering import intersect
 from ...scenes import Object, Scene
 from ...surfaces import Sphere
+from ...vectors import Vec3
 
 SIZE = 640  # pixels of the longer side
 LOBES = (Phong, Blinn)
@@ -93,9 +95,8 @@ def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
     if seen.position is None or not np.any(seen.mask):
         return None
     points = np.asarray(seen.position)[np.asarray(seen.mask)]
-    right, up, _ = axes(camera)
-    across = [points @ np.asarray(axis.stack()) for axis in (right, up)]
-    radius = 0.5 * min(float(np.ptp(a)) for a in across)
+    told = _vectors(camera)
+    radius = 0.5 * min(float(np.ptp(points @ np.asarray(told[axis]))) for axis in ("right", "up"))
     return Sphere(points.mean(0), radius) if radius > 0 else None
 
 
@@ -104,19 +105,24 @@ def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
     if ball is None:
         camera = PLAIN
     else:
-        center, (_, up, backward) = np.asarray(ball.center), (np.asarray(a.stack()) for a in axes(camera))
+        center, told = np.asarray(ball.center), _vectors(camera)
+        up, backward = (np.asarray(told[axis]) for axis in ("up", "backward"))
         if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
             eye = center + 4.0 * float(ball.radius) * backward
             camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
     height, width = ball_shape(camera.shape)
     camera = dataclasses.replace(camera, shape=(height, width))
-    projection = camera.projection()
-    right, up, backward = axes(camera)
-    vectors = {name: getattr(projection, name) for name in ("origin", "origin_column", "origin_row")}
-    vectors |= {name: getattr(projection, name) for name in ("direction", "direction_column", "direction_row")}
-    vectors |= {"eye": projection.eye, "backward": backward, "right": right, "up": up}
-    numbers = {name: _floats(vector.stack()) for name, vector in vectors.items()}
+    numbers = {name: _floats(vector) for name, vector in _vectors(camera).items()}
     return {**numbers, "local_viewer": camera.local_viewer, "height": height, "width": width}
+
+
+@jax.jit
+def _vectors(camera: AbstractCamera) -> dict[str, Array]:
+    """Return the projection of a camera, and its axes."""
+    projection = camera.projection()
+    right, up, _ = axes(camera)
+    vectors = {name: of for name, of in vars(projection).items() if isinstance(of, Vec3)}
+    return {name: vector.stack() for name, vector in {**vectors, "right": right, "up": up}.items()}
 
 
 def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
@@ -132,7 +138,7 @@ def _emitters(light: AbstractLight) -> list[list[float]] | None:
     spot; its axis, the cosine of its edge; exponent, width of the soft edge, 0, 0.
     """
     if isinstance(light, AreaLight):
-        stack = light.emitters()
+        stack = jax.jit(AreaLight.emitters)(light)
         number = light.samples[0] * light.samples[1]
         spots = [jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack) for i in range(number)]
         return [row for spot in spots for row in _emitters(spot) or ()]

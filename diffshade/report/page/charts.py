@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from ...diagnosis.examination import Examination
 from ...inverse.outcome import Fit
 from .residuals import Curve, Residuals
 
+Vector: TypeAlias = Shaped[np.ndarray, " n"]
 WIDTH, HEIGHT = 340, 210
 LEFT, RIGHT, TOP, BOTTOM = 58, 12, 12, 40
 
@@ -38,6 +40,8 @@ class Chart:
     """Height of the line at 0."""
     verticals: tuple[tuple[float, str], ...] = ()
     """Places of lines from bottom to top, and their names."""
+    foremost: bool = False
+    """Whether it is to be seen at once."""
     width: int = WIDTH
     height: int = HEIGHT
 
@@ -51,21 +55,21 @@ class Frame:
     log: bool = False
     """Whether y are logarithms to the base 10."""
 
-    def across(self, x: float) -> float:
+    def across(self, x: float | int | np.number) -> float:
         """Return the place of x."""
-        return round(LEFT + (x - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT), 2)
+        return round(LEFT + (float(x) - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT), 2)
 
-    def up(self, y: float) -> float:
+    def up(self, y: float | int | np.number) -> float:
         """Return the height of y."""
-        return round(HEIGHT - BOTTOM - (y - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM), 2)
+        return round(HEIGHT - BOTTOM - (float(y) - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM), 2)
 
-    def path(self, x: Sequence[float], y: Sequence[float]) -> str:
+    def path(self, x: Vector, y: Vector) -> str:
         """Return a path through points."""
-        return "M" + "L".join(f"{self.across(a)},{self.up(b)}" for a, b in zip(x, y, strict=True))
+        return "M" + "L".join(f"{self.across(float(a))},{self.up(float(b))}" for a, b in zip(x, y, strict=True))
 
-    def band(self, x: Sequence[float], low: Sequence[float], high: Sequence[float]) -> str:
+    def band(self, x: Vector, low: Vector, high: Vector) -> str:
         """Return the area between two curves."""
-        return self.path([*x, *x[::-1]], [*low, *high[::-1]]) + "Z"
+        return self.path(np.append(x, x[::-1]), np.append(low, high[::-1])) + "Z"
 
     def ticks(self, *, whole: bool = False) -> dict[str, tuple[tuple[float, str], ...]]:
         """Return the ticks of both axes; `whole` asks for whole numbers across."""
@@ -107,8 +111,8 @@ def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
         "fit − photograph",
         **frame.ticks(),
         words=words,
-        band=frame.band(*map(list, (curve.angle, curve.low, curve.high))),
-        line=frame.path(list(curve.angle), list(curve.mean)),
+        band=frame.band(curve.angle, curve.low, curve.high),
+        line=frame.path(curve.angle, curve.mean),
         dots=tuple(dots),
         zero=frame.up(0.0),
     )
@@ -137,7 +141,7 @@ def histogram(residuals: Residuals) -> Chart:
         **frame.ticks(),
         words=f"{beyond:.2%} are beyond three times the RMSE; of normal noise (the line) 0.27% would be.",
         bars=tuple(bars),
-        curve=frame.path(list(middle), list(normal)),
+        curve=frame.path(middle, normal),
     )
 
 
@@ -156,7 +160,7 @@ def convergence(fit: Fit) -> Chart | None:
         "cost above the lowest, relative",
         **frame.ticks(whole=True),
         words=f"From {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
-        line=frame.path(list(passes), list(y)),
+        line=frame.path(passes, y),
         dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in said),
     )
 
@@ -173,14 +177,15 @@ def profile(examination: Examination, j: int) -> Chart | None:
     dots = [(frame.across(x), frame.up(e * e), f"{name} = {x:.6g}: {e:.2f} errors away") for x, e in points]
     inside = [(v, words) for ends, words in ((likely, "68 %"), (sure, "95 %")) for v in ends if t[0] <= v <= t[-1]]
     return Chart(
-        name,
+        f"Profile of {name}",
         name,
         "rise of the cost, errors²",
         **frame.ticks(),
         words=f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}.",
-        line=frame.path(list(t), list(rise)),
+        line=frame.path(t, rise),
         dots=tuple(dots),
         verticals=tuple((frame.across(v), words) for v, words in inside),
+        foremost=examination.fit.unknowns[j].kind == "n_s",
     )
 
 
@@ -213,5 +218,5 @@ def rmse_of_views(residuals: Residuals, names: Sequence[str]) -> Chart:
     )
 
 
-def _signed(value: float) -> str:
+def _signed(value: float | np.number) -> str:
     return f"{value:+.2g}".replace("-", "−")

@@ -96,7 +96,7 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
         remark = "at a bound" if fit.at_bound[j] else ""
         interval = "" if examination is None else f"{_range(sure[j], errors[j])}"
         ends = [tuple(float(x) for x in np.clip(r[j] / reach, -1.0, 1.0)) for r in relative] if drawn[j] else [None] * 2
-        rows.append(Row(name, rounded(fit.values[j], errors[j]), f"{side}{errors[j]:.2g}", interval, remark, *ends))
+        rows.append(Row(name, rounded(fit.values[j], errors[j]), f"{side}{rounded(errors[j], errors[j])}", interval, remark, *ends))
     return Parameters(tuple(rows), reach, kind)
 
 
@@ -153,4 +153,4 @@ def shots(plan: Plan) -> Table:
     quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
     now = ("as it is", *plan.cells(plan.now, quantities), "")
     rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
-    return Table(("photograph", *quantities, "gain"), (now, *rows), plan.notes)
+    return Table(("photograph", *quantities, "gain in log det"), (now, *rows), plan.notes)
