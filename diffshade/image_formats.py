@@ -214,6 +214,17 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
 
 
+def encode_indexed(index: np.ndarray, colours: np.ndarray) -> bytes:
+    """Return the PNG that shows for each number, shape (H, W), one of up to 256 RGBA colours: a byte a pixel."""
+    from PIL import Image
+
+    image = Image.fromarray(index.astype(np.uint8))
+    image.putpalette(colours.astype(np.uint8).tobytes(), "RGBA")
+    file = io.BytesIO()
+    image.save(file, "PNG", optimize=True)
+    return file.getvalue()
+
+
 FORMATS = {
     ".png": Format("PNG", _decode_png, (np.uint8, np.uint16)),
     ".jpg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),

@@ -35,6 +35,7 @@ ONLY_IN = {
     "optimistix": "inverse",
     "lineax": "inverse",
     "imageio": "image_formats",
+    "jinja2": "report",
     "matplotlib": "report",
     "trimesh": "meshes",
 }

@@ -75,7 +75,7 @@ def write_report(
         rms = float(np.sqrt(np.mean(residuals.values**2)))
         curves = (
             ("From the light", "angle between n and l, degrees", curve(residuals, residuals.to_light)),
-            ("From the highlight", "angle between v and r, degrees", curve(residuals, residuals.to_mirror)),
+            ("From the highlight", "angle between v and r, degrees", curve(residuals, residuals.to_mirror, power=2.0)),
         )
         page = _render(
             fit=fit,

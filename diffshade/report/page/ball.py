@@ -17,7 +17,7 @@ from ...inverse.identifiability import listing
 from ...inverse.outcome import Fit
 from ...inverse.views import lights_on
 from ...lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
-from ...materials import Blinn, Material, Phong
+from ...materials import Blinn, Phong
 from ...patterns import AbstractPattern
 from ...rendering import intersect
 from ...scenes import Object, Scene

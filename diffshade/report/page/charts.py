@@ -13,6 +13,7 @@ from ...diagnosis.examination import Examination
 from ...inverse.outcome import Fit
 from .residuals import Curve, Residuals
 
+Ticks: TypeAlias = tuple[tuple[float, str], ...]
 Vector: TypeAlias = Shaped[np.ndarray, " n"]
 WIDTH, HEIGHT = 340, 210
 LEFT, RIGHT, TOP, BOTTOM = 58, 12, 12, 40
@@ -25,8 +26,8 @@ class Chart:
     title: str
     x_label: str
     y_label: str
-    x_ticks: tuple[tuple[float, str], ...]
-    y_ticks: tuple[tuple[float, str], ...]
+    x_ticks: Ticks
+    y_ticks: Ticks
     words: str = ""
     """What is to be seen, for those who do not see it."""
     band: str = ""
@@ -71,14 +72,14 @@ class Frame:
         """Return the area between two curves."""
         return self.path(np.append(x, x[::-1]), np.append(low, high[::-1])) + "Z"
 
-    def ticks(self, *, whole: bool = False) -> dict[str, tuple[tuple[float, str], ...]]:
-        """Return the ticks of both axes; `whole` asks for whole numbers across."""
-        y = [(k, f"1e{k:g}") for k in _round_numbers(self.y, 4, whole=True)] if self.log else None
-        heights = y or [(value, _short(value)) for value in _round_numbers(self.y, 4)]
-        return {
-            "x_ticks": tuple((self.across(v), _short(v)) for v in _round_numbers(self.x, 5, whole=whole)),
-            "y_ticks": tuple((self.up(v), label) for v, label in heights),
-        }
+    def x_ticks(self, *, whole: bool = False) -> Ticks:
+        """Return the places and labels of round numbers across; `whole` asks for whole ones."""
+        return tuple((self.across(v), _short(v)) for v in _round_numbers(self.x, 5, whole=whole))
+
+    def y_ticks(self) -> Ticks:
+        """Return the heights and labels of round numbers."""
+        numbers = _round_numbers(self.y, 4, whole=self.log)
+        return tuple((self.up(v), f"1e{v:g}" if self.log else _short(v)) for v in numbers)
 
 
 def _round_numbers(ends: tuple[float, float], about: int, *, whole: bool = False) -> list[float]:
@@ -96,7 +97,7 @@ def _short(value: float) -> str:
 def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
     """Draw residuals over an angle: their mean, and the range of eight in ten."""
     reach = 1.15 * max(float(np.abs([curve.low, curve.high, curve.mean]).max()), 1e-12)
-    top = float(curve.angle[-1] + 0.5 * (curve.angle[-1] - curve.angle[-2]))
+    top = 1.03 * float(curve.angle[-1])
     frame = Frame((0.0, top), (-reach, reach))
     worst = int(np.abs(curve.mean).argmax())
     words = (
@@ -109,7 +110,8 @@ def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
         title,
         x_label,
         "fit − photograph",
-        **frame.ticks(),
+        frame.x_ticks(),
+        frame.y_ticks(),
         words=words,
         band=frame.band(curve.angle, curve.low, curve.high),
         line=frame.path(curve.angle, curve.mean),
@@ -138,7 +140,8 @@ def histogram(residuals: Residuals) -> Chart:
         "How often each occurs",
         "fit − photograph",
         "share of samples",
-        **frame.ticks(),
+        frame.x_ticks(),
+        frame.y_ticks(),
         words=f"{beyond:.2%} are beyond three times the RMSE; of normal noise (the line) 0.27% would be.",
         bars=tuple(bars),
         curve=frame.path(middle, normal),
@@ -152,13 +155,16 @@ def convergence(fit: Fit) -> Chart | None:
     if len(passes) < 2:
         return None
     y = np.log10(above[passes] / max(float(fit.costs.min()), 1e-300))
-    frame = Frame((0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True)
+    frame = Frame(
+        (0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True
+    )
     said = zip(passes, y, above[passes], strict=True)
     return Chart(
         "Convergence",
         "pass over all pixels",
         "cost above the lowest, relative",
-        **frame.ticks(whole=True),
+        frame.x_ticks(whole=True),
+        frame.y_ticks(),
         words=f"From {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
         line=frame.path(passes, y),
         dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in said),
@@ -180,7 +186,8 @@ def profile(examination: Examination, j: int) -> Chart | None:
         f"Profile of {name}",
         name,
         "rise of the cost, errors²",
-        **frame.ticks(),
+        frame.x_ticks(),
+        frame.y_ticks(),
         words=f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}.",
         line=frame.path(t, rise),
         dots=tuple(dots),
@@ -212,7 +219,8 @@ def rmse_of_views(residuals: Residuals, names: Sequence[str]) -> Chart:
         "Each view",
         "view",
         "RMSE",
-        **frame.ticks(whole=True),
+        frame.x_ticks(whole=True),
+        frame.y_ticks(),
         words=f"The largest is that of {names[worst]}, {known[worst]:.3g}; the median is {np.median(known):.3g}.",
         bars=tuple(bars),
     )

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...image_formats import encode
+from ...image_formats import encode, encode_indexed
 from ...images import srgb_encode
 from ...inverse.outcome import Fit, Prediction
 
 LARGEST = 800  # pixels of the longer side, above which a photograph is shown smaller
-QUALITY = 88  # of JPEG: noise of one in 200 costs .2 byte a pixel less than at 95
+QUALITY = 88  # of JPEG
 STEPS = 32  # of the colours of a difference, to each side of 0
 
 
@@ -59,18 +59,30 @@ def hang(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
         small = min(1.0, LARGEST / max(height, width))
         shape = (max(round(height * small), 1), max(round(width * small), 1))
         photograph, image = (_displayed(of, shape, white) for of in (p.target, p.image))
-        difference = _coloured(p, shape, limit, table)
-        uris = [_uri(".jpg", photograph), _uri(".jpg", image), _uri(".png", difference)]
-        pictures.append(Picture(names[i], *uris, p.rmse if p.counts.any() else 0.0, *shape, small < 1.0))
-    colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table)
+        difference = _steps(p, shape, limit)
+        files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
+        pictures.append(
+            Picture(
+                names[i],
+                photograph=_uri("jpeg", files[0]),
+                fit=_uri("jpeg", files[1]),
+                difference=_uri("png", encode_indexed(difference, table)),
+                rmse=p.rmse if p.counts.any() else 0.0,
+                height=shape[0],
+                width=shape[1],
+                smaller=small < 1.0,
+            )
+        )
+    colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])
     return Gallery(tuple(pictures), white, limit, colours)
 
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:
-    """Return the colours of differences, blue where the fit is darker, red where it is brighter."""
+    """Return the colours of differences, blue where the fit is darker, red where it is brighter, and a clear one."""
     from matplotlib import colormaps
 
-    return (255.0 * colormaps["RdBu_r"](np.linspace(0.0, 1.0, 2 * STEPS + 1))).round().astype(np.uint8)
+    colours = colormaps["RdBu_r"](np.linspace(0.0, 1.0, 2 * STEPS + 1))
+    return np.append(255.0 * colours, [[0.0] * 4], 0).round().astype(np.uint8)
 
 
 def _displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:
@@ -79,15 +91,13 @@ def _displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white:
     return np.rint(255.0 * np.broadcast_to(srgb_encode(np.clip(shown, 0.0, 1.0)), (*shape, 3))).astype(np.uint8)
 
 
-def _coloured(
-    p: Prediction, shape: tuple[int, int], limit: float, table: UInt8[np.ndarray, "colours 4"]
-) -> UInt8[np.ndarray, "a b 4"]:
-    """Return the mean over the channels of fit - photograph as colours; clear where nothing counts."""
+def _steps(p: Prediction, shape: tuple[int, int], limit: float) -> UInt8[np.ndarray, "a b"]:
+    """Return which colour the mean over the channels of fit - photograph has; the last where nothing counts."""
     counted = p.counts.sum(-1, keepdims=True).astype(float)
     weight = _resized(counted, shape)[..., 0]
     mean = _resized(p.difference.sum(-1, keepdims=True), shape)[..., 0] / np.maximum(weight, 1e-12)
     index = np.rint((np.clip(mean / limit, -1.0, 1.0) + 1.0) * STEPS).astype(int)
-    return np.where((weight > 0.5 * counted.max(initial=1.0))[..., None], table[index], 0).astype(np.uint8)
+    return np.where(weight > 0.5, index, 2 * STEPS + 1).astype(np.uint8)
 
 
 def _resized(image: Float[np.ndarray, "h w c"], shape: tuple[int, int]) -> Float[np.ndarray, "a b c"]:
@@ -102,6 +112,5 @@ def _resized(image: Float[np.ndarray, "h w c"], shape: tuple[int, int]) -> Float
     return image
 
 
-def _uri(suffix: str, pixels: UInt8[np.ndarray, "h w c"]) -> str:
-    kind = {".jpg": "jpeg", ".png": "png"}[suffix]
-    return f"data:image/{kind};base64,{base64.b64encode(encode(suffix, pixels, quality=QUALITY)).decode('ascii')}"
+def _uri(kind: str, file: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(file).decode('ascii')}"

@@ -94,15 +94,17 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
             continue
         side = "+" if fit.at_lower[j] else "−" if fit.at_bound[j] else "±"
         remark = "at a bound" if fit.at_bound[j] else ""
-        interval = "" if examination is None else f"{_range(sure[j], errors[j])}"
-        ends = [tuple(float(x) for x in np.clip(r[j] / reach, -1.0, 1.0)) for r in relative] if drawn[j] else [None] * 2
-        rows.append(Row(name, rounded(fit.values[j], errors[j]), f"{side}{rounded(errors[j], errors[j])}", interval, remark, *ends))
+        interval = "" if examination is None else _range(sure[j], errors[j])
+        error = f"{side}{rounded(errors[j], errors[j])}"
+        one, two = ((float(low), float(high)) for low, high in (np.clip(r[j] / reach, -1.0, 1.0) for r in relative))
+        whiskers = (one, two) if drawn[j] else (None, None)
+        rows.append(Row(name, rounded(fit.values[j], errors[j]), error, interval, remark, *whiskers))
     return Parameters(tuple(rows), reach, kind)
 
 
 def rounded(value: float, error: float) -> str:
     """Return a value to the second digit of its error."""
-    if not (np.isfinite(error) and error > 0):
+    if value == 0 or not (np.isfinite(error) and error > 0):
         return f"{value:.6g}"
     decimals = 1 - int(np.floor(np.log10(error)))
     return f"{value:.{decimals}f}" if 0 <= decimals <= 12 else f"{value:.6g}"
