@@ -146,11 +146,12 @@ def test_whatever_is_shown_is_escaped(fit, tmp_path):
 
 
 def test_the_pictures_are_the_photograph_and_the_fit(fit, page):
-    images = {a["alt"]: iio.imread(base64.b64decode(a["src"].split(",")[1])) for a, _ in page.all("img")}
+    files = {a["alt"]: base64.b64decode(a["src"].split(",")[1]) for a, _ in page.all("img")}
+    images = {alt: iio.imread(file, mode="RGBA") for alt, file in files.items()}
     predictions = [fit.predict(view) for view in fit.views]
     white = max(np.quantile(p.target[p.counts], 0.995) for p in predictions)
     for i, p in enumerate(predictions):
-        shown = images[f"The fit of view {i}"] / 255
+        shown = images[f"The fit of view {i}"][..., :3] / 255
         assert np.abs(shown - ds.srgb_encode(np.clip(p.image / white, 0, 1))).mean() < 0.02
         (difference,) = [image for alt, image in images.items() if alt.startswith(f"Fit minus photograph of view {i}")]
         np.testing.assert_array_equal(difference[..., 3] > 0, p.counts.any(-1))
@@ -212,9 +213,10 @@ OBJECTS = (
         ds.Sphere((0.1, -0.2, 0.3), 0.8), ds.Material(0.1, 0.5, 0.2, 200, ds.Blinn(), ds.Schlick()), name="schlick"
     ),
     ds.Object(
-        ds.Sphere(), ds.Material(0.02, 0.1, n_s=300, fresnel=ds.Dielectric(), eta=1.5, k_e=0.05), name="dielectric"
+        ds.Sphere(radius=0.9),
+        ds.Material(0.02, 0.1, n_s=5000, fresnel=ds.Dielectric(), eta=1.5, k_e=0.05),
+        name="dielectric",
     ),
-    ds.Object(ds.Sphere(radius=0.9), ds.Material(0.05, 0.4, 0.6, n_s=5000), name="mirror"),
 )
 AROUND = ds.OrthographicCamera(
     (3e3, 1e3, 4e3), height=2.6, shape=(24, 32), local_viewer=False
@@ -323,8 +325,8 @@ def draw(browser, object_, view, **values):
     return iio.imread(io.BytesIO(base64.b64decode(uri.split(",")[1])))[..., :3] / 255, code
 
 
-CASES = ((0, 0, 70.0, -35.0), (1, 1, -25.0, 15.0), (2, 0, 0.0, 0.0), (3, 1, 0.0, 0.0))
-EVERY = [(i, j, turn, tilt) for i in range(4) for j in range(2) for turn, tilt in ((0.0, 0.0), (-160.0, 20.0))]
+CASES = ((0, 0, 70.0, -35.0), (1, 1, -25.0, 15.0), (2, 0, 0.0, 0.0))
+EVERY = [(i, j, turn, tilt) for i in range(3) for j in range(2) for turn, tilt in ((0.0, 0.0), (-160.0, 20.0))]
 
 
 @pytest.mark.parametrize("cases", [CASES, pytest.param(EVERY, marks=pytest.mark.slow)], ids=["some", "every"])

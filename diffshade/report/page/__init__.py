@@ -102,7 +102,9 @@ def write_report(
 
 
 def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
-    """Refuse what is not of the fit."""
+    """Refuse what is no report, or not of the fit."""
+    if not isinstance(path, str | Path):
+        raise TypeError(f"path must be a path; got {path!r}. Give for example 'fit.html'.")
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a report is a page of HTML. Use .html.")
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
@@ -118,6 +120,8 @@ def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles
     for name, other, example in of:
         if other is not None and not _same(fit, other):
             raise ValueError(f"{name} must be of the fit that is reported; it is of another one. Give {example}.")
+    if isinstance(titles, str) or not all(isinstance(title, str) for title in titles):
+        raise TypeError(f"titles must hold a word for each view; got {titles!r}. Give for example ['lamp near'].")
     if titles and len(titles) != len(fit.views):
         raise ValueError(
             f"titles must be one for each of the fit's {len(fit.views)} views; got {len(titles)}. Leave them out."
