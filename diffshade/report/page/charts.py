@@ -16,7 +16,7 @@ from .residuals import Curve, Residuals
 Ticks: TypeAlias = tuple[tuple[float, str], ...]
 Vector: TypeAlias = Shaped[np.ndarray, " n"]
 WIDTH, HEIGHT = 340, 210
-LEFT, RIGHT, TOP, BOTTOM = 58, 12, 12, 40
+LEFT, RIGHT, TOP, BOTTOM = 66, 12, 12, 40
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,12 @@ def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
     reach = 1.15 * max(float(np.abs([curve.low, curve.high, curve.mean]).max()), 1e-12)
     top = 1.03 * float(curve.angle[-1])
     frame = Frame((0.0, top), (-reach, reach))
-    worst = int(np.abs(curve.mean).argmax())
+    by_chance = 2.0 * rmse / np.sqrt(curve.count)
+    worst = int((np.abs(curve.mean) - by_chance).argmax())
     words = (
         f"Their mean is furthest from zero at {curve.angle[worst]:.0f}°: {_signed(curve.mean[worst])}, "
-        f"{abs(curve.mean[worst]) / max(rmse, 1e-300):.2g} times the RMSE."
+        f"{abs(curve.mean[worst]) / max(rmse, 1e-300):.2g} times the RMSE; independent noise alone would leave it "
+        f"within ±{by_chance[worst]:.1g}."
     )
     rows = zip(curve.angle, curve.mean, curve.count, strict=True)
     dots = [(frame.across(a), frame.up(m), f"{a:.0f}°: mean {_signed(m)} of {c:,} samples") for a, m, c in rows]

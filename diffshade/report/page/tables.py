@@ -14,6 +14,8 @@ from ...inverse.outcome import Fit
 REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
 MOST_CORRELATED = 40  # unknowns, above which the strongest pairs alone are shown
 STRONGEST = 5
+MOST_DECIMALS = 9
+LONGEST = 16  # letters of a name beside a correlation
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Correlations:
     """Names, the cells of a square, and the strongest pairs in words."""
 
     names: tuple[str, ...]
+    labels: tuple[str, ...]
+    """The names, or their last letters."""
     cells: tuple[tuple[Cell, ...], ...]
     strongest: tuple[str, ...]
 
@@ -107,7 +111,9 @@ def rounded(value: float, error: float) -> str:
     if value == 0 or not (np.isfinite(error) and error > 0):
         return f"{value:.6g}"
     decimals = 1 - int(np.floor(np.log10(error)))
-    return f"{value:.{decimals}f}" if 0 <= decimals <= 12 else f"{value:.6g}"
+    if not 0 <= decimals <= MOST_DECIMALS:
+        return f"{value:.2g}" if value == error else f"{value:.6g}"
+    return f"{value:.{decimals}f}"
 
 
 def _range(ends: np.ndarray, error: float) -> str:
@@ -122,7 +128,8 @@ def correlations(fit: Fit) -> Correlations:
     upper = np.abs(np.triu(correlation, 1))
     order = [divmod(int(k), len(which)) for k in np.argsort(-upper, axis=None)[:STRONGEST]] if len(which) else []
     strongest = [f"{names[i]} and {names[j]}: {correlation[i, j]:+.2f}" for i, j in order if upper[i, j] > 0.1]
-    many = len(which) > MOST_CORRELATED
+    labels = tuple(name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}" for name in names)
+    drawn = 1 < len(which) <= MOST_CORRELATED
     cells = tuple(
         tuple(
             Cell(round(abs(float(c)), 3), "negative" if c < 0 else "positive", f"{names[i]}, {names[j]}: {c:+.2f}")
@@ -130,7 +137,7 @@ def correlations(fit: Fit) -> Correlations:
         )
         for i, row in enumerate(correlation)
     )
-    return Correlations(names, () if many else cells, tuple(of.replace("-", "−") for of in strongest))
+    return Correlations(names, labels, cells if drawn else (), tuple(of.replace("-", "−") for of in strongest))
 
 
 def models(choice: ModelChoice) -> Table:
