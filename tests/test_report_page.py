@@ -53,7 +53,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.elements.append((tag, dict(attrs), []))
-        if tag not in ("meta", "link", "img", "input"):
+        if tag not in ("meta", "link", "img", "input", "wbr"):
             self.open.append(self.elements[-1])
 
     def handle_endtag(self, tag):
@@ -356,6 +356,23 @@ def test_the_sliders_of_the_ball_change_the_material(ball, browser):
     assert code == (
         "ds.Material(k_a=0.1, k_d=(0.3, 0.2, 0.1), k_s=(0.25, 0.2, 0.15), k_e=0, n_s=(100, 80, 60), lobe=ds.Phong())"
     )
+
+
+def test_dragging_moves_the_light_and_a_wipe_the_line(ball, browser):
+    from selenium.webdriver import ActionChains
+
+    draw(browser, 0, 0, turn=0.0, tilt=0.0)
+    canvas = browser.find_element("css selector", "canvas")
+    ActionChains(browser).click_and_hold(canvas).move_by_offset(canvas.size["width"] // 4, -20).release().perform()
+    turn, tilt = (float(browser.find_element("name", name).get_attribute("value")) for name in ("turn", "tilt"))
+    assert turn == pytest.approx(45, abs=2)
+    assert -20 < tilt < -5
+    moved_line = """
+        const slider = document.querySelector(".wipe input");
+        slider.value = 80;
+        slider.dispatchEvent(new Event("input"));
+        return getComputedStyle(slider.parentElement).getPropertyValue("--at");"""
+    assert browser.execute_script(moved_line) == "80%"
 
 
 def test_every_control_has_a_name_and_nothing_is_wider_than_a_phone(ball, browser):

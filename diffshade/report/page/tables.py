@@ -56,7 +56,7 @@ class Correlations:
 
     names: tuple[str, ...]
     labels: tuple[str, ...]
-    """The names, or their last letters."""
+    """The names, or of long ones the first and the last letters."""
     cells: tuple[tuple[Cell, ...], ...]
     strongest: tuple[str, ...]
 
@@ -128,7 +128,7 @@ def correlations(fit: Fit) -> Correlations:
     upper = np.abs(np.triu(correlation, 1))
     order = [divmod(int(k), len(which)) for k in np.argsort(-upper, axis=None)[:STRONGEST]] if len(which) else []
     strongest = [f"{names[i]} and {names[j]}: {correlation[i, j]:+.2f}" for i, j in order if upper[i, j] > 0.1]
-    labels = tuple(name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}" for name in names)
+    labels = tuple(name if len(name) <= LONGEST else f"{name[:5]}…{name[-10:]}" for name in names)
     drawn = 1 < len(which) <= MOST_CORRELATED
     cells = tuple(
         tuple(
