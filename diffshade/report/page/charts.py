@@ -182,6 +182,9 @@ def profile(examination: Examination, j: int) -> Chart | None:
     t, rise = _smooth(points)
     likely, sure = examination.likely[j], examination.sure[j]
     frame = Frame((float(t[0]), float(t[-1])), (0.0, 1.08 * float(rise.max())))
+    words = f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}."
+    if not examination.determined[j]:
+        words += f" All the same {name} is not determined, as is said above."
     dots = [(frame.across(x), frame.up(e * e), f"{name} = {x:.6g}: {e:.2f} errors away") for x, e in points]
     inside = [(v, words) for ends, words in ((likely, "68 %"), (sure, "95 %")) for v in ends if t[0] <= v <= t[-1]]
     return Chart(
@@ -190,7 +193,7 @@ def profile(examination: Examination, j: int) -> Chart | None:
         "rise of the cost, errors²",
         frame.x_ticks(),
         frame.y_ticks(),
-        words=f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}.",
+        words=words,
         line=frame.path(t, rise),
         dots=tuple(dots),
         verticals=tuple((frame.across(v), words) for v, words in inside),

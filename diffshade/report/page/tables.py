@@ -39,6 +39,8 @@ class Parameters:
     reach: float
     kind: str
     """What its errors are, in words."""
+    unknown: tuple[str, ...]
+    """The quantities of which a number is not determined."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
         one, two = ((float(low), float(high)) for low, high in (np.clip(r[j] / reach, -1.0, 1.0) for r in relative))
         whiskers = (one, two) if drawn[j] else (None, None)
         rows.append(Row(name, rounded(fit.values[j], errors[j]), error, interval, remark, *whiskers))
-    return Parameters(tuple(rows), reach, kind)
+    unknown = dict.fromkeys(u.quantity for u, here in zip(fit.unknowns, known, strict=True) if not here)
+    return Parameters(tuple(rows), reach, kind, tuple(unknown))
 
 
 def rounded(value: float, error: float) -> str:
