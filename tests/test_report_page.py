@@ -90,7 +90,7 @@ def test_what_is_not_known_is_said_in_words(fit, tmp_path):
     page = Page(tmp_path / "fit.html")
     assert [text for _, text in page.all("td")].count("not determined") == 1
     assert dull.notes[0] in [text for _, text in page.all("li")]
-    assert any("one of many that fit as well: n_s." in text for _, text in page.all("p"))
+    assert any("these are not determined: n_s." in text for _, text in page.all("p"))
     (lead,) = [text for attributes, text in page.all("p") if attributes.get("class") == "lead"]
     assert "did not converge" in lead
     assert "9 of the 10 numbers" in lead
