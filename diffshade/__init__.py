@@ -56,6 +56,7 @@ from .rendering import shade as shade
 from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
 from .report.lecture import write_figures as write_figures
+from .report.page import write_report as write_report
 from .scene_files import read_camera as read_camera
 from .scene_files import read_scene as read_scene
 from .scene_files import write_scene as write_scene

@@ -188,7 +188,7 @@ def save(path: Path, pixels: np.ndarray) -> None:
         with path.open("wb") as file:
             np.save(file, pixels)
     else:
-        path.write_bytes(_encode(format_of(path).name, suffix, pixels))
+        path.write_bytes(encode(suffix, pixels))
 
 
 def _save_exr(path: Path, pixels: np.ndarray) -> None:
@@ -201,15 +201,28 @@ def _save_exr(path: Path, pixels: np.ndarray) -> None:
         file.write(str(path))
 
 
-def _encode(name: str, suffix: str, pixels: np.ndarray) -> bytes:
+def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
+    """Return the file of 8 or 16 bits that these numbers make; `quality` is that of JPEG."""
     import imageio.v3 as iio
 
+    name = FORMATS[suffix].name
     if pixels.dtype == np.uint8:
-        jpeg, tiff = {"quality": 95, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}
+        jpeg, tiff = {"quality": quality, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}
         options = {"plugin": "pillow", "is_batch": False} | {"JPEG": jpeg, "TIFF": tiff}.get(name, {})
     else:
         options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
     return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
+
+
+def encode_indexed(index: np.ndarray, colours: np.ndarray) -> bytes:
+    """Return the PNG that shows for each number, shape (H, W), one of up to 256 RGBA colours: a byte a pixel."""
+    from PIL import Image
+
+    image = Image.fromarray(index.astype(np.uint8))
+    image.putpalette(colours.astype(np.uint8).tobytes(), "RGBA")
+    file = io.BytesIO()
+    image.save(file, "PNG", optimize=True)
+    return file.getvalue()
 
 
 FORMATS = {

@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of photographs")
     parser.add_argument("--lobe", choices=LOBES, default="phong", help="shape of the highlight (default: phong)")
     parser.add_argument("--hold-out", type=int, default=8, help="photographs to hold out, evenly spread (default: 8)")
-    parser.add_argument("--out", type=Path, default=Path("output"), help="folder for the picture (default: output)")
+    parser.add_argument("--out", type=Path, default=Path("output"), help="folder to write to (default: output)")
     arguments = parser.parse_args()
 
     scene, views = ds.read_photographs(arguments.folder)
@@ -48,7 +48,10 @@ def main() -> None:
     picture = arguments.out / "fit_photographs.png"
     titles = [f"photograph {i + 1}{', held out' if i in held_out else ''}" for i in shown]
     ds.write_comparison(picture, fit, [views[i] for i in shown], titles=titles)
+    names = [f"photograph {i + 1}" for i in range(len(views)) if i not in held_out]
+    ds.write_report(arguments.out / "report.html", fit, titles=names, progress=True)
     print(f"photograph, fit and difference of three of them: {picture}")
+    print(f"all of it on a page for the browser: {arguments.out / 'report.html'}")
 
 
 if __name__ == "__main__":

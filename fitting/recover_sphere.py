@@ -28,7 +28,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=128, help="height and width of a view, pixels")
     parser.add_argument("--sigma", type=float, default=0.005, help="standard deviation of the noise, 1 is white")
     parser.add_argument("--seed", type=int, default=0, help="seed of the noise")
-    parser.add_argument("--out", type=Path, default=Path("output"), help="folder for the picture")
+    parser.add_argument("--out", type=Path, default=Path("output"), help="folder for the picture and the page")
     arguments = parser.parse_args()
 
     if arguments.sigma < 0 or arguments.seed < 0:
@@ -57,7 +57,9 @@ def main() -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     picture = arguments.out / "recover_sphere.png"
     ds.write_comparison(picture, fit, views[:3], titles=[f"lamp {d} units away" for d in (2, 3, 5)])
+    ds.write_report(arguments.out / "report.html", fit, progress=True)
     print(f"target, fit and difference of three of the views: {picture}")
+    print(f"all of it on a page for the browser: {arguments.out / 'report.html'}")
 
 
 if __name__ == "__main__":

@@ -350,6 +350,9 @@ def test_the_rmse_of_a_fit_is_that_of_its_predictions():
     predictions = [fit.predict(view) for view in fit.views]
     squares = sum(np.sum(p.difference**2) for p in predictions)
     np.testing.assert_allclose(fit.rmse, np.sqrt(squares / sum(p.counts.sum() for p in predictions)), rtol=1e-9)
+    np.testing.assert_allclose(fit.costs[-1], 0.5 * squares, rtol=1e-6)
+    assert len(fit.costs) == fit.steps + 1
+    assert np.all(np.diff(fit.costs) <= 0)
 
 
 def test_the_material_is_that_of_the_only_object():

@@ -36,6 +36,7 @@ ONLY_IN = {
     "optimistix": "inverse",
     "lineax": "inverse",
     "imageio": "image_formats",
+    "jinja2": "report",
     "matplotlib": "report",
     "trimesh": "meshes",
     "tifffile": "lazy_images",

@@ -137,6 +137,10 @@ def test_of_a_linear_problem_they_are_the_textbooks():
     reach = np.abs(examination.sure - fit.values[:, None]) / examination.errors[:, None]
     np.testing.assert_allclose(reach, 1.96, rtol=0.02)
     assert np.all((examination.likely > examination.sure)[:, 0] & (examination.likely < examination.sure)[:, 1])
+    for j, points in enumerate(examination.profiles):
+        assert len(points) == 5  # the best, and the ends of both intervals
+        errors = np.abs(points[:, 0] - fit.values[j]) / examination.errors[j]
+        np.testing.assert_allclose(points[:, 1], errors, rtol=0.02, atol=1e-6)
 
 
 def test_they_end_at_bounds_and_are_one_sided_there():

@@ -499,6 +499,9 @@ WRONG_TYPES = {
     "ds.write_figures(3)": "folder must be a path; got 3. Give the name of a folder.",
     "ds.write_figures('figures', only=3)": "only must hold names of figures; got 3. "
     "Give for example 'diffuse_over_k_d'.",
+    "ds.write_report(3, scene)": "path must be a path; got 3. Give for example 'fit.html'.",
+    "ds.write_report('fit.html', scene)": "fit must be a Fit; got Scene. "
+    "Give for example ds.fit(scene, views, free=('k_d',)).",
     "ds.sensitivity(scene, 'k_d')": "fit must be a Fit; got Scene. "
     "Give for example ds.fit(scene, views, free=('k_d',)).",
 }

@@ -30,6 +30,7 @@ def test_recover_sphere_prints_every_parameter_within_four_errors_of_the_truth(t
     assert all(float(row[3]) > 0 for row in rows)
     picture = ds.read_image(tmp_path / "output" / "recover_sphere.png")
     assert picture.std() > 0.1
+    assert "<h1>Fit of 8 photographs</h1>" in (tmp_path / "output" / "report.html").read_text(encoding="utf-8")
 
 
 def test_fit_photographs_fits_the_ball(tmp_path):
@@ -41,6 +42,7 @@ def test_fit_photographs_fits_the_ball(tmp_path):
     (held_out,) = re.findall(r"held-out RMSE (\S+) over 8 photographs", done.stdout)
     assert float(held_out) < 0.012
     assert (tmp_path / "output" / "fit_photographs.png").is_file()
+    assert (tmp_path / "output" / "report.html").is_file()
 
 
 @pytest.mark.parametrize("script", sorted(path.name for path in SCRIPTS.glob("*.py")))

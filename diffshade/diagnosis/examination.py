@@ -35,6 +35,8 @@ class Examination:
     """Profile intervals that hold the truth with 68 %; one-sided at a bound."""
     sure: Float[np.ndarray, "p 2"]
     """Profile intervals that hold the truth with 95 %."""
+    profiles: tuple[Float[np.ndarray, "points 2"], ...]
+    """Of each unknown the values that its intervals were found by, and how many errors the cost says each is away."""
     determined: Bool[np.ndarray, " p"]
     """What the fit determines, less what moves with the data kept, and what may be anything within its bounds."""
     refits: tuple[Refit, ...]
@@ -80,16 +82,18 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         clusters = find_clusters(fit)
         profile = Profile(fit, clusters)
         found = intervals(profile, LEVELS, tell)
+        profiles = tuple(profile.curve(j) for j in range(len(fit.unknowns)))
         again, shifted = refits(fit, clusters, tell)
         tell("looking at the residuals")
         suspected = suspicions(fit)
-    return _say(fit, clusters, found, again, shifted & fit.determined, suspected)
+    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
 
 
 def _say(
     fit: Fit,
     clusters: Clusters,
     found: Float[np.ndarray, "2 p 2"],
+    profiles: tuple[Float[np.ndarray, "points 2"], ...],
     again: list[Refit],
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
@@ -111,7 +115,7 @@ def _say(
         *(note for note in fit.notes if "no errors by jackknife" not in note and not note.startswith("0 within")),
         *_at_most(fit, determined, sure),
     ]
-    return Examination(fit, errors, likely, sure, determined, tuple(again), suspected, tuple(notes))
+    return Examination(fit, errors, likely, sure, profiles, determined, tuple(again), suspected, tuple(notes))
 
 
 def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:

@@ -35,13 +35,23 @@ class Profile:
         self.bounds = [np.asarray(bound) for bound in (self.laid.study.box.lower, self.laid.study.box.upper)]
         self.best = self.laid.cost()
         # a difference of costs is known to a rounding of the sum of squares
+        self.asked: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
         self.visible = 1e-2 * self.variance > 64.0 * np.finfo(float).eps * fit.squares
 
     def errors_away(self, j: int, t: float) -> float:
         """Return how many errors the cost says that t is from the best; t in the solver's coordinates."""
         rtol = 1e-3 * float(self.variance[j]) / max(self.best, 1e-300)
         end = self.laid.minimise({j: t}, self._start(j, t), self.laid.chunks, rtol=min(rtol, 1e-6))
-        return float(np.sqrt(2.0 * max(float(end.point.total.cost) - self.best, 0.0) / self.variance[j]))
+        away = float(np.sqrt(2.0 * max(float(end.point.total.cost) - self.best, 0.0) / self.variance[j]))
+        self.asked[j].append((t, away))
+        return away
+
+    def curve(self, j: int) -> Float[np.ndarray, "points 2"]:
+        """Return what was asked of an unknown so far: its values in order, and how many errors each is away."""
+        points = np.array(sorted([(float(self.laid.theta[j]), 0.0), *self.asked[j]]))
+        if self.fit.unknowns[j].logarithmic:
+            points[:, 0] = np.exp(points[:, 0])
+        return points
 
     def _start(self, j: int, t: float) -> Vector:
         """Return where the others are to first order when one unknown is held."""

@@ -93,11 +93,11 @@ class Plan:
         quantities = list(dict.fromkeys(u.quantity for u in self.unknowns))
         ranked = self.rank.any()
         head = ["", "shot", *quantities, *(["new"] if ranked else []), "gain"]
-        rows = [head, ["", "now", *self._cells(self.now, quantities), *([""] if ranked else []), ""]]
+        rows = [head, ["", "now", *self.cells(self.now, quantities), *([""] if ranked else []), ""]]
         for place, i in enumerate(self.order):
             new = [f"{self.rank[i]:d}"] if ranked else []
             rows.append(
-                [str(place + 1), self.names[i], *self._cells(self.errors[i], quantities), *new, f"{self.gain[i]:.2f}"]
+                [str(place + 1), self.names[i], *self.cells(self.errors[i], quantities), *new, f"{self.gain[i]:.2f}"]
             )
         widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
         lines = [
@@ -112,7 +112,7 @@ class Plan:
         title = f"plan of {number} photograph{'' if number == 1 else 's'}, ranked by {by}: standard errors with each"
         return "\n".join([title, *(line.rstrip() for line in lines), *(f"- {note}" for note in self.notes)])
 
-    def _cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
+    def cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
         """Return the largest error of each quantity: in per cent of the value where it has a size, - where unknown."""
         relative = _shares(self.unknowns, self.values, errors)
         cells = []

@@ -68,6 +68,8 @@ class Fit:
     steps: int
     """Passes over all pixels of the last minimisation; the search and the settling of a scale come before."""
     converged: bool
+    costs: Float[np.ndarray, " passes"]
+    """The cost at the start of the last minimisation, and the lowest after each of its passes."""
     likelihood: Likelihood
     """The loss, and the scale of the residuals that it was used with."""
     clipped: str
@@ -252,6 +254,7 @@ def diagnose(
         counts=counts,
         steps=end.steps,
         converged=not end.message,
+        costs=np.array(end.costs),
         likelihood=jax.tree.map(np.asarray, likelihood),
         clipped=clipped,
         squares=squares,

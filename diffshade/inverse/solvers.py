@@ -95,6 +95,8 @@ class Minimum(eqx.Module):
     steps: int = eqx.field(static=True)
     message: str = eqx.field(static=True)
     """Empty where it converged."""
+    costs: tuple[float, ...] = eqx.field(static=True, default=())
+    """The cost at the start, and the lowest after each step."""
 
     @property
     def theta(self) -> np.ndarray:
@@ -174,9 +176,11 @@ def minimise(
     theta = np.asarray(theta)
     point = look(theta, task, chunks)
     state, done = _begin(theta, solver, point), False
+    costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
         theta, state, done = _advance(theta, state, solver, point)
-        tell(step, float(state.cost))
+        costs.append(min(costs[-1], float(state.cost)))
+        tell(step, costs[-1])
         if done or step == max_steps:
             break
         point = look(state.y_eval, task, chunks)
@@ -187,4 +191,4 @@ def minimise(
         message = "the cost still falls, along what these views hardly determine"
     else:
         message = "a step met a number that is not finite"
-    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message)
+    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))

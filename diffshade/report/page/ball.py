@@ -1,0 +1,177 @@
+"""Ball: what the live ball of a page is told, a fitted scene as the numbers that `ball.glsl` takes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ...attenuation import RadialAttenuation
+from ...cameras import AbstractCamera, Camera, OrthographicCamera, axes
+from ...fields import Array
+from ...fresnel import Dielectric, NoFresnel, Schlick
+from ...inverse.identifiability import listing
+from ...inverse.outcome import Fit
+from ...inverse.views import lights_on
+from ...lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ...materials import Blinn, Phong
+from ...patterns import AbstractPattern
+from ...rendering import intersect
+from ...scenes import Object, Scene
+from ...surfaces import Sphere
+from ...vectors import Vec3
+
+SIZE = 640  # pixels of the longer side
+LOBES = (Phong, Blinn)
+FRESNEL = (NoFresnel, Schlick, Dielectric)
+PLAIN = OrthographicCamera((0.0, 0.0, 4.0), height=2.3, local_viewer=False)
+
+
+def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, Any], list[str]]:
+    """Return the scene of the live ball, ready for JSON, and what of the fitted scene it does not show, in words.
+
+    Each object is a ball: a sphere is itself, another shape one of its own width in its place, and normals without
+    positions a unit ball. It is seen by the camera and lit by the lights of any view, and shown as a photograph of that
+    view would be, divided by `white`. To be used in float64.
+    """
+    scene = fit.scene
+    balls = [_ball(item, fit.views[0].camera) for item in scene.objects]
+    emitters = [_emitters(light) for light in scene.lights]
+    views = [
+        {
+            "name": name,
+            "cameras": [_camera(view.camera, ball) for ball in balls],
+            "lit": [i for i in lights_on(scene, view) if emitters[i] is not None],
+            "gain": float(view.exposure) / white,
+            "black": float(view.black) / white,
+        }
+        for name, view in zip(names, fit.views, strict=True)
+    ]
+    objects = [
+        {
+            "name": item.name or f"objects.{i}",
+            "center": _floats(Sphere().center if ball is None else ball.center),
+            "radius": 1.0 if ball is None else float(ball.radius),
+            "material": {k: _floats(_plain(getattr(item.material, k))) for k in ("k_a", "k_d", "k_s", "k_e", "n_s")},
+            "lobe": LOBES.index(type(item.material.lobe)),
+            "fresnel": FRESNEL.index(type(item.material.fresnel)),
+            "eta": 1.0 if item.material.eta is None else float(item.material.eta),
+        }
+        for i, (item, ball) in enumerate(zip(scene.objects, balls, strict=True))
+    ]
+    told = {
+        "ambient": _floats(scene.ambient),
+        "background": _floats(scene.background),
+        "lights": [found or [] for found in emitters],
+        "views": views,
+        "objects": objects,
+    }
+    return told, _left_out(scene, emitters)
+
+
+def _left_out(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
+    """Say what of a scene the ball does not show."""
+    items = scene.objects
+    unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
+    said = (
+        (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape: it is a ball here"),
+        (len(items) > 1, "more than one object at a time"),
+        (any(item.material.k_t is not None for item in items), "what shines through the object (k_t)"),
+        (any(item.material.patterns for item in items), "patterns, of which it has the mean of the two colours"),
+        (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
+        (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
+    )
+    return [words for here, words in said if here]
+
+
+def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
+    """Return the sphere that stands for an object; None where it has no place."""
+    if isinstance(item.surface, Sphere):
+        return item.surface
+    seen = intersect(Scene(item), camera)
+    if seen.position is None or not np.any(seen.mask):
+        return None
+    points = np.asarray(seen.position)[np.asarray(seen.mask)]
+    told = _vectors(camera)
+    radius = 0.5 * min(float(np.ptp(points @ np.asarray(told[axis]))) for axis in ("right", "up"))
+    return Sphere(points.mean(0), radius) if radius > 0 else None
+
+
+def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
+    """Return a camera as numbers, of the ball's own size in pixels; one that stands within the ball steps back."""
+    if ball is None:
+        camera = PLAIN
+    else:
+        center, told = np.asarray(ball.center), _vectors(camera)
+        up, backward = (np.asarray(told[axis]) for axis in ("up", "backward"))
+        if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
+            eye = center + 4.0 * float(ball.radius) * backward
+            camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
+    height, width = ball_shape(camera.shape)
+    camera = dataclasses.replace(camera, shape=(height, width))
+    numbers = {name: _floats(vector) for name, vector in _vectors(camera).items()}
+    return {**numbers, "local_viewer": camera.local_viewer, "height": height, "width": width}
+
+
+@jax.jit
+def _vectors(camera: AbstractCamera) -> dict[str, Array]:
+    """Return the projection of a camera, and its axes."""
+    projection = camera.projection()
+    right, up, _ = axes(camera)
+    vectors = {name: of for name, of in vars(projection).items() if isinstance(of, Vec3)}
+    return {name: vector.stack() for name, vector in {**vectors, "right": right, "up": up}.items()}
+
+
+def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return the height and width in which a camera of this shape sees the live ball."""
+    height, width = (max(round(side * SIZE / max(shape)), 1) for side in shape)
+    return height, width
+
+
+def _emitters(light: AbstractLight) -> list[list[float]] | None:
+    """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
+
+    Position, 1 (or the direction to a light at infinity, 0); intensity, 1 where it is clamped; a0, a1, a2, 1 for a
+    spot; its axis, the cosine of its edge; exponent, width of the soft edge, 0, 0.
+    """
+    if isinstance(light, AreaLight):
+        stack = jax.jit(AreaLight.emitters)(light)
+        number = light.samples[0] * light.samples[1]
+        spots = [jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack) for i in range(number)]
+        return [row for spot in spots for row in _emitters(spot) or ()]
+    if isinstance(light, DirectionalLight):
+        to_light = -np.asarray(light.direction) / np.linalg.norm(light.direction)
+        return [[*_floats(to_light), 0.0, *_floats(light.intensity), *[0.0] * 13]]
+    if not isinstance(light, PointLight | SpotLight):
+        return None
+    row = [*_floats(light.position), 1.0, *_floats(light.intensity), *_fading(light.attenuation)]
+    if isinstance(light, PointLight):
+        return [[*row, *[0.0] * 9]]
+    axis = np.asarray(light.direction) / np.linalg.norm(light.direction)
+    edge = max(_cosine(light.cutoff), 0.0)
+    width = _cosine(light.cutoff - light.softness) - edge
+    return [[*row, 1.0, *_floats(axis), edge, float(light.exponent), width, 0.0, 0.0]]
+
+
+def _fading(attenuation: RadialAttenuation) -> list[float]:
+    numbers = (attenuation.constant, attenuation.linear, attenuation.quadratic)
+    return [float(attenuation.clamp), *map(float, numbers)]
+
+
+def _cosine(degrees: Any) -> float:
+    return float(np.sin(np.deg2rad(90.0 - float(degrees))))
+
+
+def _plain(coefficient: Any) -> np.ndarray:
+    """Return three numbers: of a pattern the mean of its colours, of one n_s for all channels three times that."""
+    if isinstance(coefficient, AbstractPattern):
+        leaves = [leaf for name, leaf in vars(coefficient).items() if name in ("a", "b")]
+        return np.mean([np.asarray(leaf) for leaf in leaves], 0)
+    return np.broadcast_to(np.asarray(coefficient), 3)
+
+
+def _floats(array: Any) -> list[float]:
+    return [float(x) for x in np.asarray(array)]

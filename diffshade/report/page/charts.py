@@ -1,0 +1,235 @@
+"""Charts: numbers become the geometry of small drawings, which the page's template writes as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from ...diagnosis.examination import Examination
+from ...inverse.outcome import Fit
+from .residuals import Curve, Residuals
+
+Ticks: TypeAlias = tuple[tuple[float, str], ...]
+Vector: TypeAlias = Shaped[np.ndarray, " n"]
+WIDTH, HEIGHT = 340, 210
+LEFT, RIGHT, TOP, BOTTOM = 66, 12, 12, 40
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A drawing: its axes, and paths, dots and bars in it, in its own pixels."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x_ticks: Ticks
+    y_ticks: Ticks
+    words: str = ""
+    """What is to be seen, for those who do not see it."""
+    band: str = ""
+    line: str = ""
+    curve: str = ""
+    """A second line, to compare with."""
+    dots: tuple[tuple[float, float, str], ...] = ()
+    """Place, and what it says when pointed at."""
+    bars: tuple[tuple[float, float, float, float, str], ...] = ()
+    zero: float | None = None
+    """Height of the line at 0."""
+    verticals: tuple[tuple[float, str], ...] = ()
+    """Places of lines from bottom to top, and their names."""
+    foremost: bool = False
+    """Whether it is to be seen at once."""
+    width: int = WIDTH
+    height: int = HEIGHT
+
+
+@dataclass(frozen=True)
+class Frame:
+    """From data to pixels."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    log: bool = False
+    """Whether y are logarithms to the base 10."""
+
+    def across(self, x: float | int | np.number) -> float:
+        """Return the place of x."""
+        return round(LEFT + (float(x) - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT), 2)
+
+    def up(self, y: float | int | np.number) -> float:
+        """Return the height of y."""
+        return round(HEIGHT - BOTTOM - (float(y) - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM), 2)
+
+    def path(self, x: Vector, y: Vector) -> str:
+        """Return a path through points."""
+        return "M" + "L".join(f"{self.across(float(a))},{self.up(float(b))}" for a, b in zip(x, y, strict=True))
+
+    def band(self, x: Vector, low: Vector, high: Vector) -> str:
+        """Return the area between two curves."""
+        return self.path(np.append(x, x[::-1]), np.append(low, high[::-1])) + "Z"
+
+    def x_ticks(self, *, whole: bool = False) -> Ticks:
+        """Return the places and labels of round numbers across; `whole` asks for whole ones."""
+        return tuple((self.across(v), _short(v)) for v in _round_numbers(self.x, 5, whole=whole))
+
+    def y_ticks(self) -> Ticks:
+        """Return the heights and labels of round numbers."""
+        numbers = _round_numbers(self.y, 4, whole=self.log)
+        return tuple((self.up(v), f"1e{v:g}" if self.log else _short(v)) for v in numbers)
+
+
+def _round_numbers(ends: tuple[float, float], about: int, *, whole: bool = False) -> list[float]:
+    from matplotlib.ticker import MaxNLocator
+
+    found = MaxNLocator(about, integer=whole, min_n_ticks=2).tick_values(*ends)
+    slack = 1e-9 * (ends[1] - ends[0])
+    return [0.0 if abs(v) < slack else float(v) for v in found if ends[0] - slack <= v <= ends[1] + slack]
+
+
+def _short(value: float) -> str:
+    return f"{value:.10g}".replace("-", "−")
+
+
+def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
+    """Draw residuals over an angle: their mean, and the range of eight in ten."""
+    reach = 1.15 * max(float(np.abs([curve.low, curve.high, curve.mean]).max()), 1e-12)
+    top = 1.03 * float(curve.angle[-1])
+    frame = Frame((0.0, top), (-reach, reach))
+    by_chance = 2.0 * rmse / np.sqrt(curve.count)
+    worst = int((np.abs(curve.mean) - by_chance).argmax())
+    words = (
+        f"Their mean is furthest from zero at {curve.angle[worst]:.0f}°: {_signed(curve.mean[worst])}, "
+        f"{abs(curve.mean[worst]) / max(rmse, 1e-300):.2g} times the RMSE; independent noise alone would leave it "
+        f"within ±{by_chance[worst]:.1g}."
+    )
+    rows = zip(curve.angle, curve.mean, curve.count, strict=True)
+    dots = [(frame.across(a), frame.up(m), f"{a:.0f}°: mean {_signed(m)} of {c:,} samples") for a, m, c in rows]
+    return Chart(
+        title,
+        x_label,
+        "fit − photograph",
+        frame.x_ticks(),
+        frame.y_ticks(),
+        words=words,
+        band=frame.band(curve.angle, curve.low, curve.high),
+        line=frame.path(curve.angle, curve.mean),
+        dots=tuple(dots),
+        zero=frame.up(0.0),
+    )
+
+
+def histogram(residuals: Residuals) -> Chart:
+    """Draw how often each residual occurs, beside what normal noise of the same RMSE would give."""
+    values = residuals.values
+    rms = float(np.sqrt(np.mean(values**2))) or 1e-12
+    edges = np.linspace(-4.0 * rms, 4.0 * rms, 49)
+    counts, _ = np.histogram(values, edges)
+    share = counts / len(values)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    normal = np.exp(-0.5 * (middle / rms) ** 2) * (edges[1] - edges[0]) / (rms * np.sqrt(2.0 * np.pi))
+    frame = Frame((float(edges[0]), float(edges[-1])), (0.0, 1.12 * float(max(share.max(), normal.max()))))
+    ground, bars = frame.up(0.0), []
+    for left, right, of in zip(edges[:-1], edges[1:], share, strict=True):
+        x, top = frame.across(left), frame.up(of)
+        width, height = max(frame.across(right) - x - 0.6, 0.2), ground - top
+        bars.append((x, top, round(width, 2), round(height, 2), f"{_signed(left)} to {_signed(right)}: {of:.2%}"))
+    beyond = float(np.mean(np.abs(values) > 3.0 * rms))
+    return Chart(
+        "How often each occurs",
+        "fit − photograph",
+        "share of samples",
+        frame.x_ticks(),
+        frame.y_ticks(),
+        words=f"{beyond:.2%} are beyond three times the RMSE; of normal noise (the line) 0.27% would be.",
+        bars=tuple(bars),
+        curve=frame.path(middle, normal),
+    )
+
+
+def convergence(fit: Fit) -> Chart | None:
+    """Draw by how much the cost of each pass was above the lowest; None where there were too few passes."""
+    above = fit.costs - fit.costs.min(initial=np.inf) if len(fit.costs) else fit.costs
+    passes = np.flatnonzero(above > 0)
+    if len(passes) < 2:
+        return None
+    y = np.log10(above[passes] / max(float(fit.costs.min()), 1e-300))
+    frame = Frame(
+        (0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True
+    )
+    said = zip(passes, y, above[passes], strict=True)
+    return Chart(
+        "Convergence",
+        "pass over all pixels",
+        "cost above the lowest, relative",
+        frame.x_ticks(whole=True),
+        frame.y_ticks(),
+        words=f"From {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
+        line=frame.path(passes, y),
+        dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in said),
+    )
+
+
+def profile(examination: Examination, j: int) -> Chart | None:
+    """Draw how the cost rises as an unknown is held elsewhere, in squares of errors; None where it was not asked."""
+    name, points = examination.fit.names[j], examination.profiles[j]
+    points = points[np.concatenate([[True], np.diff(points[:, 0]) > 0])]
+    if len(points) < 4 or not np.any(points[:, 1] > 0):
+        return None
+    t, rise = _smooth(points)
+    likely, sure = examination.likely[j], examination.sure[j]
+    frame = Frame((float(t[0]), float(t[-1])), (0.0, 1.08 * float(rise.max())))
+    words = f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}."
+    if not examination.determined[j]:
+        words += f" All the same {name} is not determined, as is said above."
+    dots = [(frame.across(x), frame.up(e * e), f"{name} = {x:.6g}: {e:.2f} errors away") for x, e in points]
+    inside = [(v, words) for ends, words in ((likely, "68 %"), (sure, "95 %")) for v in ends if t[0] <= v <= t[-1]]
+    return Chart(
+        f"Profile of {name}",
+        name,
+        "rise of the cost, errors²",
+        frame.x_ticks(),
+        frame.y_ticks(),
+        words=words,
+        line=frame.path(t, rise),
+        dots=tuple(dots),
+        verticals=tuple((frame.across(v), words) for v, words in inside),
+        foremost=examination.fit.unknowns[j].kind == "n_s",
+    )
+
+
+def _smooth(points: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curve through a profile: how many errors, with a sign, is nearly linear, and monotone between points."""
+    from scipy.interpolate import PchipInterpolator
+
+    lowest = int(points[:, 1].argmin())
+    signed = np.where(np.arange(len(points)) < lowest, -points[:, 1], points[:, 1])
+    t = np.linspace(points[0, 0], points[-1, 0], 81)
+    return t, np.asarray(PchipInterpolator(points[:, 0], signed)(t)) ** 2
+
+
+def rmse_of_views(residuals: Residuals, names: Sequence[str]) -> Chart:
+    """Draw the RMSE of each view."""
+    known = np.nan_to_num(residuals.rmse)
+    frame = Frame((-0.5, len(known) - 0.5), (0.0, 1.12 * float(max(known.max(), 1e-12))))
+    ground, bars = frame.up(0.0), []
+    for i, (of, name) in enumerate(zip(known, names, strict=True)):
+        x, top = frame.across(i - 0.4), frame.up(of)
+        bars.append((x, top, round(frame.across(i + 0.4) - x, 2), round(ground - top, 2), f"{name}: RMSE {of:.3g}"))
+    worst = int(known.argmax())
+    return Chart(
+        "Each view",
+        "view",
+        "RMSE",
+        frame.x_ticks(whole=True),
+        frame.y_ticks(),
+        words=f"The largest is that of {names[worst]}, {known[worst]:.3g}; the median is {np.median(known):.3g}.",
+        bars=tuple(bars),
+    )
+
+
+def _signed(value: float | np.number) -> str:
+    return f"{value:+.2g}".replace("-", "−")

@@ -1,0 +1,116 @@
+"""Pictures: photograph, fit and difference of a view as images that stand in the page itself."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ...image_formats import encode, encode_indexed
+from ...images import srgb_encode
+from ...inverse.outcome import Fit, Prediction
+
+LARGEST = 800  # pixels of the longer side, above which a photograph is shown smaller
+QUALITY = 88  # of JPEG
+STEPS = 32  # of the colours of a difference, to each side of 0
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view as the page shows it; the images are data URIs."""
+
+    name: str
+    photograph: str
+    fit: str
+    difference: str
+    rmse: float
+    height: int
+    width: int
+    smaller: bool
+    """Whether it is shown smaller than it is."""
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """The views that are shown, and what their colours mean."""
+
+    pictures: tuple[Picture, ...]
+    white: float
+    """The radiance that is shown white."""
+    limit: float
+    """The difference, to either side, that has the full colour."""
+    colours: tuple[str, ...]
+    """Of the differences from -limit to limit."""
+
+
+def hang(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
+    """Return the pictures of some of the views, all with one white and one scale of differences."""
+    predictions = [fit.predict(fit.views[i]) for i in which]
+    known = [p for p in predictions if p.counts.any()]
+    white = max((float(np.quantile(p.target[p.counts], 0.995)) for p in known), default=1.0) or 1.0
+    limit = max((float(np.quantile(np.abs(p.difference[p.counts]), 0.99)) for p in known), default=0.0) or 1e-12
+    table = _table()
+    pictures = []
+    for i, p in zip(which, predictions, strict=True):
+        height, width = p.target.shape[:2]
+        small = min(1.0, LARGEST / max(height, width))
+        shape = (max(round(height * small), 1), max(round(width * small), 1))
+        photograph, image = (_displayed(of, shape, white) for of in (p.target, p.image))
+        difference = _steps(p, shape, limit)
+        files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
+        pictures.append(
+            Picture(
+                names[i],
+                photograph=_uri("jpeg", files[0]),
+                fit=_uri("jpeg", files[1]),
+                difference=_uri("png", encode_indexed(difference, table)),
+                rmse=p.rmse if p.counts.any() else 0.0,
+                height=shape[0],
+                width=shape[1],
+                smaller=small < 1.0,
+            )
+        )
+    colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])
+    return Gallery(tuple(pictures), white, limit, colours)
+
+
+def _table() -> UInt8[np.ndarray, "colours 4"]:
+    """Return the colours of differences, blue where the fit is darker, red where it is brighter, and a clear one."""
+    from matplotlib import colormaps
+
+    colours = colormaps["RdBu_r"](np.linspace(0.0, 1.0, 2 * STEPS + 1))
+    return np.append(255.0 * colours, [[0.0] * 4], 0).round().astype(np.uint8)
+
+
+def _displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:
+    """Return what the eye should see of linear radiance."""
+    shown = np.nan_to_num(_resized(image, shape) / white, nan=0.0, posinf=1.0, neginf=0.0)
+    return np.rint(255.0 * np.broadcast_to(srgb_encode(np.clip(shown, 0.0, 1.0)), (*shape, 3))).astype(np.uint8)
+
+
+def _steps(p: Prediction, shape: tuple[int, int], limit: float) -> UInt8[np.ndarray, "a b"]:
+    """Return which colour the mean over the channels of fit - photograph has; the last where nothing counts."""
+    counted = p.counts.sum(-1, keepdims=True).astype(float)
+    weight = _resized(counted, shape)[..., 0]
+    mean = _resized(p.difference.sum(-1, keepdims=True), shape)[..., 0] / np.maximum(weight, 1e-12)
+    index = np.rint((np.clip(mean / limit, -1.0, 1.0) + 1.0) * STEPS).astype(int)
+    return np.where(weight > 0.5, index, 2 * STEPS + 1).astype(np.uint8)
+
+
+def _resized(image: Float[np.ndarray, "h w c"], shape: tuple[int, int]) -> Float[np.ndarray, "a b c"]:
+    """Return an image smaller, each pixel the mean of those that it covers."""
+    for axis, to in enumerate(shape):
+        size = image.shape[axis]
+        if to < size:
+            starts = np.arange(to) * size // to
+            sums = np.add.reduceat(image, starts, axis)
+            counts = np.diff(np.append(starts, size))
+            image = sums / np.expand_dims(counts, tuple(k for k in range(3) if k != axis))
+    return image
+
+
+def _uri(kind: str, file: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(file).decode('ascii')}"

@@ -1,0 +1,121 @@
+"""Residuals: what a fit leaves of each view, over the angles that a wrong model shows at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...cameras import AbstractCamera
+from ...fields import Array
+from ...inverse.outcome import Fit, Prediction
+from ...inverse.views import View, lights_on
+from ...lights import AbstractEmitter, AbstractLight, AreaLight, PointLight
+from ...rendering import visible_points
+from ...vectors import Vec3, dot, reflect
+
+MOST = 400_000  # samples of all views together, from which the curves are drawn
+FEWEST = 40  # samples of a bin
+BINS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Samples of all views, fit - photograph, and the angles of their points."""
+
+    rmse: Float[np.ndarray, " views"]
+    """Of each view."""
+    values: Float[np.ndarray, " n"]
+    to_light: Float[np.ndarray, " n"]
+    """The angle between n and l in degrees; of several lights the smallest."""
+    to_mirror: Float[np.ndarray, " n"]
+    """The angle between v and r in degrees; of several lights the smallest; NaN where n.l is not above 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Residuals over an angle: of each bin that has enough of them the mean and the range of eight in ten."""
+
+    angle: Float[np.ndarray, " bins"]
+    mean: Float[np.ndarray, " bins"]
+    low: Float[np.ndarray, " bins"]
+    high: Float[np.ndarray, " bins"]
+    count: Int[np.ndarray, " bins"]
+
+
+def look_at_residuals(fit: Fit, tell: Callable[[str], None]) -> Residuals:
+    """Predict every view, and return what is left of some of their samples, evenly drawn. To be used in float64."""
+    random = np.random.default_rng(0)
+    rmse, parts = [], []
+    for i, view in enumerate(fit.views):
+        tell(f"view {i + 1} of {len(fit.views)}")
+        p = fit.predict(view)
+        rmse.append(p.rmse if p.counts.any() else np.nan)
+        pixels = np.flatnonzero(p.counts.any(-1))
+        few = MOST // (len(fit.views) * p.target.shape[2])
+        if len(pixels) > few:
+            pixels = random.choice(pixels, few, replace=False)
+        parts.append(_of_view(fit, view, p, pixels))
+    values, to_light, to_mirror = (np.concatenate(of) for of in zip(*parts, strict=True))
+    return Residuals(np.array(rmse), values, to_light, to_mirror)
+
+
+def _of_view(fit: Fit, view: View, p: Prediction, pixels: Int[np.ndarray, " m"]) -> tuple[np.ndarray, ...]:
+    channels = p.target.shape[2]
+    counts = p.counts.reshape(-1, channels)[pixels]
+    angles = _angles(fit, view, pixels)
+    return (p.difference.reshape(-1, channels)[pixels][counts], *(np.repeat(a, counts.sum(1)) for a in angles))
+
+
+def _angles(fit: Fit, view: View, pixels: Int[np.ndarray, " m"]) -> list[Float[np.ndarray, " m"]]:
+    """Return the angles between n and l, and between v and r, of the light that makes each smallest."""
+    normals, positions, _ = visible_points(fit.scene.objects, view.camera)
+    n, p = (None if of is None else Vec3.of(np.asarray(of).reshape(-1, 3)) for of in (normals, positions))
+    n_l, v_r = np.full(len(pixels), -1.0), np.full(len(pixels), -1.0)
+    for i in lights_on(fit.scene, view):
+        found = _cosines(_one_emitter(fit.scene.lights[i]), view.camera, n, p)
+        here, mirror = (np.asarray(cosine)[pixels] for cosine in found)
+        n_l, v_r = np.maximum(n_l, here), np.maximum(v_r, np.where(here > 0, mirror, -1.0))
+    degrees = [np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))) for cosine in (n_l, v_r)]
+    return [degrees[0], np.where(n_l > 0, degrees[1], np.nan)]
+
+
+@jax.jit
+def _cosines(light: AbstractEmitter, camera: AbstractCamera, n: Vec3, p: Vec3 | None) -> tuple[Array, Array]:
+    """Return n.l and v.r."""
+    l, v = light.path(p).l, camera.projection().viewer(p)
+    return dot(n, l), dot(v, reflect(l, n))
+
+
+def _one_emitter(light: AbstractLight) -> AbstractEmitter:
+    """Return a light that reaches a point from one direction; an area's is its middle."""
+    if isinstance(light, AreaLight):
+        return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
+    assert isinstance(light, AbstractEmitter)
+    return light
+
+
+def curve(residuals: Residuals, angles: Float[np.ndarray, " n"], *, power: float = 1.0) -> Curve | None:
+    """Return the residuals over an angle; None where there are too few.
+
+    The bins are of equal width in the angle to the power 1/power: with 2 they are narrow at 0, as a highlight is.
+    """
+    known = np.isfinite(angles)
+    if known.sum() < 2 * FEWEST:
+        return None
+    angles, values = angles[known], residuals.values[known]
+    top = max(float(np.quantile(angles, 0.995)), 1e-9)
+    edges = top * np.linspace(0.0, 1.0, BINS + 1) ** power
+    order = np.argsort(angles)
+    at = np.searchsorted(angles[order], edges)
+    bins = np.split(values[order][: at[-1]], at[1:-1])
+    rows: list[Sequence[Any]] = [
+        (0.5 * (left + right), of.mean(), *np.quantile(of, (0.1, 0.9)), len(of))
+        for left, right, of in zip(edges[:-1], edges[1:], bins, strict=True)
+        if len(of) >= FEWEST
+    ]
+    return Curve(*(np.array(of) for of in zip(*rows, strict=True))) if len(rows) > 1 else None

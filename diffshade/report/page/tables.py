@@ -1,0 +1,168 @@
+"""Tables: what a page says in rows, each cell already words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...diagnosis.examination import Examination
+from ...diagnosis.model_choice import ModelChoice
+from ...diagnosis.planning import Plan
+from ...inverse.outcome import Fit
+
+REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
+MOST_CORRELATED = 40  # unknowns, above which the strongest pairs alone are shown
+STRONGEST = 5
+MOST_DECIMALS = 9
+LONGEST = 16  # letters of a name beside a correlation
+
+
+@dataclass(frozen=True)
+class Row:
+    """A number of the fit; `likely` and `sure` are intervals relative to the value in units of `Parameters.reach`."""
+
+    name: str
+    value: str
+    error: str
+    interval: str
+    remark: str
+    likely: tuple[float, float] | None = None
+    sure: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The table of parameters."""
+
+    rows: tuple[Row, ...]
+    reach: float
+    kind: str
+    """What its errors are, in words."""
+    unknown: tuple[str, ...]
+    """The quantities of which a number is not determined."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A correlation."""
+
+    strength: float
+    sign: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Correlations:
+    """Names, the cells of a square, and the strongest pairs in words."""
+
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+    """The names, or of long ones the first and the last letters."""
+    cells: tuple[tuple[Cell, ...], ...]
+    strongest: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of words under a head."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+
+def parameters(fit: Fit, examination: Examination | None) -> Parameters:
+    """Return every number with its error, and where there is an examination its interval."""
+    known = fit.determined if examination is None else examination.determined
+    errors = fit.errors if examination is None else examination.errors
+    kind = (
+        "Errors are standard errors as the examination found them; the interval holds the truth with 95 %."
+        if examination is not None
+        else "Errors are standard errors by leaving one view out at a time."
+        if errors is not None
+        else "Errors are standard errors for independent noise, too small where the model is not quite right."
+    )
+    errors = fit.plain_errors if errors is None else errors
+    likely, sure = (
+        (examination.likely, examination.sure)
+        if examination is not None
+        else (np.stack([fit.values - k * errors, fit.values + k * errors], -1) for k in (1.0, 1.96))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = [(ends - fit.values[:, None]) / np.abs(fit.values)[:, None] for ends in (likely, sure)]
+    drawn = known & np.isfinite(relative[1]).all(-1)
+    reach = float(np.clip(1.1 * np.abs(relative[1][drawn]).max(initial=1e-6), 1e-6, REACH))
+    rows = []
+    for j, name in enumerate(fit.names):
+        if not known[j]:
+            rows.append(Row(name, "", "", "", "not determined"))
+            continue
+        side = "+" if fit.at_lower[j] else "−" if fit.at_bound[j] else "±"
+        remark = "at a bound" if fit.at_bound[j] else ""
+        interval = "" if examination is None else _range(sure[j], errors[j])
+        error = f"{side}{rounded(errors[j], errors[j])}"
+        one, two = ((float(low), float(high)) for low, high in (np.clip(r[j] / reach, -1.0, 1.0) for r in relative))
+        whiskers = (one, two) if drawn[j] else (None, None)
+        rows.append(Row(name, rounded(fit.values[j], errors[j]), error, interval, remark, *whiskers))
+    unknown = dict.fromkeys(u.quantity for u, here in zip(fit.unknowns, known, strict=True) if not here)
+    return Parameters(tuple(rows), reach, kind, tuple(unknown))
+
+
+def rounded(value: float, error: float) -> str:
+    """Return a value to the second digit of its error."""
+    if value == 0 or not (np.isfinite(error) and error > 0):
+        return f"{value:.6g}"
+    decimals = 1 - int(np.floor(np.log10(error)))
+    if not 0 <= decimals <= MOST_DECIMALS:
+        return f"{value:.2g}" if value == error else f"{value:.6g}"
+    return f"{value:.{decimals}f}"
+
+
+def _range(ends: np.ndarray, error: float) -> str:
+    return " to ".join(rounded(float(end), float(error)) for end in ends)
+
+
+def correlations(fit: Fit) -> Correlations:
+    """Return the correlations of what is determined, and the strongest pairs."""
+    which = np.flatnonzero(np.diag(fit.covariance) > 0)
+    correlation = fit.correlation[np.ix_(which, which)]
+    names = tuple(fit.names[j] for j in which)
+    upper = np.abs(np.triu(correlation, 1))
+    order = [divmod(int(k), len(which)) for k in np.argsort(-upper, axis=None)[:STRONGEST]] if len(which) else []
+    strongest = [f"{names[i]} and {names[j]}: {correlation[i, j]:+.2f}" for i, j in order if upper[i, j] > 0.1]
+    labels = tuple(name if len(name) <= LONGEST else f"{name[:5]}…{name[-10:]}" for name in names)
+    drawn = 1 < len(which) <= MOST_CORRELATED
+    cells = tuple(
+        tuple(
+            Cell(round(abs(float(c)), 3), "negative" if c < 0 else "positive", f"{names[i]}, {names[j]}: {c:+.2f}")
+            for j, c in enumerate(row)
+        )
+        for i, row in enumerate(correlation)
+    )
+    return Correlations(names, labels, cells if drawn else (), tuple(of.replace("-", "−") for of in strongest))
+
+
+def models(choice: ModelChoice) -> Table:
+    """Return the models, the best first."""
+    rows = [
+        (
+            name,
+            f"{choice.unknowns[i]:d}",
+            f"{choice.errors[i]:.4g}",
+            f"{choice.rmse[i]:.4g}",
+            f"{choice.differences[i]:.2g} ± {choice.difference_errors[i]:.1g}" if i else "–",
+            "" if i == 0 else "worse" if choice.worse[i] else "cannot be told",
+        )
+        for i, name in enumerate(choice.names)
+    ]
+    head = ("model", "unknowns", f"error on {choice.what}, left out", "RMSE, fitted", "difference of MSE", "")
+    return Table(head, tuple(rows), choice.notes)
+
+
+def shots(plan: Plan) -> Table:
+    """Return the photographs that could be taken, the one to take first on top."""
+    quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
+    now = ("as it is", *plan.cells(plan.now, quantities), "")
+    rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
+    return Table(("photograph", *quantities, "gain in log det"), (now, *rows), plan.notes)
