@@ -17,6 +17,7 @@ from .fields import did_you_mean
 from .files import replacing
 from .fresnel import Dielectric, NoFresnel, Schlick
 from .lights import AreaLight, DirectionalLight, PointLight, SpotLight
+from .measured_lights import MeasuredLight, Profile
 from .materials import Blinn, Material, Phong
 from .named_materials import material_names
 from .patterns import Chequer
@@ -31,8 +32,9 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "material": (Material,),
     "lobe": (Phong, Blinn),
     "fresnel": (NoFresnel, Schlick, Dielectric),
-    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight),
+    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
     "attenuation": (RadialAttenuation,),
+    "profile": (Profile,),
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }

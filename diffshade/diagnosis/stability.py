@@ -18,6 +18,7 @@ from ..inverse.refits import Laid, Masks, refit, samples_of
 from ..inverse.uncertainty import Vector
 from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
+from ..measured_lights import MeasuredLight
 from ..materials import Material
 from ..rendering import render
 from ..scenes import Scene
@@ -103,7 +104,7 @@ def _bare(light: object) -> PointLight | DirectionalLight:
         return DirectionalLight(light.direction)
     if isinstance(light, AreaLight):
         return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
-    assert isinstance(light, PointLight | SpotLight)
+    assert isinstance(light, PointLight | SpotLight | MeasuredLight)
     return PointLight(light.position)
 
 
