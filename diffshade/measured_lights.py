@@ -39,9 +39,9 @@ class Profile(Checked):
 
     `vertical`: the angles gamma in degrees, (V,), increasing, 0 to 180 at most; beyond them it is dark. `horizontal`:
     the angles C in degrees, (H,), from 0 to 360 with both ends, or one alone, (1,), for a lamp that is the same all
-    around. `values`: (H, V), at least 0. At gamma = 0 and 180, where all planes meet, their mean is taken. At each angle
-    of the table the derivative jumps; there it is that of the side of the larger angle, and 0 at the poles. The ends of
-    `vertical` are gates, whose jump no derivative sees.
+    around. `values`: (H, V), at least 0. At gamma = 0 and 180, where all planes meet, their mean is taken. At each
+    angle of the table the derivative jumps; there it is that of the side of the larger angle, and 0 at the poles. The
+    ends of `vertical` are gates, whose jump no derivative sees.
     """
 
     vertical: Float[Array, " v"] = eqx.field(converter=as_angles)
@@ -78,8 +78,8 @@ class Profile(Checked):
         ):
             got = f"shape {np.shape(values)}" if isinstance(values, Array) and np.shape(values) != shape else "others"
             raise ValueError(
-                f"Profile.values must be finite numbers of at least 0, {shape[0]} x {shape[1]} (horizontal x vertical); "
-                f"got {got}. Give one row a horizontal angle."
+                f"Profile.values must be finite numbers of at least 0, {shape[0]} x {shape[1]} (horizontal x "
+                f"vertical); got {got}. Give one row a horizontal angle."
             )
 
     def __call__(self, gamma: Float[Array, "..."], C: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -17,8 +17,8 @@ from .fields import did_you_mean
 from .files import replacing
 from .fresnel import Dielectric, NoFresnel, Schlick
 from .lights import AreaLight, DirectionalLight, PointLight, SpotLight
-from .measured_lights import MeasuredLight, Profile
 from .materials import Blinn, Material, Phong
+from .measured_lights import MeasuredLight, Profile
 from .named_materials import material_names
 from .patterns import Chequer
 from .scenes import Object, Scene

@@ -121,14 +121,14 @@ def test_a_scene_file_keeps_a_lamp(tmp_path):
 def test_a_lamp_is_fitted():
     """Its place, axis and intensity, from two photographs of a floor and a wall that it lights."""
     surface = ds.Object(ds.Plane((0, 0, 0), (0, 1, 0.4)), ds.Material(k_d=0.8))
-    truth = ds.Scene(surface, dataclasses.replace(LAMP, attenuation=ds.RadialAttenuation(0, 0, 1)))
+    true = dataclasses.replace(LAMP, attenuation=ds.RadialAttenuation(0, 0, 1))
+    truth = ds.Scene(surface, true)
     cameras = [ds.Camera(eye, fov=60, shape=(24, 24)) for eye in ((0, 3, 4), (2, 3, 3))]
     views = [ds.View(np.asarray(ds.render(truth, camera)), camera) for camera in cameras]
-    told = ds.Scene(
-        surface, dataclasses.replace(truth.lights[0], position=(0.1, 1.8, 0.5), direction=(0, -1, 0.1), intensity=1)
-    )
+    told = ds.Scene(surface, dataclasses.replace(true, position=(0.1, 1.8, 0.5), direction=(0, -1, 0.1), intensity=1))
     fit = ds.fit(told, views, free=("position", "direction", "intensity"), start="scene")
-    (lamp,), (true,) = fit.scene.lights, truth.lights
+    (lamp,) = fit.scene.lights
+    assert isinstance(lamp, ds.MeasuredLight)
     np.testing.assert_allclose(lamp.position, true.position, atol=1e-6)
     np.testing.assert_allclose(lamp.direction, true.direction / np.linalg.norm(true.direction), atol=1e-6)
     np.testing.assert_allclose(lamp.intensity, true.intensity, rtol=1e-6)

@@ -18,8 +18,8 @@ from ..inverse.refits import Laid, Masks, refit, samples_of
 from ..inverse.uncertainty import Vector
 from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
-from ..measured_lights import MeasuredLight
 from ..materials import Material
+from ..measured_lights import MeasuredLight
 from ..rendering import render
 from ..scenes import Scene
 from .clusters import Clusters

@@ -75,7 +75,8 @@ def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
     d, E = (_column(name, value) for name, value in (("distance", distance), ("lux", lux)))
     if d.shape != E.shape or len(d) < 4 or len(np.unique(d)) < 3:
         raise ValueError(
-            f"fit_falloff needs at least four rows at three distances, a lux for each; got {len(d)} and {len(E)}. Add rows."
+            f"fit_falloff needs at least four rows at three distances, a lux for each; got {len(d)} and {len(E)}. "
+            "Add rows."
         )
     powers = np.stack([d**0, d, d * d], -1)
     size = np.array([1.0, d.mean(), d.mean() ** 2])  # of one size at the mean distance, so that rounding is small

@@ -24,8 +24,8 @@ from ..attenuation import NEAREST
 from ..fields import Array
 from ..fresnel import NoFresnel
 from ..lights import DirectionalLight, PointLight, SpotLight
-from ..measured_lights import MeasuredLight
 from ..materials import Material
+from ..measured_lights import MeasuredLight
 from ..scenes import Scene
 from ..vectors import Vec3, dot
 from .blocks import Block, Piece
