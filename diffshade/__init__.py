@@ -20,6 +20,13 @@ from .exchange.falloff import fit_falloff as fit_falloff
 from .exchange.lamps import SpotFit as SpotFit
 from .exchange.lamps import as_spot as as_spot
 from .exchange.lamps import read_lamp as read_lamp
+from .exchange.material_files import Exported as Exported
+from .exchange.material_files import read_lights as read_lights
+from .exchange.material_files import read_material as read_material
+from .exchange.material_files import read_materials as read_materials
+from .exchange.material_files import write_material as write_material
+from .exchange.refits import Refit as Refit
+from .exchange.refits import with_lobe as with_lobe
 from .fresnel import Dielectric as Dielectric
 from .fresnel import NoFresnel as NoFresnel
 from .fresnel import Schlick as Schlick

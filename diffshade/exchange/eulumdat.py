@@ -37,11 +37,11 @@ def read_eulumdat(text: str, name: str) -> Table:
         )
     angle = np.array(numbers(lines[after + RATIOS : after + RATIOS + planes + angles], f"{name}: an angle"))
     C, vertical = angle[:planes], angle[planes:]
-    # which of the planes are written
-    stored = {0: range(planes), 1: range(1), 2: range(planes // 2 + 1), 4: range(planes // 4 + 1)}
-    stored[3] = [(3 * planes // 4 + k) % planes for k in range(planes // 2 + 1)]
+    last = {0: planes - 1, 1: 0, 2: planes // 2, 3: planes // 2, 4: planes // 4}[symmetry]
+    begin = 3 * planes // 4 if symmetry == 3 else 0  # about the plane of 90 degrees: from 270 over 0 to 90
+    stored = (begin + np.arange(last + 1)) % planes  # the planes that are written
     first = after + RATIOS + planes + angles
-    written = len(stored[symmetry]) * angles
+    written = len(stored) * angles
     line(first + written - 1, "the last intensity")
     if any(rest for rest in lines[first + written :]):
         raise ValueError(
@@ -54,4 +54,4 @@ def read_eulumdat(text: str, name: str) -> Table:
     if symmetry == 1:
         return Table(vertical, np.zeros(1), values)
     about = {0: (), 2: (0.0,), 3: (90.0,), 4: (0.0, 90.0)}[symmetry]
-    return Table(vertical, *mirrored(C[np.array(stored[symmetry])], values, about, name))
+    return Table(vertical, *mirrored(C[stored], values, about, name))
