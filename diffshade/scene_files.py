@@ -86,7 +86,9 @@ def _load(path: str | Path) -> dict[str, Any]:
         raise FileNotFoundError(f"there is no scene file {path}. Give the path of a TOML file.")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ValueError(f"{path} is no scene: its lists are nested too deeply. Write them flat.") from None
+    except ValueError as error:  # of TOML, of UTF-8, or of a number with too many digits
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
     _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
     return document
@@ -122,6 +124,8 @@ def _build(cls: type, table: Any, where: str) -> Any:
 
 def _value(key: str, value: Any, where: str) -> Any:
     """Make what stands under a key: a module, several, or a plain value."""
+    if key not in _TYPES and isinstance(value, dict):
+        raise ValueError(f"{where} must be a number, a word or a list; got a table. Write it as {key} = ...")
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
         return value
     if isinstance(value, list) and key in _SEVERAL:

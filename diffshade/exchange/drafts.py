@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..fields import Array, in_short
+from ..fields import in_short
 from ..lights import AbstractLight
 from ..materials import Material
 from .refits import Refit
@@ -62,6 +62,6 @@ def comment(notes: Sequence[str], mark: str) -> str:
     return "".join(f"{mark} {note}\n" for note in ("written by diffshade", *notes))
 
 
-def plain(value: Array | float) -> str:
-    """Return a number, or three with blanks between, that read back as they were."""
-    return " ".join(repr(float(x)) for x in np.ravel(value))
+def plain(values: Any, between: str = ", ", after: str = "") -> str:
+    """Return a number, or several, as text that reads back as they were."""
+    return between.join(f"{float(x)!r}{after}" for x in np.ravel(values))

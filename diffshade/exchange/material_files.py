@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..fields import check_kind, did_you_mean, in_short
 from ..files import replacing
@@ -57,7 +58,7 @@ class Exported:
 
 def write_material(
     path: str | Path,
-    material: Material | Mapping[str, Material],
+    material: Material | Mapping[str, Any],
     *,
     name: str = "material",
     lights: Sequence[AbstractLight] | AbstractLight = (),
@@ -72,7 +73,9 @@ def write_material(
     path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
     suffix = path.suffix.lower()
     if suffix not in (".mtl", *WRITERS):
-        raise ValueError(f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}.")
+        raise ValueError(
+            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}."
+        )
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
     if isinstance(material, Mapping) and suffix != ".mtl":
@@ -99,7 +102,9 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
     found = read_materials(path)
     if name is None:
         if len(found) > 1:
-            raise ValueError(f"{path} holds {len(found)} materials. Name one, for example name={short(next(iter(found)))}.")
+            raise ValueError(
+                f"{path} holds {len(found)} materials. Name one, for example name={short(next(iter(found)))}."
+            )
         return next(iter(found.values()))
     if name not in found:
         raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
@@ -107,7 +112,7 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
 
 
 def read_materials(path: str | Path) -> dict[str, Material]:
-    """Read the materials of a file by name: `.mtl`, `.c`, `.json`, `.js`, `.py` and `.inc` as `write_material` has them.
+    """Read the materials of a file by name: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc`, as `write_material` has them.
 
     Formats of the same lobe are read as they are; three.js's MeshPhongMaterial is refitted, and the logger "diffshade"
     warns of the error, as it does of maps, which are never opened. Reading takes at most 64 times the file's size of
@@ -131,7 +136,9 @@ def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
 
 
 def _check_name(name: str, suffix: str) -> None:
-    good = re.fullmatch(r"\S+" if suffix == ".mtl" else r"[A-Za-z_]\w*", name if isinstance(name, str) else "", re.ASCII)
+    good = re.fullmatch(
+        r"\S+" if suffix == ".mtl" else r"[A-Za-z_]\w*", name if isinstance(name, str) else "", re.ASCII
+    )
     if not good or len(name) > 60 or "#" in name:
         what = "one word" if suffix == ".mtl" else "a name of letters, digits and _"
         raise ValueError(f"a material's name must be {what}; got {short(str(name))}. Rename it.")

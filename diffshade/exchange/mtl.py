@@ -31,12 +31,12 @@ def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
         if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
             said.append("coefficients above 1 are written as they are; many programs clamp them to 1.")
         most = float(k_t.max())
-        rows = {key: plain(getattr(m, field)) for key, field in COLOURS.items()}
-        rows |= {"Ns": plain(m.n_s), "d": plain(1.0 - most)}
+        rows = {key: plain(getattr(m, field), " ") for key, field in COLOURS.items()}
+        rows |= {"Ns": plain(m.n_s, " "), "d": plain(1.0 - most, " ")}
         if most > 0 and np.ptp(k_t) > 0:
-            rows["Tf"] = plain(k_t / most)  # what passes is k_t = (1 - d) Tf
+            rows["Tf"] = plain(k_t / most, " ")  # what passes is k_t = (1 - d) Tf
         if m.eta is not None:
-            rows["Ni"] = plain(m.eta)
+            rows["Ni"] = plain(m.eta, " ")
         rows["illum"] = "2" if np.any(m.k_s) else "1"
         text += comment(said, "#") + f"newmtl {name}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
         notes += [f"{name}: {note}" for note in said] if len(materials) > 1 else said
@@ -74,7 +74,7 @@ def _material(rows: Mapping[str, list[str]], where: str) -> Material:
 
     def colour(key: str, default: float) -> list[float]:
         words = rows.get(key, [repr(default)] * 3)
-        if len(words) not in (1, 3):
+        if len(words) not in (1, 3) or words[0] in ("spectral", "xyz"):
             raise ValueError(
                 f"{where}: {key} must be one number or three; got {short(' '.join(words))}. Spectral files and CIE XYZ "
                 "are not read; write RGB."

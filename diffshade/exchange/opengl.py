@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ..attenuation import RadialAttenuation
-from ..fields import with_article
 from ..lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..materials import Blinn, Material
-from .drafts import Draft, comment, opacity, said_of, said_of_glass
+from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass
 from .refits import with_lobe
 from .texts import NUMBER, number, short
 
@@ -31,12 +31,12 @@ def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight])
     m, alpha = refit.material, opacity(material)
     notes = [*said_of(refit), *said_of_glass(material, "OpenGL", colour=False, eta=False)]
     if alpha < 1:
-        notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND and draw what is transparent last, back to front.")
+        notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND and draw what is transparent last.")
     calls = [
-        f"    glMaterialfv(GL_FRONT_AND_BACK, {key}, (GLfloat[]){{{_floats([*np.asarray(getattr(m, field)), alpha])}}});"
+        _set(f"glMaterialfv(GL_FRONT_AND_BACK, {key}", [*np.asarray(getattr(m, field)), alpha])
         for key, field in _COLOURS.items()
     ]
-    calls.append(f"    glMaterialf(GL_FRONT_AND_BACK, GL_SHININESS, {_floats([m.n_s])});")
+    calls.append(f"    glMaterialf(GL_FRONT_AND_BACK, GL_SHININESS, {_floats(m.n_s)});")
     functions = [_function(f"{name}_material", calls)]
     if lights:
         written, more = _lights(lights)
@@ -50,8 +50,12 @@ def _function(name: str, body: list[str]) -> str:
     return "\n".join([f"static void {name}(void)", "{", *body, "}"])
 
 
-def _floats(values: Sequence[float] | np.ndarray) -> str:
-    return ", ".join(f"{float(x)!r}f" for x in values)
+def _set(call: str, values: Any) -> str:
+    return f"    {call}, (GLfloat[]){{{_floats(values)}}});"
+
+
+def _floats(values: Any) -> str:
+    return plain(values, after="f")
 
 
 def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
@@ -62,17 +66,16 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
     for i, light in enumerate(lights):
         if not isinstance(light, PointLight | DirectionalLight | SpotLight):
             raise ValueError(
-                f"OpenGL has no {type(light).__name__}; got one as lights[{i}]. Give point, directional or spot lights, "
-                "for example as_spot(lamp).light."
+                f"OpenGL has no {type(light).__name__}; got one as lights[{i}]. Give point, directional or spot "
+                "lights, for example as_spot(lamp).light."
             )
-        here = f"    glLightfv(GL_LIGHT{i}, "
         if isinstance(light, DirectionalLight):
             place = [*(-np.asarray(light.direction) / np.linalg.norm(light.direction)), 0.0]
         else:
             place = [*np.asarray(light.position), 1.0]
         rgb = [*np.asarray(light.intensity), 1.0]
         vectors = {"POSITION": place, "DIFFUSE": rgb, "SPECULAR": rgb, "AMBIENT": [0.0, 0.0, 0.0, 1.0]}
-        single: dict[str, float] = {}
+        single: dict[str, Any] = {}
         if not isinstance(light, DirectionalLight):
             a = light.attenuation
             single |= {"CONSTANT_ATTENUATION": a.constant, "LINEAR_ATTENUATION": a.linear}
@@ -82,11 +85,13 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
             vectors["SPOT_DIRECTION"] = list(np.asarray(light.direction))
             single |= {"SPOT_CUTOFF": light.cutoff, "SPOT_EXPONENT": min(float(light.exponent), HIGHEST)}
             if light.exponent > HIGHEST:
-                notes.append(f"the exponent of lights[{i}], {float(light.exponent):g}, is written as OpenGL's highest, 128.")
+                notes.append(
+                    f"the exponent of lights[{i}], {float(light.exponent):g}, is written as 128, OpenGL's highest."
+                )
             if light.softness > 0:
                 notes.append(f"OpenGL's spots have a hard edge: softness of lights[{i}] is left out.")
-        calls += [f"{here}GL_{key}, (GLfloat[]){{{_floats(value)}}});" for key, value in vectors.items()]
-        calls += [f"    glLightf(GL_LIGHT{i}, GL_{key}, {_floats([value])});" for key, value in single.items()]
+        calls += [_set(f"glLightfv(GL_LIGHT{i}, GL_{key}", value) for key, value in vectors.items()]
+        calls += [f"    glLightf(GL_LIGHT{i}, GL_{key}, {_floats(value)});" for key, value in single.items()]
         calls.append(f"    glEnable(GL_LIGHT{i});")
     return calls, notes
 
@@ -108,7 +113,7 @@ def read_opengl(text: str, where: str) -> dict[str, Material]:
     if not 0 <= n_s <= HIGHEST:
         raise ValueError(f"{where}: GL_SHININESS must be 0 to 128; got {n_s:g}. OpenGL refuses it too.")
     alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
-    glass = {"k_t": 1.0 - alpha} if alpha != 1 else {}
+    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
         given = {field: values[key][:3] for key, field in _COLOURS.items()}
         return {"material": Material(**given, n_s=n_s, lobe=Blinn(), **glass)}
@@ -137,7 +142,8 @@ def _light(set_: dict[str, list[float]]) -> AbstractLight:
         return DirectionalLight(-np.asarray(place[:3]), rgb)
     position = np.asarray(place[:3]) / place[3]
     names = ("CONSTANT_ATTENUATION", "LINEAR_ATTENUATION", "QUADRATIC_ATTENUATION")
-    fades = RadialAttenuation(*(one(name, float(i == 0)) for i, name in enumerate(names)))
+    constant, linear, quadratic = (one(name, float(i == 0)) for i, name in enumerate(names))
+    fades = RadialAttenuation(constant, linear, quadratic)
     cutoff = one("SPOT_CUTOFF", 180.0)
     if cutoff == 180:
         return PointLight(position, rgb, fades)
@@ -147,8 +153,9 @@ def _light(set_: dict[str, list[float]]) -> AbstractLight:
 
 def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:
     """Return the target, the name and the numbers of each call; arrays are named, or stand in the call."""
-    text = re.sub(r"//[^\n]*|/\*.*?\*/", " ", text, flags=re.DOTALL) if text.count("/*") < 10_000 else text
-    arrays = {name: body for name, body in _ARRAY.findall(text)}
+    first, *comments = text.split("/*")  # a pattern would look for each end anew
+    text = re.sub(r"//[^\n]*", " ", " ".join([first, *(comment.partition("*/")[2] for comment in comments)]))
+    arrays = dict(_ARRAY.findall(text))
     found = []
     for kind, _, target, key, argument in _CALL.findall(text):
         if kind != of:
@@ -157,6 +164,8 @@ def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]
         inside = argument.partition("{")[2].rpartition("}")[0] if "{" in argument else arrays.get(argument, argument)
         words = [word.strip().removesuffix("f").removesuffix("F") for word in inside.split(",") if word.strip()]
         if not words or not all(NUMBER.fullmatch(word) for word in words):
-            raise ValueError(f"{where}: {key} must be given numbers; got {short(argument)}. Write them out in the array.")
+            raise ValueError(
+                f"{where}: {key} must be given numbers; got {short(argument)}. Write them out in the array."
+            )
         found.append((target, key, [number(word, f"{where}: {key}") for word in words]))
     return found

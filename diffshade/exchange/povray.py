@@ -7,6 +7,7 @@ over 90 degrees.
 
 from __future__ import annotations
 
+import logging
 import re
 from typing import Any
 
@@ -14,7 +15,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from ..fields import Array
 from ..materials import Blinn, Material, Phong
 from .drafts import Draft, comment, plain, said_of, said_of_lights, stated
 from .reference import Cosines, Reference, differences, radiance, reference_of
@@ -29,6 +29,8 @@ _NUMBER = re.compile(
     r"\b(ambient|emission|diffuse|phong|phong_size|specular|roughness|metallic|ior)[ \t]+([\w.+-]{1,40})", re.ASCII
 )
 
+_LOGGER = logging.getLogger("diffshade")
+
 
 def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Float[np.ndarray, "n 3"]:
     """Return the colour of a highlight."""
@@ -39,18 +41,19 @@ def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Floa
 
 def write_povray(name: str, material: Material, lights: Any) -> Draft:
     """Return `#declare NAME = texture {...}` and, for glass, `#declare NAME_interior`."""
-    lobe = material.lobe if isinstance(material.lobe, Phong | Blinn) else Phong()
+    lobe = Blinn() if isinstance(material.lobe, Blinn) else Phong()
     refit = with_lobe(material, lobe)
-    m, points = refit.material, reference_of(refit.material)
+    m, points = refit.material, reference_of(material)
     k_a, k_d, k_s, k_e = (np.asarray(k) for k in (m.k_a, m.k_d, m.k_s, m.k_e))
-    diffuse = float(k_d.max()) or 1.0
-    pigment = np.maximum(k_d / diffuse, LEAST) if np.any(k_d) else np.full(3, LEAST)
+    diffuse = float(k_d.max())
+    hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
+    pigment = np.maximum(hue / hue.max(), LEAST)
     notes, rms, largest = said_of(refit), refit.rms, refit.largest
     strength, metallic = float(k_s.max()), 0.0
     if np.ptp(k_s) > 0:
         strength, metallic = _metallic(points, lobe, float(m.n_s), pigment, k_s)
         found = points.n_l[:, None] * k_d + strength * (
-            points.highlight(lobe, float(m.n_s))[:, None] * tint(pigment, metallic, points.n_l)
+            points.highlights(lobe)(float(m.n_s))[:, None] * tint(pigment, metallic, points.n_l)
         )
         rms, largest = differences(radiance(material, points), found)
         notes.append(f"POV-Ray colours no highlight but with its pigment, {named(m)} by metallic {metallic:.2g}:")
@@ -58,13 +61,15 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
     k_t = np.zeros(3) if m.k_t is None else np.asarray(m.k_t)
     transmit = float(k_t.mean())
     if transmit > 0:
-        notes.append("POV-Ray does not take k_t from the highlight, and filters no colour by transmit: k_t is its mean.")
+        notes.append(
+            "POV-Ray does not take k_t from the highlight, and filters no colour by transmit: k_t is its mean."
+        )
     words = {Phong: ("phong", "phong_size", float(m.n_s)), Blinn: ("specular", "roughness", _roughness(float(m.n_s)))}
     kind, size, exponent = words[type(lobe)]
     highlight = f"{kind} {strength!r} {size} {exponent!r}" + (f" metallic {metallic!r}" if metallic else "")
     rows = [
-        f"  pigment {{ rgbt <{_list([*pigment, transmit])}> }}",
-        f"  finish {{ ambient rgb <{_list(k_a / pigment)}> emission rgb <{_list(k_e / pigment)}>",
+        f"  pigment {{ rgbt <{plain([*pigment, transmit])}> }}",
+        f"  finish {{ ambient rgb <{plain(k_a / pigment)}> emission rgb <{plain(k_e / pigment)}>",
         f"    diffuse {diffuse!r} {highlight if np.any(k_s) else ''} }}",
     ]
     notes.append("set global_settings { assumed_gamma 1 ambient_light rgb 1 }: k_a is for an ambient light of 1.")
@@ -83,7 +88,7 @@ def _metallic(
     points: Reference, lobe: Phong | Blinn, n_s: float, pigment: Float[np.ndarray, "3"], k_s: Float[np.ndarray, "3"]
 ) -> tuple[float, float]:
     """Return the strength and the metallic, 0 to 1, of the highlight that is nearest, by squares."""
-    shape = points.highlight(lobe, n_s)[:, None]
+    shape = points.highlights(lobe)(n_s)[:, None]
     target = shape * k_s
 
     def strength(metallic: float) -> float:
@@ -93,7 +98,7 @@ def _metallic(
     def cost(metallic: float) -> float:
         return float(np.sum((strength(metallic) * shape * tint(pigment, metallic, points.n_l) - target) ** 2))
 
-    found = minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
+    found: Any = minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
     metallic = min((float(found.x), 0.0, 1.0), key=cost)
     return strength(metallic), metallic
 
@@ -114,7 +119,10 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
             if not NUMBER.fullmatch(word):
                 raise ValueError(f"{where}: {key} must be a number; got {short(word)}. Write it out.")
             value = number(word, f"{where}: {key}")
-            (colours if key in colours else one)[key] = np.full(3, value) if key in colours else value
+            if key in colours:
+                colours[key] = np.full(3, value)
+            else:
+                one[key] = value
     for key, inside in _COLOUR.findall(texture):
         colours[key] = np.asarray(_vector(inside, where)[:3])
     if one["phong"] and one["specular"]:
@@ -123,9 +131,12 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
     n_s = 1.0 / one["roughness"] if blinn else one["phong_size"]
-    # of a tint, which fades at grazing light, what it is head on
+    if one["metallic"]:
+        _LOGGER.warning(
+            "%s: the tint of a metallic highlight fades at grazing light; it is read as it is head on.", where
+        )
     k_s = (one["specular"] + one["phong"]) * (1.0 + one["metallic"] * (pigment - 1.0))
-    given: dict[str, Array | float | None] = {"k_e": colours["emission"] * pigment}
+    given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
     given |= {"k_t": transmit} if transmit else {}
     given |= {"eta": one["ior"]} if "ior" in one else {}
     lobe = Blinn() if blinn else Phong()
@@ -138,9 +149,7 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
 def _vector(inside: str, where: str) -> list[float]:
     words = inside.replace(",", " ").split()
     if len(words) not in (3, 4):
-        raise ValueError(f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Mend it.")
+        raise ValueError(
+            f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Mend it."
+        )
     return numbers(words, f"{where}: a colour")
-
-
-def _list(values: Any) -> str:
-    return ", ".join(repr(float(x)) for x in values)

@@ -8,13 +8,14 @@ error is a difference of radiance at these points: its root mean square over poi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..materials import Blinn, Material, Phong
+from ..materials import AbstractLobe, Material, Phong
 from ..reflection import reflectance
 from ..vectors import Vec3
 
@@ -47,7 +48,7 @@ class Reference(NamedTuple):
     @property
     def h(self) -> Normals:
         """Halfway vector."""
-        h = self.l + (0.0, 0.0, 1.0)
+        h = self.l + np.array([0.0, 0.0, 1.0])
         return h / np.linalg.norm(h, axis=-1, keepdims=True)
 
     @property
@@ -60,16 +61,18 @@ class Reference(NamedTuple):
         """v . h"""
         return self.h[:, 2]
 
-    @property
-    def v_r(self) -> Cosines:
-        """(v . r)_+"""
-        n_l = (self.n * self.l).sum(-1)
-        return np.maximum(2.0 * n_l * self.n_v - self.l[:, 2], 0.0)
+    def highlights(self, lobe: AbstractLobe) -> Callable[[float], Cosines]:
+        """Return the highlights of k_s = 1 as a function of n_s (E5, E6)."""
+        with jax.enable_x64(True):
+            cosine = np.broadcast_to(np.asarray(lobe.cosine(*self.vectors)), self.n_v.shape)
+        shines = (self.n_l > 0) & (cosine > 0)
+        return lambda n_s: np.where(shines, np.where(shines, cosine, 1.0) ** n_s, 0.0)
 
-    def highlight(self, lobe: Phong | Blinn, n_s: float) -> Cosines:
-        """Return the highlight of k_s = 1 (E5, E6)."""
-        cosine = self.v_r if isinstance(lobe, Phong) else self.n_h
-        return np.where((self.n_l > 0) & (cosine > 0), np.where(cosine > 0, cosine, 1.0) ** n_s, 0.0)
+    @property
+    def vectors(self) -> tuple[Vec3, Vec3, Vec3]:
+        """n, l and v."""
+        v = np.broadcast_to([0.0, 0.0, 1.0], self.n.shape)
+        return Vec3.of(self.n), Vec3.of(self.l), Vec3.of(v)
 
 
 def reference(n_s: float) -> Reference:
@@ -100,8 +103,7 @@ def reference_of(material: Material) -> Reference:
 def radiance(material: Material, points: Reference) -> Radiance:
     """Return what a material reflects at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
     with jax.enable_x64(True):
-        n, l, v = (Vec3.of(np.asarray(a)) for a in (points.n, points.l, np.broadcast_to([0.0, 0, 1], points.n.shape)))
-        return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, n, l, v).stack())
+        return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, *points.vectors).stack())
 
 
 def differences(one: Radiance, other: Radiance) -> tuple[float, float]:

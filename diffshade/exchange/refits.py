@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from ..fields import check, check_kind
 from ..fresnel import NoFresnel
-from ..materials import AbstractLobe, Blinn, Material, Phong
+from ..materials import AbstractLobe, Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
 EXPONENTS = (0.1, 1e5)  # within which a highlight is looked for
@@ -46,7 +47,7 @@ def named(material: Material) -> str:
 
 
 def with_lobe(
-    material: Material, lobe: AbstractLobe, *, highest_n_s: float = EXPONENTS[1], highest_k: float = np.inf
+    material: Material, lobe: AbstractLobe, *, highest_n_s: float | int = EXPONENTS[1], highest_k: float | int = np.inf
 ) -> Refit:
     """Return the material of this lobe, with a constant k_s and one n_s, that looks most like the given one.
 
@@ -57,7 +58,7 @@ def with_lobe(
     this lobe and within the limits is returned as it is. Raises ValueError for one whose coefficients are patterns.
     """
     check_plain(material)
-    check_kind("lobe", lobe, Phong | Blinn, "Blinn()")  # pyright: ignore[reportArgumentType]
+    check_kind("lobe", lobe, AbstractLobe, "Blinn()")
     n_s = np.unique(np.asarray(material.n_s))
     within = all(np.all(np.asarray(k) <= highest_k) for k in (material.k_d, material.k_s)) and n_s[-1] <= highest_n_s
     alike = type(material.lobe) is type(lobe) and isinstance(material.fresnel, NoFresnel) and len(n_s) == 1
@@ -66,7 +67,7 @@ def with_lobe(
     points = reference_of(material)
     target = radiance(material, points)
     k_d = np.minimum(material.k_d, highest_k)
-    shape = Shape(lambda n: points.highlight(lobe, n), (EXPONENTS[0], highest_n_s), highest_k)
+    shape = Shape(points.highlights(lobe), (EXPONENTS[0], float(highest_n_s)), float(highest_k))
     n, k_s = shape.fit(target - points.n_l[:, None] * np.asarray(material.k_d))
     new = dataclasses.replace(material, k_d=k_d, k_s=k_s, n_s=n, lobe=lobe, fresnel=NoFresnel())
     return Refit(new, *differences(target, radiance(new, points)), material)
@@ -117,7 +118,7 @@ def lowest(cost: Callable[[float], float], lower: float, upper: float) -> float:
     tried = np.linspace(lower, upper, 40)
     best = int(np.argmin([cost(float(x)) for x in tried]))
     low, high = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
+    found: Any = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
     return min((float(found.x), float(low), float(high)), key=cost)
 
 

@@ -57,9 +57,7 @@ def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float,
     found: Radiance = points.n_l[:, None] * colour + shape.of(n_s, specular)
     if not np.any(own):  # three.js reflects at grazing light even where the specular colour is black
         found, n_s = points.n_l[:, None] * colour + shape.of(EXPONENTS[0], specular), EXPONENTS[0]
-    rms, largest = differences(target, found)
-    lost = float(np.abs(emissive - material.k_e - material.k_a).max())
-    rms, largest = rms + lost, largest + lost
+    rms, largest = differences(target + np.asarray(material.k_e) + np.asarray(material.k_a), found + emissive)
     notes.append(f"the highlight, {named(material)}, is refitted with shininess {n_s:.4g}: {stated(rms, largest)}")
     notes.append("give three.js pi times the intensity of each light, and no AmbientLight: k_a, for an ambient light")
     notes[-1] += " of 1, is part of emissive."
@@ -94,12 +92,14 @@ def write_js(name: str, material: Material, lights: Any) -> Draft:
     settings, rms, largest, notes = _fitted(material, bytes_=False)
     notes += _dropped(material, lights)
     rows = [
-        f"  {key}: new THREE.Color().setRGB({plain(settings[key]).replace(' ', ', ')}, THREE.LinearSRGBColorSpace),"
+        f"  {key}: new THREE.Color().setRGB({plain(settings[key])}, THREE.LinearSRGBColorSpace),"
         for key in ("color", "emissive", "specular")
     ]
     rows += [f"  {key}: {settings[key]!r}," for key in ("shininess", "opacity")]
     rows.append(f"  transparent: {'true' if settings['opacity'] < 1 else 'false'},")
-    body = "\n".join(['import * as THREE from "three";', "", f"export const {name} = new THREE.MeshPhongMaterial({{", *rows])
+    body = "\n".join(
+        ['import * as THREE from "three";', "", f"export const {name} = new THREE.MeshPhongMaterial({{", *rows]
+    )
     return Draft(f"{comment(notes, '//')}\n{body}\n}});\n", rms, largest, tuple(notes))
 
 
@@ -130,7 +130,12 @@ def read_json(text: str, where: str) -> dict[str, Material]:
 
     glow = colour("emissive", 0) * one("emissiveIntensity", 1.0)
     return _as_material(
-        colour("color", 0xFFFFFF), glow, colour("specular", 0x111111), one("shininess", 30.0), one("opacity", 1.0), where
+        colour("color", 0xFFFFFF),
+        glow,
+        colour("specular", 0x111111),
+        one("shininess", 30.0),
+        one("opacity", 1.0),
+        where,
     )
 
 
@@ -143,7 +148,9 @@ def read_js(text: str, where: str) -> dict[str, Material]:
     for key, inside in _COLOUR.findall(text):
         words = [word.strip() for word in inside.split(",")]
         if words[-1:] != ["THREE.LinearSRGBColorSpace"] or len(words) != 4 or not all(map(NUMBER.fullmatch, words[:3])):
-            raise ValueError(f"{where}: {key} must be three numbers and LinearSRGBColorSpace; got {short(inside)}. Mend it.")
+            raise ValueError(
+                f"{where}: {key} must be three numbers and LinearSRGBColorSpace; got {short(inside)}. Mend it."
+            )
         values[key] = [number(word, f"{where}: {key}") for word in words[:3]]
     scalars = {"shininess": 30.0, "opacity": 1.0}
     scalars |= {key: number(word, f"{where}: {key}") for key, word in _NUMBER.findall(text)}
@@ -159,11 +166,11 @@ def _as_material(
         raise ValueError(f"{where}: shininess must be 0 to 100000 and specular at least 0; got {shininess:g}. Mend it.")
     points = reference(shininess)
     target = highlights(points).of(shininess, specular)
-    blinn = Shape(lambda n: points.highlight(Blinn(), n), EXPONENTS)
+    blinn = Shape(points.highlights(Blinn()), EXPONENTS)
     n_s, k_s = blinn.fit(target)
     rms, largest = differences(target, blinn.of(n_s, k_s))
     _LOGGER.warning("%s: MeshPhongMaterial is refitted as Blinn with n_s %.4g: %s", where, n_s, stated(rms, largest))
-    glass = {"k_t": 1.0 - alpha} if alpha != 1 else {}
+    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
         return {"material": Material(0.0, colour, k_s, n_s, Blinn(), k_e=emissive, **glass)}
     except ValueError as error:

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..fields import Array
 from ..materials import Material, Phong
-from .drafts import Draft, comment, opacity, said_of, said_of_glass, said_of_lights
+from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
+from .reference import differences, radiance, reference_of
 from .refits import with_lobe
 from .texts import NUMBER, number, short
 
@@ -29,15 +30,15 @@ def write_vtk(name: str, material: Material, lights: Any) -> Draft:
     if np.any(m.k_e):
         notes.append("VTK has no emission: k_e is added to k_a, which is the same where the ambient light is 1.")
     if ambient.max() > HIGHEST_K:
-        lost = float(ambient.max() - HIGHEST_K)
-        notes.append(f"VTK clamps the ambient term at 1: up to {lost:.2g} of it is lost.")
-        rms, largest = rms + lost, largest + lost
-        ambient = np.minimum(ambient, HIGHEST_K)
+        lost, points = ambient - np.minimum(ambient, HIGHEST_K), reference_of(material)
+        rms, largest = differences(radiance(material, points) + lost, radiance(m, points))
+        notes.append(f"VTK clamps the ambient term at 1: {stated(rms, largest)}")
+        ambient = ambient - lost
     lines = ["property.SetInterpolationToPhong()"]
     for term, k in (("Ambient", ambient), ("Diffuse", np.asarray(m.k_d)), ("Specular", np.asarray(m.k_s))):
         strength = float(k.max())
         colour = k / strength if strength > 0 else np.ones(3)
-        lines += [f"property.Set{term}({strength!r})", f"property.Set{term}Color({_numbers(colour)})"]
+        lines += [f"property.Set{term}({strength!r})", f"property.Set{term}Color({plain(colour)})"]
     lines += [f"property.SetSpecularPower({float(m.n_s)!r})", f"property.SetOpacity({opacity(material)!r})"]
     body = "\n".join(f"    {line}" for line in lines)
     return Draft(f"{comment(notes, '#')}\n\ndef set_{name}(property):\n{body}\n", rms, largest, tuple(notes))
@@ -53,7 +54,9 @@ def read_vtk(text: str, where: str) -> dict[str, Material]:
             continue
         words = [word.strip() for word in inside.split(",")]
         if not all(NUMBER.fullmatch(word) for word in words) or len(words) != len(known[key]):
-            raise ValueError(f"{where}: Set{key} must be given {len(known[key])} numbers; got {short(inside)}. Write them out.")
+            raise ValueError(
+                f"{where}: Set{key} must be given {len(known[key])} numbers; got {short(inside)}. Write them out."
+            )
         known[key], found = [number(word, f"{where}: {key}") for word in words], True
     if not found:
         raise ValueError(f"{where} sets nothing of a vtkProperty. Give Python code with property.SetDiffuse(...).")
@@ -62,12 +65,8 @@ def read_vtk(text: str, where: str) -> dict[str, Material]:
         return np.clip(known[term][0], 0.0, HIGHEST_K) * np.asarray(known[f"{term}Color"])
 
     n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, HIGHEST_N)), known["Opacity"][0]
-    glass = {"k_t": 1.0 - alpha} if alpha != 1 else {}
+    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
         return {"material": Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)}
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-
-
-def _numbers(values: Array) -> str:
-    return ", ".join(repr(float(x)) for x in values)
