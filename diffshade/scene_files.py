@@ -124,9 +124,10 @@ def _build(cls: type, table: Any, where: str) -> Any:
 
 def _value(key: str, value: Any, where: str) -> Any:
     """Make what stands under a key: a module, several, or a plain value."""
-    if key not in _TYPES and isinstance(value, dict):
-        raise ValueError(f"{where} must be a number, a word or a list; got a table. Write it as {key} = ...")
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
+        if not isinstance(value, bool | int | float | str | list):
+            got = "a table" if isinstance(value, dict) else f"{value}"
+            raise ValueError(f"{where} must be a number, a word or a list; got {got}. Write it as {key} = ...")
         return value
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
