@@ -119,12 +119,11 @@ def test_a_scene_file_keeps_a_lamp(tmp_path):
 
 
 def test_a_lamp_is_fitted():
-    """Its place, axis and intensity, from two photographs of a floor and a wall that it lights."""
+    """Its place, axis and intensity, from a photograph of a slope that it lights."""
     surface = ds.Object(ds.Plane((0, 0, 0), (0, 1, 0.4)), ds.Material(k_d=0.8))
     true = dataclasses.replace(LAMP, attenuation=ds.RadialAttenuation(0, 0, 1))
-    truth = ds.Scene(surface, true)
-    cameras = [ds.Camera(eye, fov=60, shape=(24, 24)) for eye in ((0, 3, 4), (2, 3, 3))]
-    views = [ds.View(np.asarray(ds.render(truth, camera)), camera) for camera in cameras]
+    camera = ds.Camera((0, 3, 4), fov=60, shape=(24, 24))
+    views = [ds.View(np.asarray(ds.render(ds.Scene(surface, true), camera)), camera)]
     told = ds.Scene(surface, dataclasses.replace(true, position=(0.1, 1.8, 0.5), direction=(0, -1, 0.1), intensity=1))
     fit = ds.fit(told, views, free=("position", "direction", "intensity"), start="scene")
     (lamp,) = fit.scene.lights
@@ -132,6 +131,17 @@ def test_a_lamp_is_fitted():
     np.testing.assert_allclose(lamp.position, true.position, atol=1e-6)
     np.testing.assert_allclose(lamp.direction, true.direction / np.linalg.norm(true.direction), atol=1e-6)
     np.testing.assert_allclose(lamp.intensity, true.intensity, rtol=1e-6)
+
+
+def test_a_material_is_fitted_under_a_lamp():
+    """By the fast form of a fit, which knows the lamp's beam as a field."""
+    camera = ds.Camera((0, 0, 4), fov=32, shape=(16, 16))
+    lamp = dataclasses.replace(LAMP, position=(1, 2, 2), direction=(-1, -2, -2))
+    truth = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, (0.6, 0.4, 0.25), 0.5, 20)), lamp)
+    view = ds.View(np.asarray(ds.render(truth, camera)), camera)
+    fit = ds.fit(ds.Scene(ds.Object(ds.Sphere()), lamp), view, free=("k_a", "k_d", "k_s", "n_s"))
+    np.testing.assert_allclose(fit.material.k_d, (0.6, 0.4, 0.25), rtol=1e-4)
+    np.testing.assert_allclose([float(fit.material.n_s), *fit.material.k_s], [20, 0.5, 0.5, 0.5], rtol=1e-3)
 
 
 CIRCLE = np.arange(0, 360, 22.5)
