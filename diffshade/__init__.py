@@ -15,6 +15,18 @@ from .diagnosis.planning import Plan as Plan
 from .diagnosis.planning import Shot as Shot
 from .diagnosis.planning import plan as plan
 from .diagnosis.resampling import bootstrap as bootstrap
+from .exchange.falloff import Falloff as Falloff
+from .exchange.falloff import fit_falloff as fit_falloff
+from .exchange.lamps import SpotFit as SpotFit
+from .exchange.lamps import as_spot as as_spot
+from .exchange.lamps import read_lamp as read_lamp
+from .exchange.material_files import Exported as Exported
+from .exchange.material_files import read_lights as read_lights
+from .exchange.material_files import read_material as read_material
+from .exchange.material_files import read_materials as read_materials
+from .exchange.material_files import write_material as write_material
+from .exchange.refits import Refit as Refit
+from .exchange.refits import with_lobe as with_lobe
 from .fresnel import Dielectric as Dielectric
 from .fresnel import NoFresnel as NoFresnel
 from .fresnel import Schlick as Schlick
@@ -46,6 +58,8 @@ from .lights import SpotLight as SpotLight
 from .materials import Blinn as Blinn
 from .materials import Material as Material
 from .materials import Phong as Phong
+from .measured_lights import MeasuredLight as MeasuredLight
+from .measured_lights import Profile as Profile
 from .meshes import read_mesh as read_mesh
 from .named_materials import material as material
 from .named_materials import material_names as material_names

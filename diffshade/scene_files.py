@@ -18,6 +18,7 @@ from .files import replacing
 from .fresnel import Dielectric, NoFresnel, Schlick
 from .lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from .materials import Blinn, Material, Phong
+from .measured_lights import MeasuredLight, Profile
 from .named_materials import material_names
 from .patterns import Chequer
 from .scenes import Object, Scene
@@ -31,8 +32,9 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "material": (Material,),
     "lobe": (Phong, Blinn),
     "fresnel": (NoFresnel, Schlick, Dielectric),
-    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight),
+    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
     "attenuation": (RadialAttenuation,),
+    "profile": (Profile,),
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
@@ -84,7 +86,9 @@ def _load(path: str | Path) -> dict[str, Any]:
         raise FileNotFoundError(f"there is no scene file {path}. Give the path of a TOML file.")
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ValueError(f"{path} is no scene: its lists are nested too deeply. Write them flat.") from None
+    except ValueError as error:  # of TOML, of UTF-8, or of a number with too many digits
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
     _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
     return document
@@ -121,6 +125,9 @@ def _build(cls: type, table: Any, where: str) -> Any:
 def _value(key: str, value: Any, where: str) -> Any:
     """Make what stands under a key: a module, several, or a plain value."""
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
+        if not isinstance(value, bool | int | float | str | list):
+            got = "a table" if isinstance(value, dict) else f"{value}"
+            raise ValueError(f"{where} must be a number, a word or a list; got {got}. Write it as {key} = ...")
         return value
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))

@@ -124,8 +124,8 @@ def check_positions(scene: Scene, camera: AbstractCamera) -> None:
 class StackedScene(eqx.Module):
     """A scene as compiled programs take it: the lights of one kind stacked along a leading axis.
 
-    A hundred lights then compile as one. Two lights are of one kind when their tree structures are equal: the same
-    class and the same static fields.
+    A hundred lights then compile as one. Two lights are of one kind when their tree structures and shapes are
+    equal: the same class, the same static fields, and tables of one size.
     """
 
     objects: tuple[Object, ...]
@@ -146,7 +146,8 @@ def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:
     """Return the indices of the lights of each kind."""
     kinds: dict[Any, list[int]] = {}
     for i, light in enumerate(lights):
-        kinds.setdefault(jax.tree.structure(light), []).append(i)
+        shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(light))
+        kinds.setdefault((jax.tree.structure(light), shapes), []).append(i)
     return list(kinds.values())
 
 

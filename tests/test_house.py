@@ -17,7 +17,7 @@ LAYERS = (
     "image_formats images lazy_images",
     "vectors",
     "attenuation cameras fresnel patterns surfaces gbuffers meshes",
-    "lights materials named_materials",
+    "lights measured_lights materials named_materials",
     "reflection transmission",
     "scenes",
     "tracing",
@@ -30,7 +30,13 @@ LAYERS = (
     "cli",
 )
 LEVEL = {name: level for level, row in enumerate(LAYERS) for name in row.split()}
-STRANGERS = {("lights", "materials"), ("materials", "lights")}  # a light never knows a material, nor it a light
+# a light never knows a material, nor it a light
+STRANGERS = {
+    pair
+    for light in ("lights", "measured_lights")
+    for material in ("materials", "named_materials")
+    for pair in ((light, material), (material, light))
+} | {("exchange", "diagnosis")}  # to write a file takes a refit at most
 # Packages that one place alone knows.
 ONLY_IN = {
     "optimistix": "inverse",

@@ -222,7 +222,8 @@ BAD = {
     "a type like none": (
         '"DirectionalLight"',
         '"xyzzy"',
-        ": lights[1] has no type 'xyzzy'. Known names: AreaLight, DirectionalLight, PointLight, SpotLight.",
+        ": lights[1] has no type 'xyzzy'. Known names: AreaLight, DirectionalLight, MeasuredLight, PointLight, "
+        "SpotLight.",
     ),
     "a type that is no name": ('"DirectionalLight"', "5", ": lights[1] has no type '5'. Known names: "),
     "a type that is a list": ('"DirectionalLight"', '["a"]', ": lights[1] has no type '['a']'. Known names: "),

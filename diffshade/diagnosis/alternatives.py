@@ -20,6 +20,7 @@ from ..inverse.solvers import look
 from ..inverse.uncertainty import inverse
 from ..inverse.views import lights_on
 from ..lights import DirectionalLight, PointLight, SpotLight
+from ..measured_lights import MeasuredLight
 
 PIXELS = 1 << 14  # of all views, on which alternatives are judged
 EXPOSURE_WIDTH = 1.0  # standard deviation of an exposure over its value: holds the gauge, and nothing that is seen
@@ -189,14 +190,14 @@ def _paths(fit: Fit) -> list[tuple[str, Key]]:
     for i, light in enumerate(fit.scene.lights):
         if isinstance(light, DirectionalLight):
             found.append((f"lights.{i}.direction", ("light", i)))
-        elif isinstance(light, PointLight | SpotLight):
+        elif isinstance(light, PointLight | SpotLight | MeasuredLight):
             found.append((f"lights.{i}.position", ("light", i)))
     return found
 
 
 def _place(fit: Fit, light: int) -> np.ndarray:
     lamp = fit.scene.lights[light]
-    assert isinstance(lamp, DirectionalLight | PointLight | SpotLight)
+    assert isinstance(lamp, DirectionalLight | PointLight | SpotLight | MeasuredLight)
     return np.asarray(lamp.direction if isinstance(lamp, DirectionalLight) else lamp.position)
 
 

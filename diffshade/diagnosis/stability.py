@@ -19,6 +19,7 @@ from ..inverse.uncertainty import Vector
 from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from ..materials import Material
+from ..measured_lights import MeasuredLight
 from ..rendering import render
 from ..scenes import Scene
 from .clusters import Clusters
@@ -103,7 +104,7 @@ def _bare(light: object) -> PointLight | DirectionalLight:
         return DirectionalLight(light.direction)
     if isinstance(light, AreaLight):
         return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
-    assert isinstance(light, PointLight | SpotLight)
+    assert isinstance(light, PointLight | SpotLight | MeasuredLight)
     return PointLight(light.position)
 
 

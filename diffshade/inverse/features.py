@@ -25,6 +25,7 @@ from ..fields import Array
 from ..fresnel import NoFresnel
 from ..lights import DirectionalLight, PointLight, SpotLight
 from ..materials import Material
+from ..measured_lights import MeasuredLight
 from ..scenes import Scene
 from ..vectors import Vec3, dot
 from .blocks import Block
@@ -263,7 +264,7 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= RANGES["n_s"][0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
-        and all(isinstance(light, PointLight | DirectionalLight | SpotLight) for light in scene.lights)
+        and all(isinstance(light, PointLight | DirectionalLight | SpotLight | MeasuredLight) for light in scene.lights)
     )
 
 
@@ -308,7 +309,7 @@ def _fields(problem: Problem, pixels: Pixels, view: Array, counts: Array) -> Fie
     scene = problem.setup.scene
     material: Material = scene.objects[0].material
     local = any(not isinstance(stack, DirectionalLight) for stack in scene.lights)
-    spots = any(isinstance(stack, SpotLight) for stack in scene.lights)
+    spots = any(isinstance(stack, SpotLight | MeasuredLight) for stack in scene.lights)
 
     def of_block(block: tuple) -> Fields:
         pixels, view, counts = block

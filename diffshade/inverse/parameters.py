@@ -36,6 +36,7 @@ LINEAR = {"k_a", "k_d", "k_s", "k_e", "black"}  # the image is linear in them
 LOGARITHMIC = {"n_s"}  # solved for as log n_s: the error of n_s is proportional to it
 RANGES = {"n_s": (0.1, 1e4), "exposure": (1e-9, np.inf)}  # where the range of a fit is narrower than that of the field
 COLOURS = (as_colour, as_coefficient)
+DIRECTIONS = ("direction", "side")  # of which only the unit vector has a meaning
 PER_VIEW = ("exposure", "black")  # numbers of a view that can be free
 CHANNELS = ("r", "g", "b", "x", "y", "z")
 
@@ -159,10 +160,10 @@ def find_unknowns(
 
     A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`).
     `constant`, the gauge of an attenuation, is freed only when it is named itself, and so are k_e, eta, the period and
-    axes of a pattern, and a view's numbers, which most scenes do without. `tied` makes one unknown of the free numbers
-    whose paths are equal after the matched run, channel by channel. `from_scene` starts all at the scene's values;
-    `grey` makes one unknown of the channels of each colour. Raises ValueError for a name that matches nothing, a
-    contradictory bound, constraint or prior, or a cutoff whose edge is hard.
+    axes of a pattern, the side of a measured light, and a view's numbers, which most scenes do without. `tied` makes
+    one unknown of the free numbers whose paths are equal after the matched run, channel by channel. `from_scene` starts
+    all at the scene's values; `grey` makes one unknown of the channels of each colour. Raises ValueError for a name
+    that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge is hard.
     """
     known = {path: (value, spec) for path, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
@@ -264,7 +265,7 @@ def unit_vectors(unknowns: Sequence[Unknown]) -> list[list[int]]:
     """Return the indices of the unknowns that are a unit vector together: a direction's x, y and z."""
     by_quantity: dict[str, list[int]] = {}
     for j, unknown in enumerate(unknowns):
-        if unknown.kind == "direction":
+        if unknown.kind in DIRECTIONS:
             by_quantity.setdefault(unknown.quantity, []).append(j)
     return list(by_quantity.values())
 
@@ -326,7 +327,7 @@ def _named(path: str, scene: Scene) -> str:
 def _numbers(path: str, value: Array) -> Float[np.ndarray, " n"]:
     """Return the numbers of a value; of a direction those of the unit vector, the only part that has a meaning."""
     numbers = np.ravel(np.asarray(value, np.float64))
-    return numbers / np.linalg.norm(numbers) if path.split(".")[-1] == "direction" else numbers
+    return numbers / np.linalg.norm(numbers) if path.split(".")[-1] in DIRECTIONS else numbers
 
 
 def _names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> tuple[str, ...]:
@@ -425,7 +426,7 @@ def _check_directions(unknowns: Sequence[Unknown]) -> None:
 
 def _frees(name: str, path: str) -> bool:
     last = path.split(".")[-1]
-    by_its_own_name_only = last in ("constant", "k_e", "eta", "period", "u", "v") or last in PER_VIEW
+    by_its_own_name_only = last in ("constant", "k_e", "eta", "period", "u", "v", "side") or last in PER_VIEW
     return _run(name, path) is not None and (not by_its_own_name_only or last in name.split("."))
 
 

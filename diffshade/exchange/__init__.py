@@ -1,0 +1,1 @@
+"""Exchange: materials and lamps to and from the files of other programs."""

@@ -1,0 +1,144 @@
+"""Materials in the files of other programs: which suffix is which, reading and writing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..fields import check_kind, did_you_mean, in_short
+from ..files import replacing
+from ..lights import AbstractLight
+from ..materials import Material
+from .gltf import write_gltf
+from .mtl import read_mtl, write_mtl
+from .opengl import read_opengl, read_opengl_lights, write_opengl
+from .povray import read_povray, write_povray
+from .texts import read_text, short
+from .threejs import read_js, read_json, write_js, write_json
+from .vtk import read_vtk, write_vtk
+
+READERS = {
+    ".mtl": read_mtl,
+    ".c": read_opengl,
+    ".json": read_json,
+    ".js": read_js,
+    ".py": read_vtk,
+    ".inc": read_povray,
+}
+WRITERS = {
+    ".c": write_opengl,
+    ".json": write_json,
+    ".js": write_js,
+    ".py": write_vtk,
+    ".inc": write_povray,
+    ".gltf": write_gltf,
+}
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written, and how far the other program's picture is from this one's."""
+
+    path: Path
+    rms: float
+    """Root mean square difference of radiance over the reference (see `with_lobe`), under a light of intensity 1; of
+    several materials that of the worst."""
+    largest: float
+    """The largest difference."""
+    notes: tuple[str, ...]
+    """What is different there, and what to do about it: the sentences that stand in the file as a comment."""
+
+    def __str__(self) -> str:
+        same = [] if self.largest else ["the material is the same there, to its last digit."]
+        return "\n".join([f"{self.path}: {note}" for note in (*same, *self.notes)])
+
+
+def write_material(
+    path: str | Path,
+    material: Material | Mapping[str, Any],
+    *,
+    name: str = "material",
+    lights: Sequence[AbstractLight] | AbstractLight = (),
+) -> Exported:
+    """Write a material for another program, so that it looks the same there; the suffix says which.
+
+    `.mtl` Wavefront, which also takes several, name to material; `.c` OpenGL's fixed function, with `lights` where they
+    are given; `.json`, `.js` three.js's MeshPhongMaterial; `.py` VTK and PyVista; `.inc` POV-Ray; `.gltf` glTF 2.0.
+    Where the other program computes something else the material is refitted, and the error that remains is returned
+    and stands in the file. Raises ValueError in one sentence, before anything is written.
+    """
+    path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
+    suffix = path.suffix.lower()
+    if suffix not in (".mtl", *WRITERS):
+        raise ValueError(
+            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}."
+        )
+    for i, light in enumerate(lights):
+        check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
+    if isinstance(material, Mapping) and suffix != ".mtl":
+        raise ValueError(f"a {suffix} file holds one material; got {len(material)}. Write each to a file of its own.")
+    named = dict(material) if isinstance(material, Mapping) else {name: material}
+    for word in named:
+        _check_name(word, suffix)
+    if not named:
+        raise ValueError("a material's file needs at least one material; got none. Give a Material.")
+    for word, one in named.items():
+        check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
+    if suffix == ".mtl":
+        draft = write_mtl(named, lights)
+    else:
+        ((word, one),) = named.items()
+        draft = WRITERS[suffix](word, one, lights)
+    with replacing(path) as temporary:
+        temporary.write_text(draft.text, encoding="utf-8")
+    return Exported(path, draft.rms, draft.largest, draft.notes)
+
+
+def read_material(path: str | Path, *, name: str | None = None) -> Material:
+    """Read a material of another program: the one of that name, or the only one; see `read_materials`."""
+    found = read_materials(path)
+    if name is None:
+        if len(found) > 1:
+            raise ValueError(
+                f"{path} holds {len(found)} materials. Name one, for example name={short(next(iter(found)))}."
+            )
+        return next(iter(found.values()))
+    if name not in found:
+        raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
+    return found[name]
+
+
+def read_materials(path: str | Path) -> dict[str, Material]:
+    """Read the materials of a file by name: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc`, as `write_material` has them.
+
+    Formats of the same lobe are read as they are; three.js's MeshPhongMaterial is refitted, and the logger "diffshade"
+    warns of the error, as it does of maps, which are never opened. Reading takes at most 64 times the file's size of
+    memory. Raises FileNotFoundError, or ValueError in one sentence.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in READERS:
+        also = " (glTF is only written)" if path.suffix.lower() == ".gltf" else ""
+        raise ValueError(f"no material can be read from '{path.suffix}'{also}. Known ends: {', '.join(READERS)}.")
+    return READERS[path.suffix.lower()](read_text(path, "material file"), f"{path}")
+
+
+def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
+    """Read the lights that C code sets by glLight: position, colour, attenuation and spot (OpenGL's fixed function).
+
+    Raises FileNotFoundError, or ValueError in one sentence.
+    """
+    if Path(path).suffix.lower() != ".c":
+        raise ValueError(f"lights are read from C code; got '{Path(path).suffix}'. Give a .c file, or use read_scene.")
+    return read_opengl_lights(read_text(path, "C file"), f"{path}")
+
+
+def _check_name(name: str, suffix: str) -> None:
+    good = re.fullmatch(
+        r"\S+" if suffix == ".mtl" else r"[A-Za-z_]\w*", name if isinstance(name, str) else "", re.ASCII
+    )
+    if not good or len(name) > 60 or "#" in name:
+        what = "one word" if suffix == ".mtl" else "a name of letters, digits and _"
+        raise ValueError(f"a material's name must be {what}; got {short(str(name))}. Rename it.")

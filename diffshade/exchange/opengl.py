@@ -1,0 +1,171 @@
+"""OpenGL's fixed function as C: glMaterial and glLight (OpenGL 1.0 to 3.0; Blinn's lobe, shininess 0 to 128).
+
+It computes E1 to E6 and E9 as they stand, at the vertices of the model.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..attenuation import RadialAttenuation
+from ..lights import AbstractLight, DirectionalLight, PointLight, SpotLight
+from ..materials import Blinn, Material
+from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass
+from .refits import with_lobe
+from .texts import NUMBER, number, short
+
+HIGHEST = 128.0
+LIGHTS = 8
+_ARRAY = re.compile(r"\b(\w{1,80})\s*\[\s*\d*\s*\]\s*=\s*\{([^{}]*)\}", re.ASCII)
+_CALL = re.compile(r"\bgl(Material|Light)f(v?)\s*\(\s*(\w{1,80})\s*,\s*(\w{1,80})\s*,\s*([^;]{1,400})\)\s*;", re.ASCII)
+_COLOURS = {"GL_AMBIENT": "k_a", "GL_DIFFUSE": "k_d", "GL_SPECULAR": "k_s", "GL_EMISSION": "k_e"}
+
+
+def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight]) -> Draft:
+    """Return C functions `NAME_material` and, where there are lights, `NAME_lights`."""
+    refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
+    m, alpha = refit.material, opacity(material)
+    notes = [*said_of(refit), *said_of_glass(material, "OpenGL", colour=False, eta=False)]
+    if alpha < 1:
+        notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND and draw what is transparent last.")
+    calls = [
+        _set(f"glMaterialfv(GL_FRONT_AND_BACK, {key}", [*np.asarray(getattr(m, field)), alpha])
+        for key, field in _COLOURS.items()
+    ]
+    calls.append(f"    glMaterialf(GL_FRONT_AND_BACK, GL_SHININESS, {_floats(m.n_s)});")
+    functions = [_function(f"{name}_material", calls)]
+    if lights:
+        written, more = _lights(lights)
+        notes += more
+        functions.append(_function(f"{name}_lights", written))
+    notes.append("k_a is for an ambient light of 1; OpenGL shades at vertices, so give it many.")
+    return Draft(comment(notes, "//") + "\n" + "\n\n".join(functions) + "\n", refit.rms, refit.largest, tuple(notes))
+
+
+def _function(name: str, body: list[str]) -> str:
+    return "\n".join([f"static void {name}(void)", "{", *body, "}"])
+
+
+def _set(call: str, values: Any) -> str:
+    return f"    {call}, (GLfloat[]){{{_floats(values)}}});"
+
+
+def _floats(values: Any) -> str:
+    return plain(values, after="f")
+
+
+def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
+    if len(lights) > LIGHTS:
+        raise ValueError(f"OpenGL has {LIGHTS} lights; got {len(lights)}. Give the brightest {LIGHTS}.")
+    calls, notes = ["    glLightModeli(GL_LIGHT_MODEL_LOCAL_VIEWER, GL_TRUE);"], []
+    calls.append("    glLightModelfv(GL_LIGHT_MODEL_AMBIENT, (GLfloat[]){1.0f, 1.0f, 1.0f, 1.0f});")
+    for i, light in enumerate(lights):
+        if not isinstance(light, PointLight | DirectionalLight | SpotLight):
+            raise ValueError(
+                f"OpenGL has no {type(light).__name__}; got one as lights[{i}]. Give point, directional or spot "
+                "lights, for example as_spot(lamp).light."
+            )
+        if isinstance(light, DirectionalLight):
+            place = [*(-np.asarray(light.direction) / np.linalg.norm(light.direction)), 0.0]
+        else:
+            place = [*np.asarray(light.position), 1.0]
+        rgb = [*np.asarray(light.intensity), 1.0]
+        vectors = {"POSITION": place, "DIFFUSE": rgb, "SPECULAR": rgb, "AMBIENT": [0.0, 0.0, 0.0, 1.0]}
+        single: dict[str, Any] = {}
+        if not isinstance(light, DirectionalLight):
+            a = light.attenuation
+            single |= {"CONSTANT_ATTENUATION": a.constant, "LINEAR_ATTENUATION": a.linear}
+            single |= {"QUADRATIC_ATTENUATION": a.quadratic}
+            notes += [f"OpenGL does not clamp attenuation at 1, as lights[{i}] does."] if a.clamp else []
+        if isinstance(light, SpotLight):
+            vectors["SPOT_DIRECTION"] = list(np.asarray(light.direction))
+            single |= {"SPOT_CUTOFF": light.cutoff, "SPOT_EXPONENT": min(float(light.exponent), HIGHEST)}
+            if light.exponent > HIGHEST:
+                notes.append(
+                    f"the exponent of lights[{i}], {float(light.exponent):g}, is written as 128, OpenGL's highest."
+                )
+            if light.softness > 0:
+                notes.append(f"OpenGL's spots have a hard edge: softness of lights[{i}] is left out.")
+        calls += [_set(f"glLightfv(GL_LIGHT{i}, GL_{key}", value) for key, value in vectors.items()]
+        calls += [f"    glLightf(GL_LIGHT{i}, GL_{key}, {_floats(value)});" for key, value in single.items()]
+        calls.append(f"    glEnable(GL_LIGHT{i});")
+    return calls, notes
+
+
+def read_opengl(text: str, where: str) -> dict[str, Material]:
+    """Read the material that calls of glMaterial set; what is not set is OpenGL's default."""
+    set_ = _calls(text, "Material", where)
+    if not set_:
+        raise ValueError(f"{where} has no call of glMaterial. Give C code with glMaterialfv(face, GL_DIFFUSE, ...).")
+    values = {"GL_AMBIENT": [0.2] * 3, "GL_DIFFUSE": [0.8] * 3, "GL_SPECULAR": [0.0] * 3, "GL_EMISSION": [0.0] * 3}
+    values["GL_SHININESS"] = [0.0]
+    for _, key, value in set_:
+        for name in ("GL_AMBIENT", "GL_DIFFUSE") if key == "GL_AMBIENT_AND_DIFFUSE" else (key,):
+            values[name] = value
+    for name in _COLOURS:
+        if len(values[name]) not in (3, 4):
+            raise ValueError(f"{where}: {name} must be four numbers; got {len(values[name])}. Give R, G, B and alpha.")
+    n_s = values["GL_SHININESS"][0]
+    if not 0 <= n_s <= HIGHEST:
+        raise ValueError(f"{where}: GL_SHININESS must be 0 to 128; got {n_s:g}. OpenGL refuses it too.")
+    alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
+    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
+    try:
+        given = {field: values[key][:3] for key, field in _COLOURS.items()}
+        return {"material": Material(**given, n_s=n_s, lobe=Blinn(), **glass)}
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def read_opengl_lights(text: str, where: str) -> tuple[AbstractLight, ...]:
+    """Read the lights that calls of glLight set, in the order of their numbers."""
+    lights: dict[str, dict[str, list[float]]] = {}
+    for target, key, value in _calls(text, "Light", where):
+        lights.setdefault(target, {})[key] = value
+    try:
+        return tuple(_light(lights[target]) for target in sorted(lights))
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _light(set_: dict[str, list[float]]) -> AbstractLight:
+    def one(key: str, default: float) -> float:
+        return set_.get(f"GL_{key}", [default])[0]
+
+    place = [*set_.get("GL_POSITION", [0.0, 0.0, 1.0, 0.0]), 0.0, 0.0, 0.0, 0.0][:4]
+    rgb = [*set_.get("GL_DIFFUSE", [1.0, 1.0, 1.0]), 0.0, 0.0, 0.0][:3]
+    if place[3] == 0:
+        return DirectionalLight(-np.asarray(place[:3]), rgb)
+    position = np.asarray(place[:3]) / place[3]
+    names = ("CONSTANT_ATTENUATION", "LINEAR_ATTENUATION", "QUADRATIC_ATTENUATION")
+    constant, linear, quadratic = (one(name, float(i == 0)) for i, name in enumerate(names))
+    fades = RadialAttenuation(constant, linear, quadratic)
+    cutoff = one("SPOT_CUTOFF", 180.0)
+    if cutoff == 180:
+        return PointLight(position, rgb, fades)
+    axis = [*set_.get("GL_SPOT_DIRECTION", [0.0, 0.0, -1.0]), 0.0, 0.0, 0.0][:3]
+    return SpotLight(position, axis, rgb, cutoff, one("SPOT_EXPONENT", 0.0), fades)
+
+
+def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:
+    """Return the target, the name and the numbers of each call; arrays are named, or stand in the call."""
+    first, *comments = text.split("/*")  # a pattern would look for each end anew
+    text = re.sub(r"//[^\n]*", " ", " ".join([first, *(comment.partition("*/")[2] for comment in comments)]))
+    arrays = dict(_ARRAY.findall(text))
+    found = []
+    for kind, _, target, key, argument in _CALL.findall(text):
+        if kind != of:
+            continue
+        argument = argument.strip()
+        inside = argument.partition("{")[2].rpartition("}")[0] if "{" in argument else arrays.get(argument, argument)
+        words = [word.strip().removesuffix("f").removesuffix("F") for word in inside.split(",") if word.strip()]
+        if not words or not all(NUMBER.fullmatch(word) for word in words):
+            raise ValueError(
+                f"{where}: {key} must be given numbers; got {short(argument)}. Write them out in the array."
+            )
+        found.append((target, key, [number(word, f"{where}: {key}") for word in words]))
+    return found

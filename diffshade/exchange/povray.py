@@ -1,0 +1,155 @@
+"""POV-Ray 3.7: a texture with a finish (phong is Phong's lobe, specular Blinn's; both are E5 and E6 as they stand).
+
+phong and specular are single numbers. A coloured highlight is POV-Ray's `metallic`, which tints it with the pigment:
+1 + metallic (1 - F) (pigment - 1), F = .014567225/(x - 1.12)^2 - .011612903 within 0 and 1, x the angle of the light
+over 90 degrees.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
+
+from ..materials import Blinn, Material, Phong
+from .drafts import Draft, comment, plain, said_of, said_of_lights, stated
+from .reference import Cosines, Reference, differences, radiance, reference_of
+from .refits import named, with_lobe
+from .texts import NUMBER, number, numbers, short
+
+LEAST = 1e-6  # of a pigment's channel: ambient and emission are multiplied by it, so that 0 would put them out
+_VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
+_PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
+_COLOUR = re.compile(r"\b(ambient|emission)\s+" + _VECTOR, re.ASCII)
+_NUMBER = re.compile(
+    r"\b(ambient|emission|diffuse|phong|phong_size|specular|roughness|metallic|ior)[ \t]+([\w.+-]{1,40})", re.ASCII
+)
+
+_LOGGER = logging.getLogger("diffshade")
+
+
+def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Float[np.ndarray, "n 3"]:
+    """Return the colour of a highlight."""
+    x = np.arccos(np.clip(n_l, 0.0, 1.0)) / (np.pi / 2)
+    F = np.clip(0.014567225 / (x - 1.12) ** 2 - 0.011612903, 0.0, 1.0)
+    return 1.0 + metallic * (1.0 - F)[:, None] * (pigment - 1.0)
+
+
+def write_povray(name: str, material: Material, lights: Any) -> Draft:
+    """Return `#declare NAME = texture {...}` and, for glass, `#declare NAME_interior`."""
+    lobe = Blinn() if isinstance(material.lobe, Blinn) else Phong()
+    refit = with_lobe(material, lobe)
+    m, points = refit.material, reference_of(material)
+    k_a, k_d, k_s, k_e = (np.asarray(k) for k in (m.k_a, m.k_d, m.k_s, m.k_e))
+    diffuse = float(k_d.max())
+    hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
+    pigment = np.maximum(hue / hue.max(), LEAST)
+    notes, rms, largest = said_of(refit), refit.rms, refit.largest
+    strength, metallic = float(k_s.max()), 0.0
+    if np.ptp(k_s) > 0:
+        strength, metallic = _metallic(points, lobe, float(m.n_s), pigment, k_s)
+        found = points.n_l[:, None] * k_d + strength * (
+            points.highlights(lobe)(float(m.n_s))[:, None] * tint(pigment, metallic, points.n_l)
+        )
+        rms, largest = differences(radiance(material, points), found)
+        notes.append(f"POV-Ray colours no highlight but with its pigment, {named(m)} by metallic {metallic:.2g}:")
+        notes[-1] += f" {stated(rms, largest)}"
+    k_t = np.zeros(3) if m.k_t is None else np.asarray(m.k_t)
+    transmit = float(k_t.mean())
+    if transmit > 0:
+        notes.append(
+            "POV-Ray does not take k_t from the highlight, and filters no colour by transmit: k_t is its mean."
+        )
+    words = {Phong: ("phong", "phong_size", float(m.n_s)), Blinn: ("specular", "roughness", _roughness(float(m.n_s)))}
+    kind, size, exponent = words[type(lobe)]
+    highlight = f"{kind} {strength!r} {size} {exponent!r}" + (f" metallic {metallic!r}" if metallic else "")
+    rows = [
+        f"  pigment {{ rgbt <{plain([*pigment, transmit])}> }}",
+        f"  finish {{ ambient rgb <{plain(k_a / pigment)}> emission rgb <{plain(k_e / pigment)}>",
+        f"    diffuse {diffuse!r} {highlight if np.any(k_s) else ''} }}",
+    ]
+    notes.append("set global_settings { assumed_gamma 1 ambient_light rgb 1 }: k_a is for an ambient light of 1.")
+    notes += said_of_lights(lights, "POV-Ray")
+    text = "\n".join([f"#declare {name} = texture {{", *rows, "}"]) + "\n"
+    if m.eta is not None:
+        text += f"#declare {name}_interior = interior {{ ior {plain(m.eta)} }}\n"
+    return Draft(f"{comment(notes, '//')}{text}", rms, largest, tuple(notes))
+
+
+def _roughness(n_s: float) -> float:
+    return 1.0 / n_s if n_s > 0 else 1e9
+
+
+def _metallic(
+    points: Reference, lobe: Phong | Blinn, n_s: float, pigment: Float[np.ndarray, "3"], k_s: Float[np.ndarray, "3"]
+) -> tuple[float, float]:
+    """Return the strength and the metallic, 0 to 1, of the highlight that is nearest, by squares."""
+    shape = points.highlights(lobe)(n_s)[:, None]
+    target = shape * k_s
+
+    def strength(metallic: float) -> float:
+        basis = shape * tint(pigment, metallic, points.n_l)
+        return float((basis * target).sum() / max(float((basis * basis).sum()), 1e-300))
+
+    def cost(metallic: float) -> float:
+        return float(np.sum((strength(metallic) * shape * tint(pigment, metallic, points.n_l) - target) ** 2))
+
+    found: Any = minimize_scalar(cost, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
+    metallic = min((float(found.x), 0.0, 1.0), key=cost)
+    return strength(metallic), metallic
+
+
+def read_povray(text: str, where: str) -> dict[str, Material]:
+    """Read the first texture: one pigment and one finish, as `write_material` writes them or by hand in that form."""
+    text = re.sub(r"//[^\n]*", "", text)
+    texture = text[: end + 2] if (end := text.find("\n}")) > 0 else text
+    found = _PIGMENT.search(texture)
+    if found is None:
+        raise ValueError(f"{where} has no pigment {{ rgb <r, g, b> }}. Give a texture with one colour and a finish.")
+    rgb = _vector(found.group(1), where)
+    pigment, transmit = np.asarray(rgb[:3]), rgb[3] if len(rgb) > 3 else 0.0
+    colours = {"ambient": np.full(3, 0.1), "emission": np.zeros(3)}
+    one = {"diffuse": 0.6, "phong": 0.0, "phong_size": 40.0, "specular": 0.0, "roughness": 0.05, "metallic": 0.0}
+    for key, word in _NUMBER.findall(text):
+        if word != "rgb":
+            if not NUMBER.fullmatch(word):
+                raise ValueError(f"{where}: {key} must be a number; got {short(word)}. Write it out.")
+            value = number(word, f"{where}: {key}")
+            if key in colours:
+                colours[key] = np.full(3, value)
+            else:
+                one[key] = value
+    for key, inside in _COLOUR.findall(texture):
+        colours[key] = np.asarray(_vector(inside, where)[:3])
+    if one["phong"] and one["specular"]:
+        raise ValueError(f"{where} has phong and specular, two highlights. Leave one of them.")
+    blinn = bool(one["specular"])
+    if blinn and one["roughness"] <= 0:
+        raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
+    n_s = 1.0 / one["roughness"] if blinn else one["phong_size"]
+    if one["metallic"]:
+        _LOGGER.warning(
+            "%s: the tint of a metallic highlight fades at grazing light; it is read as it is head on.", where
+        )
+    k_s = (one["specular"] + one["phong"]) * (1.0 + one["metallic"] * (pigment - 1.0))
+    given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
+    given |= {"k_t": transmit} if transmit else {}
+    given |= {"eta": one["ior"]} if "ior" in one else {}
+    lobe = Blinn() if blinn else Phong()
+    try:
+        return {"material": Material(colours["ambient"] * pigment, one["diffuse"] * pigment, k_s, n_s, lobe, **given)}
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _vector(inside: str, where: str) -> list[float]:
+    words = inside.replace(",", " ").split()
+    if len(words) not in (3, 4):
+        raise ValueError(
+            f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Mend it."
+        )
+    return numbers(words, f"{where}: a colour")

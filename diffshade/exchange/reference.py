@@ -1,0 +1,112 @@
+"""The reference under which two formulas are compared: points of a surface, seen by one viewer, lit from many sides.
+
+The viewer is far away along +z, a light of intensity 1 far away at 0, 20, 40, 60 and 80 degrees from it. Under each
+light 256 normals lie evenly over the highlight (about the halfway vector, as far as Blinn's highlight is above a
+thousandth of its peak) and 256 evenly over the half sphere about it; those that the viewer cannot see are left out. An
+error is a difference of radiance at these points: its root mean square over points and channels, and its largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..materials import AbstractLobe, Material, Phong
+from ..reflection import reflectance
+from ..vectors import Vec3
+
+ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
+POINTS = 256
+EDGE = 1e-3  # of the highlight's peak; and cosines below which a point is left out, where rounding decides a gate
+GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+
+Normals = Float[np.ndarray, "n 3"]
+Cosines = Float[np.ndarray, " n"]
+Radiance = Float[np.ndarray, "n 3"]
+
+
+class Reference(NamedTuple):
+    """Points of the reference: unit normals and unit directions to the light; the viewer is at (0, 0, 1)."""
+
+    n: Normals
+    l: Normals
+
+    @property
+    def n_l(self) -> Cosines:
+        """(n . l)_+"""
+        return np.maximum((self.n * self.l).sum(-1), 0.0)
+
+    @property
+    def n_v(self) -> Cosines:
+        """n . v"""
+        return self.n[:, 2]
+
+    @property
+    def h(self) -> Normals:
+        """Halfway vector."""
+        h = self.l + np.array([0.0, 0.0, 1.0])
+        return h / np.linalg.norm(h, axis=-1, keepdims=True)
+
+    @property
+    def n_h(self) -> Cosines:
+        """(n . h)_+"""
+        return np.maximum((self.n * self.h).sum(-1), 0.0)
+
+    @property
+    def v_h(self) -> Cosines:
+        """v . h"""
+        return self.h[:, 2]
+
+    def highlights(self, lobe: AbstractLobe) -> Callable[[float], Cosines]:
+        """Return the highlights of k_s = 1 as a function of n_s (E5, E6)."""
+        with jax.enable_x64(True):
+            cosine = np.broadcast_to(np.asarray(lobe.cosine(*self.vectors)), self.n_v.shape)
+        shines = (self.n_l > 0) & (cosine > 0)
+        return lambda n_s: np.where(shines, np.where(shines, cosine, 1.0) ** n_s, 0.0)
+
+    @property
+    def vectors(self) -> tuple[Vec3, Vec3, Vec3]:
+        """n, l and v."""
+        v = np.broadcast_to([0.0, 0.0, 1.0], self.n.shape)
+        return Vec3.of(self.n), Vec3.of(self.l), Vec3.of(v)
+
+
+def reference(n_s: float) -> Reference:
+    """Return the reference points for a highlight as wide as Blinn's with the exponent n_s."""
+    normals, lights = [], []
+    for angle in np.deg2rad(ANGLES):
+        h = np.array([np.sin(angle / 2), 0.0, np.cos(angle / 2)])
+        x, y = np.array([h[2], 0.0, -h[0]]), np.array([0.0, 1.0, 0.0])
+        for least in (EDGE ** (1.0 / n_s) if n_s > 0 else 0.0, 0.0):
+            i = np.arange(POINTS)
+            cosine = 1.0 - (1.0 - least) * (i + 0.5) / POINTS
+            sine = np.sqrt(1.0 - cosine**2)
+            turn = GOLDEN * i
+            n = cosine[:, None] * h + sine[:, None] * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y)
+            l = np.broadcast_to([np.sin(angle), 0.0, np.cos(angle)], n.shape)
+            seen = (n[:, 2] > EDGE) & (np.abs((n * l).sum(-1)) > EDGE)
+            normals.append(n[seen])
+            lights.append(l[seen])
+    return Reference(np.concatenate(normals), np.concatenate(lights))
+
+
+def reference_of(material: Material) -> Reference:
+    """Return the reference points for a material; a Phong highlight is about as wide as Blinn's of 4 n_s."""
+    n_s = float(np.min(material.n_s))
+    return reference(4.0 * n_s if isinstance(material.lobe, Phong) else n_s)
+
+
+def radiance(material: Material, points: Reference) -> Radiance:
+    """Return what a material reflects at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
+    with jax.enable_x64(True):
+        return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, *points.vectors).stack())
+
+
+def differences(one: Radiance, other: Radiance) -> tuple[float, float]:
+    """Return the root mean square and the largest difference of radiance."""
+    difference = np.abs(one - other)
+    return float(np.sqrt(np.mean(difference**2))), float(difference.max())

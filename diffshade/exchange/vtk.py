@@ -1,0 +1,72 @@
+"""VTK and PyVista: the settings of a vtkProperty as Python (Phong's lobe; exponent to 128, coefficients to 1).
+
+vtkProperty clamps its exponent and its coefficients without a word; a colour is a coefficient times a colour.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from ..fields import Array
+from ..materials import Material, Phong
+from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
+from .reference import differences, radiance, reference_of
+from .refits import with_lobe
+from .texts import NUMBER, number, short
+
+HIGHEST_N, HIGHEST_K = 128.0, 1.0
+_SET = re.compile(r"\bSet([A-Za-z]{1,40})\(([^()\n]{0,400})\)", re.ASCII)
+
+
+def write_vtk(name: str, material: Material, lights: Any) -> Draft:
+    """Return a Python function `set_NAME(property)`, for a vtkProperty or PyVista's `actor.prop`."""
+    refit = with_lobe(material, Phong(), highest_n_s=HIGHEST_N, highest_k=HIGHEST_K)
+    m, rms, largest = refit.material, refit.rms, refit.largest
+    notes = [*said_of(refit), *said_of_glass(material, "VTK", colour=False, eta=False), *said_of_lights(lights, "VTK")]
+    ambient = np.asarray(m.k_a) + np.asarray(m.k_e)
+    if np.any(m.k_e):
+        notes.append("VTK has no emission: k_e is added to k_a, which is the same where the ambient light is 1.")
+    if ambient.max() > HIGHEST_K:
+        lost, points = ambient - np.minimum(ambient, HIGHEST_K), reference_of(material)
+        rms, largest = differences(radiance(material, points) + lost, radiance(m, points))
+        notes.append(f"VTK clamps the ambient term at 1: {stated(rms, largest)}")
+        ambient = ambient - lost
+    lines = ["property.SetInterpolationToPhong()"]
+    for term, k in (("Ambient", ambient), ("Diffuse", np.asarray(m.k_d)), ("Specular", np.asarray(m.k_s))):
+        strength = float(k.max())
+        colour = k / strength if strength > 0 else np.ones(3)
+        lines += [f"property.Set{term}({strength!r})", f"property.Set{term}Color({plain(colour)})"]
+    lines += [f"property.SetSpecularPower({float(m.n_s)!r})", f"property.SetOpacity({opacity(material)!r})"]
+    body = "\n".join(f"    {line}" for line in lines)
+    return Draft(f"{comment(notes, '#')}\n\ndef set_{name}(property):\n{body}\n", rms, largest, tuple(notes))
+
+
+def read_vtk(text: str, where: str) -> dict[str, Material]:
+    """Read the material that calls of a vtkProperty set; what is not set is VTK's default."""
+    values = {"Ambient": [0.0], "Diffuse": [1.0], "Specular": [0.0], "SpecularPower": [1.0], "Opacity": [1.0]}
+    colours = {"AmbientColor": [1.0] * 3, "DiffuseColor": [1.0] * 3, "SpecularColor": [1.0] * 3}
+    known, found = values | colours, False
+    for key, inside in _SET.findall(re.sub(r"#[^\n]*", "", text)):
+        if key not in known:
+            continue
+        words = [word.strip() for word in inside.split(",")]
+        if not all(NUMBER.fullmatch(word) for word in words) or len(words) != len(known[key]):
+            raise ValueError(
+                f"{where}: Set{key} must be given {len(known[key])} numbers; got {short(inside)}. Write them out."
+            )
+        known[key], found = [number(word, f"{where}: {key}") for word in words], True
+    if not found:
+        raise ValueError(f"{where} sets nothing of a vtkProperty. Give Python code with property.SetDiffuse(...).")
+
+    def k(term: str) -> Array:
+        return np.clip(known[term][0], 0.0, HIGHEST_K) * np.asarray(known[f"{term}Color"])
+
+    n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, HIGHEST_N)), known["Opacity"][0]
+    glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
+    try:
+        return {"material": Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)}
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None

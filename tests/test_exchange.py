@@ -1,0 +1,348 @@
+"""Materials in the files of other programs: what keeps its meaning, what is refitted, and what is said of it."""
+
+import dataclasses
+import json
+import logging
+import re
+
+import jax
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.exchange.gltf import Surface, ggx, kept
+from diffshade.exchange.reference import differences, radiance, reference, reference_of
+from diffshade.exchange.srgb import from_hex, to_hex
+
+PHONG = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40, k_e=(0, 0.1, 0))
+BLINN = dataclasses.replace(PHONG, lobe=ds.Blinn(), n_s=77.3, k_s=(0.3, 0.5, 0.1))
+GREY_BLINN = dataclasses.replace(BLINN, k_s=0.31)
+UNLIT = dataclasses.replace(PHONG, k_e=0)
+DARK = ds.Material(0.2, 0, (0.3, 0.2, 0.1), 30, ds.Blinn())
+GLASS = {"k_t": 0.7, "eta": 1.5}
+SAME = {
+    "mtl": (".mtl", BLINN),
+    "mtl, sharp": (".mtl", dataclasses.replace(BLINN, n_s=1000)),
+    "mtl, flat": (".mtl", dataclasses.replace(BLINN, n_s=0)),
+    "mtl, matte": (".mtl", ds.Material(0.1, 0.5, lobe=ds.Blinn())),
+    "mtl, glass": (".mtl", dataclasses.replace(BLINN, **GLASS)),
+    "mtl, coloured glass": (".mtl", dataclasses.replace(BLINN, k_t=(0.7, 0.35, 0), eta=1.3)),
+    "opengl": (".c", BLINN),
+    "opengl, clear": (".c", dataclasses.replace(BLINN, k_t=0.25)),
+    "vtk": (".py", UNLIT),
+    "vtk, clear": (".py", dataclasses.replace(UNLIT, k_t=0.25)),
+    "povray, phong": (".inc", PHONG),
+    "povray, blinn": (".inc", GREY_BLINN),
+    "povray, no diffuse": (".inc", dataclasses.replace(PHONG, k_d=0)),
+    "povray, glass": (".inc", dataclasses.replace(GREY_BLINN, **GLASS)),
+}
+
+
+def assert_same(one, other, tolerance=1e-6):
+    assert type(one.lobe) is type(other.lobe)
+    for name in ("k_a", "k_d", "k_s", "k_e", "n_s", "k_t", "eta"):
+        a, b = getattr(one, name), getattr(other, name)
+        if a is None or b is None:
+            assert a is b, name
+        else:
+            np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance, err_msg=name)
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_formats_of_the_same_lobe_keep_a_material(case, tmp_path):
+    suffix, material = SAME[case]
+    written = ds.write_material(tmp_path / f"ball{suffix}", material)
+    assert (written.rms, written.largest) == (0, 0)
+    assert "the material is the same there" in str(written)
+    found = ds.read_material(written.path)
+    if not np.any(material.k_s):  # MTL says illum 1, and no exponent then matters
+        material = dataclasses.replace(material, n_s=found.n_s)
+    assert_same(found, material)
+
+
+REFITTED = {
+    "mtl": (".mtl", PHONG),
+    "mtl, sharp": (".mtl", dataclasses.replace(BLINN, n_s=3000)),
+    "opengl": (".c", PHONG),
+    "vtk": (".py", dataclasses.replace(BLINN, k_e=0)),
+    "vtk, bright": (".py", dataclasses.replace(UNLIT, k_s=1.3, k_d=1.2, n_s=300)),
+    "povray, coloured": (".inc", dataclasses.replace(PHONG, k_s=(0.4, 0.2, 0.3))),
+    "three.js": (".js", BLINN),
+    "three.js, bytes": (".json", BLINN),
+}
+
+
+@pytest.mark.parametrize("case", REFITTED)
+def test_what_is_refitted_states_its_error(case, tmp_path, caplog):
+    suffix, material = REFITTED[case]
+    written = ds.write_material(tmp_path / f"ball{suffix}", material)
+    assert 0 < written.rms < written.largest
+    stated = re.search(r"the radiance differs by ([\d.e-]+) \(rms\) and ([\d.e-]+) \(at most\)", str(written))
+    assert stated
+    np.testing.assert_allclose([float(x) for x in stated.groups()], [written.rms, written.largest], rtol=0.05)
+    assert stated.group() in written.path.read_text()
+    with caplog.at_level(logging.WARNING):
+        found = ds.read_material(written.path)
+    if suffix in (".mtl", ".c", ".py"):  # what was written is of this library's own lobes
+        points = reference_of(material)
+        again = differences(radiance(material, points), radiance(found, points))
+        np.testing.assert_allclose(again, [written.rms, written.largest], rtol=1e-6)
+    if "three.js" in case:
+        assert "MeshPhongMaterial is refitted as Blinn" in caplog.text
+        np.testing.assert_allclose(np.asarray(found.k_s) / np.asarray(material.k_s), 1, atol=0.05)
+        np.testing.assert_allclose(found.k_e, np.asarray(material.k_e) + np.asarray(material.k_a), atol=3e-3)
+
+
+@pytest.mark.parametrize("n_s", [0.5, 3, 27, 50, 1000])
+def test_phong_becomes_blinn_and_back(n_s):
+    """About 4 n_s, less where the highlight is wide; the way back finds the exponent again."""
+    phong = ds.Material(0.1, 0.5, (0.8, 0.4, 0.2), n_s)
+    blinn = ds.with_lobe(phong, ds.Blinn())
+    assert isinstance(blinn.material.lobe, ds.Blinn)
+    assert 3.5 * n_s < blinn.material.n_s < (4.3 * n_s if n_s > 1 else 9 * n_s)
+    np.testing.assert_allclose(np.asarray(blinn.material.k_s) / np.asarray(phong.k_s), blinn.material.k_s[0] / 0.8)
+    back = ds.with_lobe(blinn.material, ds.Phong())
+    np.testing.assert_allclose(back.material.n_s, n_s, rtol=0.02 if n_s > 1 else 0.6)
+    assert 0 < blinn.rms < blinn.largest
+    assert str(blinn).startswith(f"the highlight, Phong with n_s {n_s:g}, becomes Blinn with n_s")
+
+
+def test_a_refit_is_the_best_there_is():
+    material = ds.Material(0, 0.5, 0.8, 50)
+    refit = ds.with_lobe(material, ds.Blinn())
+    points = reference_of(material)
+    for n_s, k_s in ((1.01, 1.0), (0.99, 1.0), (1.0, 1.01), (1.0, 0.99)):
+        m = refit.material
+        other = dataclasses.replace(m, n_s=m.n_s * n_s, k_s=m.k_s * k_s)
+        assert differences(radiance(material, points), radiance(other, points))[0] > refit.rms
+
+
+def test_a_material_within_the_limits_is_left_alone():
+    refit = ds.with_lobe(PHONG, ds.Phong(), highest_n_s=40, highest_k=0.7)
+    assert (refit.rms, refit.largest, str(refit)) == (0, 0, "the highlight is the same.")
+    assert_same(refit.material, PHONG, 0)
+    same = ds.with_lobe(dataclasses.replace(PHONG, n_s=(40, 40, 40)), ds.Phong())
+    assert float(same.material.n_s) == 40
+
+
+def test_fresnel_and_exponents_of_each_channel_are_refitted():
+    schlick = ds.Material(0, 0.4, 0.04, 60, fresnel=ds.Schlick())
+    refit = ds.with_lobe(schlick, ds.Phong())
+    assert isinstance(refit.material.fresnel, ds.NoFresnel)
+    assert "Schlick's weight" in str(refit)
+    assert refit.rms < 1e-3
+    tinted = ds.with_lobe(dataclasses.replace(PHONG, n_s=(20, 40, 80)), ds.Phong())
+    assert 20 < float(tinted.material.n_s) < 80
+    assert "n_s 20, 40, 80" in str(tinted)
+
+
+def test_the_reference_is_what_the_library_renders():
+    points = reference(40.0)
+    assert (points.n_v > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(points.n, axis=-1), 1)
+    light = points.l[-1]
+    n = points.n[(points.l == light).all(-1)][None]
+    scene = ds.Scene(ds.Object(ds.GBuffer(n), dataclasses.replace(PHONG, k_e=0)), ds.DirectionalLight(-light), 0)
+    camera = ds.OrthographicCamera((0, 0, 4), shape=n.shape[:2], height=2, local_viewer=False)
+    with jax.enable_x64(True):
+        image = np.asarray(ds.render(scene, camera))[0]
+    np.testing.assert_allclose(radiance(PHONG, points)[(points.l == light).all(-1)], image, atol=1e-12)
+
+
+def test_ggx_keeps_light():
+    """Of a nearly smooth surface all, of a rough one less, and no more than all."""
+    n_v = np.linspace(0.1, 1, 10)
+    np.testing.assert_allclose(kept(n_v, 0.05**2), 1, atol=0.01)
+    rough = kept(n_v, 1.0)
+    assert (rough < 1).all()
+    assert (rough > 0.3).all()
+    flat = Surface(1.0, np.full(3, 0.5), np.zeros(3))
+    points = reference(10.0)
+    np.testing.assert_allclose(flat.reflected(points), 0.5 * points.n_l[:, None] * np.ones(3))
+    assert np.isfinite(ggx(points, 0.05**2)).all()
+
+
+def test_several_materials_in_one_mtl(tmp_path):
+    many = {"gold": ds.material("gold"), "emerald": ds.material("emerald"), "ball.1": PHONG}
+    written = ds.write_material(tmp_path / "a.mtl", many)
+    assert [note.split(":")[0] for note in written.notes] == ["ball.1"]
+    found = ds.read_materials(tmp_path / "a.mtl")
+    assert list(found) == list(many)
+    assert_same(found["gold"], many["gold"])
+    assert_same(ds.read_material(tmp_path / "a.mtl", name="emerald"), many["emerald"])
+    with pytest.raises(ValueError, match=r"has no material 'emrald'\. Did you mean 'emerald'\?"):
+        ds.read_material(tmp_path / "a.mtl", name="emrald")
+    with pytest.raises(ValueError, match=r"holds 3 materials\. Name one, for example name='gold'"):
+        ds.read_material(tmp_path / "a.mtl")
+
+
+def test_an_mtl_by_hand(tmp_path, caplog):
+    text = (
+        "# by hand\r\nnewmtl a b\n\tKd 0.5\nKs 1 1 1 \\\n\nNs 5e1 # wide\nillum 1\nTr 0.25\nmap_Kd ../../etc/passwd\n"
+    )
+    (tmp_path / "a.mtl").write_text(text + "newmtl flat\nillum 0\nKd 1 0 0\nd -halo 1\nTf 1 1 1\n")
+    with caplog.at_level(logging.WARNING):
+        found = ds.read_materials(tmp_path / "a.mtl")
+    assert "1 maps are not read, only colours." in caplog.text
+    assert_same(found["a b"], ds.Material(0, 0.5, 0, 50, ds.Blinn(), k_t=0.25))
+    assert_same(found["flat"], ds.Material(n_s=10, lobe=ds.Blinn(), k_e=(1, 0, 0)))
+
+
+LIGHTS = (
+    ds.PointLight((2, 3, 4), (6, 5, 4), ds.RadialAttenuation(1, 0.1, 0.05)),
+    ds.DirectionalLight((1, -2, -2), 0.3),
+    ds.SpotLight((-1, 1, 3), (0.3, -0.4, -1), (3, 2, 4), 25, 6, ds.RadialAttenuation(0.5, 0.2, 0.1)),
+)
+
+
+def test_opengl_lights_are_read_again(tmp_path):
+    ds.write_material(tmp_path / "a.c", BLINN, lights=LIGHTS)
+    found = ds.read_lights(tmp_path / "a.c")
+    assert [type(light) for light in found] == [type(light) for light in LIGHTS]
+    assert isinstance(found[1], ds.DirectionalLight)
+    np.testing.assert_allclose(found[1].direction, np.array([1, -2, -2]) / 3)
+    for one, other in zip(jax.tree.leaves((found[0], found[2])), jax.tree.leaves((LIGHTS[0], LIGHTS[2])), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_opengl_by_hand(tmp_path):
+    code = """
+    GLfloat mat_specular[] = { 1.0, 0.5, .25, 1.0 }; /* { 9 } */ // glMaterialf(GL_FRONT, GL_SHININESS, 9);
+    glMaterialfv(GL_FRONT, GL_SPECULAR, mat_specular);
+    glMaterialfv(GL_FRONT, GL_AMBIENT_AND_DIFFUSE, (const GLfloat[4]){ 0.1f, 0.2f, 0.3f, 1 });
+    glMaterialf ( GL_FRONT , GL_SHININESS , 50.0f );
+    """
+    (tmp_path / "a.c").write_text(code)
+    assert_same(
+        ds.read_material(tmp_path / "a.c"),
+        ds.Material((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (1, 0.5, 0.25), 50, ds.Blinn()),
+    )
+
+
+def test_a_property_set_by_hand(tmp_path):
+    (tmp_path / "a.py").write_text(
+        "p = actor.GetProperty()\np.SetDiffuse(0.5)\np.SetDiffuseColor(1, 0.5, 0)\np.SetSpecular(3)\n"
+    )
+    assert_same(ds.read_material(tmp_path / "a.py"), ds.Material(0, (0.5, 0.25, 0), 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "sentence"),
+    [
+        (".c", "OpenGL does not bend light: eta 1.5 is left out."),
+        (".py", "VTK does not bend light: eta 1.5 is left out."),
+        (".js", "MeshPhongMaterial has one opacity for all colours: k_t (0.9, 0.6, 0.3) is written as its mean."),
+        (".gltf", "glTF has no ambient reflection: k_a (0.1, 0.05, 0.02) is left out."),
+        (".inc", "k_t is its mean."),
+    ],
+)
+def test_what_is_lost_is_said(suffix, sentence, tmp_path):
+    glass = dataclasses.replace(PHONG, k_e=0, k_t=(0.9, 0.6, 0.3), eta=1.5)
+    written = ds.write_material(tmp_path / f"a{suffix}", glass, lights=LIGHTS)
+    assert sentence in str(written)
+    assert sentence in written.path.read_text().replace("\\n", " ")
+    if suffix != ".c":
+        assert "attenuation a0, a1, a2" in str(written)
+
+
+def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
+    fades = ds.RadialAttenuation(0, 0, 1, clamp=True)
+    spot = ds.SpotLight((0, 0, 1), (0, 0, -1), 1, 30, 200, fades, softness=10)
+    said = str(ds.write_material(tmp_path / "a.c", BLINN, lights=spot))
+    assert "OpenGL does not clamp attenuation at 1, as lights[0] does." in said
+    assert "softness of lights[0] is left out" in said
+    assert "the exponent of lights[0], 200, is written as 128" in said
+
+
+def test_gltf_is_what_the_specification_wants(tmp_path):
+    written = ds.write_material(tmp_path / "a.gltf", dataclasses.replace(BLINN, k_e=2.0, k_t=0.25), name="ball")
+    document = json.loads(written.path.read_text())
+    (found,) = document["materials"]
+    assert document["asset"]["version"] == "2.0"
+    assert set(document["extensionsUsed"]) == {"KHR_materials_specular", "KHR_materials_emissive_strength"}
+    assert found["name"] == "ball"
+    assert found["alphaMode"] == "BLEND"
+    pbr, specular = found["pbrMetallicRoughness"], found["extensions"]["KHR_materials_specular"]
+    assert all(0 <= x <= 1 for x in (*pbr["baseColorFactor"], pbr["roughnessFactor"], specular["specularFactor"]))
+    assert pbr["baseColorFactor"][3] == 0.75
+    assert found["emissiveFactor"] == [1, 1, 1]
+    points = reference_of(BLINN)
+    head_on = np.minimum(0.04 * np.array(specular["specularColorFactor"]), 1) * specular["specularFactor"]
+    surface = Surface(pbr["roughnessFactor"], np.array(pbr["baseColorFactor"][:3]), head_on)
+    np.testing.assert_allclose(
+        differences(radiance(BLINN, points), surface.reflected(points)), [written.rms, written.largest], rtol=1e-9
+    )
+
+
+def test_bytes_of_a_colour():
+    assert to_hex(np.array([1.0, 0.0, 0.5])) == 0xFF00BC
+    assert to_hex(np.array([2.0, -1.0, 0.0])) == 0xFF0000
+    assert to_hex(from_hex(0x123456)) == 0x123456
+
+
+def test_nothing_is_written_where_something_is_wrong(tmp_path):
+    wrong = [
+        ("a.obj", PHONG, {}, "no format of materials ends in '.obj'. Known ends: .mtl, .c,"),
+        ("a.c", {"a": PHONG, "b": PHONG}, {}, "a .c file holds one material; got 2."),
+        ("a.c", PHONG, {"name": "a b"}, "a material's name must be a name of letters, digits and _; got 'a b'."),
+        ("a.mtl", {"a b": PHONG}, {}, "a material's name must be one word; got 'a b'."),
+        ("a.mtl", {}, {}, "needs at least one material; got none."),
+        ("a.c", PHONG, {"lights": LIGHTS * 3}, "OpenGL has 8 lights; got 9."),
+        (
+            "a.c",
+            PHONG,
+            {"lights": ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0))},
+            "OpenGL has no AreaLight; got one as",
+        ),
+        ("a.mtl", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
+        ("a.gltf", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
+        ("a.js", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
+    ]
+    for file, material, options, message in wrong:
+        with pytest.raises(ValueError, match=re.escape(message)) as caught:
+            ds.write_material(tmp_path / file, material, **options)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(TypeError, match="the material 'a' must be a Material; got Sphere"):
+        ds.write_material(tmp_path / "a.mtl", {"a": ds.Sphere()})
+    assert list(tmp_path.iterdir()) == []
+
+
+BAD = [
+    ("a.mtl", "Kd 1 1 1", "has no newmtl line, so no material."),
+    ("a.mtl", "newmtl a\nnewmtl a", "line 2 must name a new material; got 'a'."),
+    ("a.mtl", "newmtl a\nKd spectral /etc/passwd 1", "Spectral files and CIE XYZ are not read; write RGB."),
+    ("a.mtl", "newmtl a\nKd 1 nan 1", "'a': Kd must be a finite number; got 'nan'."),
+    ("a.mtl", "newmtl a\nKd 1 -1 1", "'a': Material.k_d must be at least 0; got (1, -1, 1)."),
+    ("a.mtl", "newmtl a\nNs", "'a': Ns must be a finite number; got ''."),
+    ("a.c", "int main;", "has no call of glMaterial."),
+    ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, n);", "GL_SHININESS must be given numbers; got 'n'."),
+    ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, 129);", "GL_SHININESS must be 0 to 128; got 129."),
+    ("a.c", "glMaterialfv(GL_FRONT, GL_DIFFUSE, (GLfloat[]){1, 2});", "GL_DIFFUSE must be four numbers; got 2."),
+    ("a.py", "print(1)", "sets nothing of a vtkProperty."),
+    ("a.py", "p.SetDiffuse(x)", "SetDiffuse must be given 1 numbers; got 'x'."),
+    ("a.inc", "finish { phong 1 }", "has no pigment { rgb <r, g, b> }."),
+    ("a.inc", "pigment { rgb <1, 1> }", "a colour must be three numbers, or four with transmit"),
+    ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong x }", "phong must be a number; got 'x'."),
+    ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong 1 specular 1 }", "has phong and specular, two highlights."),
+    ("a.json", "{", "is no JSON: "),
+    ("a.json", "[]", "is no MeshPhongMaterial of three.js."),
+    ("a.json", '{"type": "MeshPhongMaterial", "color": -1}', "color must be a colour, 0 to 16777215; got '-1'."),
+    ("a.json", '{"type": "MeshPhongMaterial", "shininess": NaN}', "shininess must be a finite number; got 'nan'."),
+    ("a.js", "x", "makes no MeshPhongMaterial."),
+    ("a.gltf", "{}", "no material can be read from '.gltf' (glTF is only written)."),
+]
+
+
+@pytest.mark.parametrize(("file", "text", "message"), BAD)
+def test_a_bad_file_is_refused_in_one_sentence(file, text, message, tmp_path):
+    (tmp_path / file).write_text(text)
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        ds.read_material(tmp_path / file)
+    assert "\n" not in str(caught.value)
+
+
+def test_lights_are_read_from_c_alone(tmp_path):
+    with pytest.raises(ValueError, match=r"lights are read from C code; got '\.mtl'"):
+        ds.read_lights(tmp_path / "a.mtl")
+    with pytest.raises(FileNotFoundError, match="there is no C file"):
+        ds.read_lights(tmp_path / "a.c")
