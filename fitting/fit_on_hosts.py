@@ -1,10 +1,9 @@
 """Fit one material to a folder of photographs with several processes, on one machine or one a host.
 
-All on this machine: fit_on_hosts.py FOLDER --processes 2
-On each host k of two: fit_on_hosts.py FOLDER --processes 2 --process k --coordinator HOST0:PORT
-
-The folder, in DiLiGenT's layout, is read by every process. What is found is kept in --checkpoint. Exit status: 0 done;
-1 an error, said in a sentence; 75 a process was lost: the same command, again, goes on from the checkpoint.
+All here: fit_on_hosts.py FOLDER --processes 2
+Host k of two: fit_on_hosts.py FOLDER --processes 2 --process k --coordinator HOST0:PORT
+Every process reads the folder, in DiLiGenT's layout. Exit status: 0 done; 1 an error, said in a sentence;
+75 a process was lost: the same command, again, goes on from the checkpoint.
 """
 
 import argparse
@@ -25,14 +24,16 @@ HEARTBEAT = 20  # seconds in which a silent process is missed
 
 def main() -> None:
     """Take part in a fit, or start those who do and say how they ended."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser = argparse.ArgumentParser(
+        usage="%(prog)s FOLDER [options]", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--processes", type=int, default=2, metavar="N", help="in all (default: 2)")
     parser.add_argument("--process", type=int, metavar="K", help="start this one alone (default: all, here)")
     parser.add_argument("--coordinator", metavar="HOST:PORT", help="of process 0 (default: a free port, here)")
     parser.add_argument("--devices", type=int, default=1, metavar="N", help="CPU devices a process (default: 1)")
     parser.add_argument("--memory", type=float, default=4e9, metavar="BYTES", help="of pixels laid out (default: 4e9)")
-    parser.add_argument("--checkpoint", type=Path, default=Path("output/fit_on_hosts"), metavar="FOLDER")
+    parser.add_argument("--checkpoint", type=Path, default=Path("output/fit_on_hosts"), metavar="DIR")
     parser.add_argument("--work", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.work:
@@ -48,7 +49,9 @@ def start(arguments: argparse.Namespace) -> None:
     coordinator = arguments.coordinator or f"127.0.0.1:{free_port()}"
     numbers = range(arguments.processes) if arguments.process is None else [arguments.process]
     command = [sys.executable, *(f"-W{option}" for option in sys.warnoptions), *sys.argv, "--work"]
-    end([subprocess.Popen([*command, "--coordinator", coordinator, "--process", str(k)]) for k in numbers])
+    command += ["--coordinator", coordinator, "--process"]
+    quiet = [None, *[subprocess.PIPE] * (len(numbers) - 1)]  # what all of them say is said once
+    end([subprocess.Popen([*command, str(k)], stderr=to, text=True) for k, to in zip(numbers, quiet, strict=True)])
 
 
 def end(workers: list[subprocess.Popen]) -> None:
@@ -60,10 +63,11 @@ def end(workers: list[subprocess.Popen]) -> None:
             worker.wait(5 if any(other.poll() for other in workers) else None)
         except subprocess.TimeoutExpired:
             worker.kill()
-    statuses = {worker.wait() for worker in workers}
-    if 1 in statuses:  # its sentence is said
+    wrong = [worker for worker in workers if worker.wait() == 1]
+    if wrong:
+        print(wrong[0].stderr.read() if wrong[0].stderr else "", end="", file=sys.stderr)
         sys.exit(1)
-    if statuses != {0}:  # lost; or ended by JAX's runtime, which missed another one first
+    if any(worker.returncode for worker in workers):  # lost; or ended by JAX's runtime, which missed another one first
         print("fit_on_hosts: a process was lost. Give the same command again to go on.", file=sys.stderr)
         sys.exit(LOST)
 

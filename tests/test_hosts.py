@@ -125,7 +125,7 @@ def test_more_processes_than_cores(tmp_path, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("lost", [0, 1])
 def test_a_process_lost_in_a_pass_ends_the_others(tmp_path, lost):
-    write_folder(tmp_path / "photographs", 1500)
+    write_folder(tmp_path / "photographs", 1000)
     started = begin(tmp_path, "--processes", 2)
     wait_for(tmp_path / "checkpoint" / "pass-0000.npz", started)
     os.kill(children(started)[lost], 9)

@@ -21,7 +21,9 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     random = np.random.default_rng(0)
     for i, path in enumerate(names["photographs"]):
         image = np.asarray(ds.render(scene, camera, lit=i))  # pyright: ignore[reportArgumentType]
-        ds.write_image(path, image + 0.002 * random.standard_normal(image.shape))
+        noisy = image + 0.002 * random.standard_normal(image.shape)
+        ds.write_image(path, noisy)
+        np.save(f"{i}.npy", noisy)
     exec(PROGRAMS[1], names)
     exec(PROGRAMS[2], names)
     fit = names["fit"]

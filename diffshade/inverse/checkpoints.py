@@ -94,10 +94,10 @@ class Checkpoint:
         kept = self.found.get(_part(name)) if self.parts else None
         return None if kept is None else (int(kept[0]), kept[1:])
 
-    def keep_part(self, name: str, count: int, sums: Callable[[], Arrays]) -> None:
-        """Write the sums of a pass under way, over its first `count` tiles, if the last writing was seconds ago."""
+    def keep_part(self, name: str, count: int, sums: Any) -> None:
+        """Write the sums, a tree, of the first `count` tiles of a pass, if the last writing was seconds ago."""
         if self.parts and time.monotonic() - self.written > SECONDS:
-            self._write(_part(name), [np.asarray(count), *sums()])
+            self._write(_part(name), [np.asarray(count), *map(np.asarray, jax.tree.leaves(sums))])
 
     def forget_part(self, name: str) -> None:
         """Remove the sums of a pass that is complete."""

@@ -21,7 +21,7 @@ from .checkpoints import Checkpoint, fingerprint
 LANE = "lane"
 
 
-class LostProcess(RuntimeError):  # noqa: N818
+class LostProcess(RuntimeError):
     """A process of a fit on several was lost: the sum over all cannot be made.
 
     The fit's checkpoint holds what was found. JAX's runtime ends the other processes too, by force, once it misses the

@@ -50,7 +50,7 @@ class Study:
         """Gather what the fit needs; `rendered` asks for the form that serves any scene where a faster one would do."""
         self.scene, self.views, self.unknowns = scene, views, unknowns
         self.tiles, self.samples = (samples, []) if isinstance(samples, Tiles) else (None, samples)
-        self.loss, self.count, self.number = loss, counts.pixels, counts.samples
+        self.loss, self.count = loss, counts.pixels
         self.clips = counts.clipped > 0
         self.noisy = views[0].noise is not None
         self.uniform = all(view.noise is None or view.noise.is_uniform for view in views)
@@ -238,7 +238,8 @@ class Study:
         theta = end.point.theta
         cost = float(end.point.views.cost.sum())
         if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
-            count = float(self.number)
+            numbers = self.tiles.pixels if self.tiles is not None else [len(s.pixels) for s in self.samples]
+            count = float(sum(n * (1 if is_grey(view) else 3) for n, view in zip(numbers, self.views, strict=True)))
             return _beside(theta, self.soft()), np.array([count, *[2 * cost] * 2, *[count] * 2])
         if isinstance(self.whole, Passes):
             return _beside(theta, self.soft()), self.whole.summed(spread_of, theta, self.form)
