@@ -63,9 +63,10 @@ def end(workers: list[subprocess.Popen]) -> None:
             worker.wait(5 if any(other.poll() for other in workers) else None)
         except subprocess.TimeoutExpired:
             worker.kill()
-    wrong = [worker for worker in workers if worker.wait() == 1]
+    said = [worker.communicate()[1] or "" for worker in workers]
+    wrong = [words for worker, words in zip(workers, said, strict=True) if worker.returncode == 1]
     if wrong:
-        print(wrong[0].stderr.read() if wrong[0].stderr else "", end="", file=sys.stderr)
+        print(wrong[0], end="", file=sys.stderr)  # the first one's is on the terminal already
         sys.exit(1)
     if any(worker.returncode for worker in workers):  # lost; or ended by JAX's runtime, which missed another one first
         print("fit_on_hosts: a process was lost. Give the same command again to go on.", file=sys.stderr)
