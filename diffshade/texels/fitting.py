@@ -115,7 +115,7 @@ class _Run:
             raise ValueError(
                 "several processes need one folder for their maps; got out=None. Give out a shared folder."
             )
-        problem = fingerprint(scene, views, free, self.regions, loss)
+        problem = "" if out is None else fingerprint(scene, views, free, self.regions, loss)
         rows = self.source.rows_of(memory)
         if self.lanes is not None:  # no device without a tile
             rows = min(rows, -(-height // self.lanes.count))

@@ -74,22 +74,23 @@ class Source:
                 image = image[:, :-1]
             seen.append((i, view, image, counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
+        which = slice(None) if len(pixels) == len(inside) else pixels  # a slice copies nothing
         target = np.empty((len(seen), self.channels, len(pixels)), seen[0][2].dtype)
         usable = np.empty((len(seen), len(pixels)), bool)
         for i, view, image, counts in seen:
-            values = image[pixels]
-            usable[i] = counts[pixels] & ~_clipped(view, values).any(1)
-            bad = usable[i] & ~np.isfinite(values).all(1)
-            if bad.any():
+            values = target[i]
+            values[:] = image[which].T
+            usable[i] = counts[which] & ~_clipped(view, values).any(0)
+            finite = np.isfinite(values).all(0)
+            if (bad := usable[i] & ~finite).any():
                 row, column = divmod(int(pixels[bad.argmax()]), width)
                 raise ValueError(
-                    f"views[{i}]: the image must be finite inside the mask; got {values[bad.argmax()]} at row "
+                    f"views[{i}]: the image must be finite inside the mask; got {values[:, bad.argmax()]} at row "
                     f"{first + row}, column {column}. Mask it out."
                 )
-            target[i] = np.where(usable[i][:, None], values, 0.0).T
-        return Tile(
-            pixels + first * width, normal[pixels], None if position is None else position[pixels], target, usable
-        )
+            values[:, ~finite] = 0.0
+        position = None if position is None else position[which]
+        return Tile(pixels + first * width, normal[which], position, target, usable)
 
     def _geometry(self, first: int, last: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Return what the camera sees in a band: where the object is, its normals and its points."""
@@ -120,9 +121,11 @@ class Source:
 
     def lay_out(self, tile: Tile, part: np.ndarray, size: int, log_n_s: np.ndarray) -> Block:
         """Return the block of some texels of a tile."""
-        padded = np.concatenate([part, np.full(size - len(part), part[0])])
+        whole = len(part) == size and part[-1] - part[0] == size - 1  # then a slice does, and copies nothing
+        padded = slice(part[0], part[-1] + 1) if whole else np.concatenate([part, np.full(size - len(part), part[0])])
         counts = tile.counts[:, padded]
-        counts[:, len(part) :] = False
+        if not whole:
+            counts[:, len(part) :] = False
         n = Vec3(*tile.normal[padded].T)
         p = None if tile.position is None else Vec3(*tile.position[padded].T)
         v = self.projection.viewer(None)
@@ -137,7 +140,7 @@ def _parts(v: Vec3) -> tuple[Any, Any, Any]:
     return v.x, v.y, v.z
 
 
-def _clipped(view: View, values: Float[np.ndarray, "n c"]) -> Bool[np.ndarray, "n c"]:
+def _clipped(view: View, values: Float[np.ndarray, "c n"]) -> Bool[np.ndarray, "c n"]:
     """Return which samples stand at an end of the sensor's range.
 
     The top is `View.saturation`; without it 1 exactly, where the range of an integer file ends: in an image that goes
