@@ -50,8 +50,20 @@ def cold_start_ratios() -> Ratios:
     return {"cold start 256: import and ds.fit / import jax": float(np.median([ours / its for ours, its in rounds]))}
 
 
+def texel_ratios() -> Ratios:
+    """A fit of texels, beside SciPy's loop and vmapped optimistix, by the clock: its threads are a part of it."""
+    import texels
+
+    found = {}
+    for lights, channels in texels.CASES:
+        _, ratios, _ = texels.measured(lights, channels, blocks=16, rounds=5)
+        for name in (texels.SCIPY, texels.OPTIMISTIX, texels.CALL):
+            found[f"texels, {lights * channels} observations: {texels.PROGRAM} / {name}"] = 1.0 / ratios[name]
+    return found
+
+
 # A benchmark joins the check with a function of its own: name of the ratio -> diffshade's time over another's.
-MEASURES: tuple[Callable[[], Ratios], ...] = (shading_ratios, cold_start_ratios)
+MEASURES: tuple[Callable[[], Ratios], ...] = (shading_ratios, cold_start_ratios, texel_ratios)
 
 
 def measure() -> Ratios:

@@ -32,7 +32,7 @@ import diffshade as ds
 SIZES = (128, 256, 512, 1024)
 BYTES = 12 + 12 + 1 + 12  # a pixel: normal, position and mask in, colour out
 CALL, INSIDE = "ds.shade", "ds.shade in your own jit"
-NUMPY, NUMPY_APART = "NumPy", "NumPy, x y z apart"
+NUMPY, NUMPY_EINSUM, NUMPY_APART = "NumPy", "NumPy, einsum", "NumPy, x y z apart"
 TORCH, TORCH_APART, TORCH_COMPILED = "PyTorch", "PyTorch, x y z apart", "torch.compile, x y z apart"
 NUMBA = "numba, all cores"
 COPY = "copy of as many bytes"
@@ -109,7 +109,8 @@ def forward(size: int, *, compiled: bool) -> dict[str, Callable]:
     programs: dict[str, Callable] = {
         CALL: lambda: ds.shade(scene, gbuffer, camera),
         INSIDE: lambda: inside(scene, gbuffer),
-        NUMPY: lambda: peers.numpy_trailing(g),
+        NUMPY: lambda: peers.numpy_plain(g),
+        NUMPY_EINSUM: lambda: peers.numpy_einsum(g),
         NUMPY_APART: lambda: peers.numpy_apart(g),
     }
     if peers.HAS_TORCH:

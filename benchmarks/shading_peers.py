@@ -35,8 +35,23 @@ class Given(NamedTuple):
     quadratic: Any
 
 
-def numpy_trailing(g: Given) -> np.ndarray:
-    """NumPy, vectors along a trailing axis."""
+def numpy_plain(g: Given) -> np.ndarray:
+    """NumPy as one first writes it: `np.linalg.norm` and `np.sum` over a trailing axis."""
+    to_light, to_eye = g.light - g.position, g.eye - g.position
+    d = np.linalg.norm(to_light, axis=-1, keepdims=True)
+    l = to_light / d
+    v = to_eye / np.linalg.norm(to_eye, axis=-1, keepdims=True)
+    n_l = np.sum(g.normal * l, axis=-1, keepdims=True)
+    r = 2 * n_l * g.normal - l
+    cosine = np.maximum(np.sum(r * v, axis=-1, keepdims=True), 0)
+    f = g.intensity / (1 + d * (g.linear + d * g.quadratic))
+    lit = g.mask[..., None] & (n_l > 0)
+    image = g.k_a + np.where(lit, f * (g.k_d * n_l + g.k_s * cosine**g.n_s), 0)
+    return np.where(g.mask[..., None], image, 0)
+
+
+def numpy_einsum(g: Given) -> np.ndarray:
+    """NumPy with `einsum` over a trailing axis, and colours last."""
     to_light, v = g.light - g.position, g.eye - g.position
     d = np.sqrt(np.einsum("...i,...i", to_light, to_light))
     l = to_light / d[..., None]

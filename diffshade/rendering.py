@@ -41,7 +41,7 @@ def render(
     check_shapes(scene, camera)
     check_positions(scene, camera)
     check_backend()
-    stacked = stack_scene(eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
+    stacked = stack_scene(scene if lit is None else eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
     program = _render_unfused if _takes_long(stacked, camera) else _render
     return program(stacked, camera)
 
