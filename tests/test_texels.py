@@ -270,23 +270,16 @@ def test_maps_are_written_and_read_back(tmp_path, suffix):
 DILIGENT = "diligent_ball"
 
 
-def without_shape(scene: ds.Scene) -> ds.Scene:
-    surface = scene.objects[0].surface
-    assert isinstance(surface, ds.GBuffer)
-    flat = np.zeros_like(surface.normal)
-    flat[..., 2] = 1.0
-    return ds.Scene(ds.Object(ds.GBuffer(flat, mask=surface.mask)), scene.lights)
-
-
 def ball_of_photographs(loss: str, step: int) -> tuple[ds.TexelMaps, np.ndarray]:
     """Fit every `step`-th texel of the real ball, normals and all; the angles to the true normals, degrees."""
-    scene, views = ds.read_photographs(measured(DILIGENT))
-    surface = scene.objects[0].surface
+    folder = measured(DILIGENT)
+    scene, views = ds.read_photographs(folder, normals=False)
+    surface = ds.read_photographs(folder)[0].objects[0].surface
     assert isinstance(surface, ds.GBuffer)
     mask = np.zeros(surface.mask.shape, bool)
     mask[::step, ::step] = np.asarray(surface.mask)[::step, ::step]
     views = [ds.View(v.image, v.camera, mask, lit=v.lit) for v in views]
-    maps = ds.fit_texels(without_shape(scene), views, free=(*MAPS, "normal"), loss=loss)
+    maps = ds.fit_texels(scene, views, free=(*MAPS, "normal"), loss=loss)
     return maps, angle(maps.values["normal"], np.asarray(surface.normal))[mask]
 
 

@@ -20,14 +20,15 @@ from .views import View
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
-def read_photographs(folder: str | Path) -> tuple[Scene, tuple[View, ...]]:
+def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph a line; `light_directions.txt`,
     three numbers a line, *towards* the light, x right, y up, z to the camera; `light_intensities.txt`, R G B a line, or
     one number; `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row
     by row). The photographs are linear and the camera is far away on +z. Light i is on in photograph i alone. Those in
-    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory.
+    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory. `normals`: whether
+    to read them; without, every normal is (0, 0, 1), for `fit_texels` to find.
 
     Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
     """
@@ -41,7 +42,8 @@ def read_photographs(folder: str | Path) -> tuple[Scene, tuple[View, ...]]:
     intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
     mask = read_mask(_existing(folder / "mask.png"))
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
-    surface = GBuffer(_normals(folder, mask.shape), mask=mask)
+    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
+    surface = GBuffer(known, mask=mask)
     lights = [DirectionalLight(-to_light, i) for to_light, i in zip(directions, intensities, strict=True)]
     views = []
     for i, name in enumerate(names):
@@ -94,7 +96,9 @@ def _numbers(path: Path, names: list[str], widths: tuple[int, ...]) -> Float[np.
 def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]:
     path = next((folder / name for name in NORMALS if (folder / name).is_file()), None)
     if path is None:
-        raise FileNotFoundError(f"{folder} has no normals. Add one of {', '.join(NORMALS)}.")
+        raise FileNotFoundError(
+            f"{folder} has no normals. Add one of {', '.join(NORMALS)}, or read with normals=False for ds.fit_texels."
+        )
     try:
         if path.suffix == ".npy":
             normals = np.load(path, allow_pickle=False)
