@@ -4,12 +4,27 @@ import re
 from pathlib import Path
 
 import numpy as np
+from textured import lights_about, textured_ball
 
 import diffshade as ds
 
 README = Path(__file__).parents[1] / "README.md"
 TEXT = README.read_text(encoding="utf-8").replace("shape=(256, 256)", "shape=(48, 48)")
 PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+
+
+def unknown_shape(folder: Path) -> Path:
+    """Write a folder of photographs of a ball, one a light, in the layout of DiLiGenT."""
+    ball = textured_ball(size=24, lights=8)
+    folder.mkdir()
+    names = [f"{i}.exr" for i in range(8)]
+    for name, view in zip(names, ball.views, strict=True):
+        ds.write_image(folder / name, view.image)
+    ds.write_image(folder / "mask.png", ball.mask[..., None] * 1.0, srgb=False)
+    (folder / "filenames.txt").write_text("\n".join(names))
+    np.savetxt(folder / "light_directions.txt", lights_about(8))
+    np.savetxt(folder / "light_intensities.txt", np.ones((8, 3)))
+    return folder
 
 
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
@@ -24,6 +39,7 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
         noisy = image + 0.002 * random.standard_normal(image.shape)
         ds.write_image(path, noisy)
         np.save(f"{i}.npy", noisy)
+    names["folder"] = unknown_shape(tmp_path / "ball")
     exec(PROGRAMS[1], names)
     exec(PROGRAMS[2], names)
     fit = names["fit"]

@@ -107,6 +107,7 @@ def test_a_robust_loss_finds_the_material_through_shadows_and_costs_little_where
 # --- noise
 
 
+@pytest.mark.slow
 def test_weights_by_the_noise_of_counted_photons_make_the_errors_honest():
     noise, clean, seeds = ds.Noise(read=0.001, shot=0.004), photographs(SCENE), range(20)
 

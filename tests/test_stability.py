@@ -103,6 +103,7 @@ def test_a_highlight_of_another_shape_is_not_determined_and_the_rest_is():
     assert "not determined" in next(line for line in str(examination).splitlines() if line.startswith("n_s"))
 
 
+@pytest.mark.slow
 def test_the_ball_has_a_diffuse_colour_and_no_exponent():
     fit = ds.fit(*ds.read_photographs(measured("diligent_ball")), free=("k_a", "k_d", "k_s", "n_s"))
     examination = ds.examine(fit)

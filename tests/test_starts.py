@@ -77,7 +77,11 @@ def failure(seed: int, number: int) -> str:
     )
 
 
-@pytest.mark.parametrize("half", [0, 1], ids=["one light in each view", "all lights in one view"])
+@pytest.mark.parametrize(
+    "half",
+    [0, pytest.param(1, marks=pytest.mark.slow)],
+    ids=["one light in each view", "all lights in one view"],
+)
 def test_a_fit_that_is_told_nothing_of_the_material_ends_no_worse_than_the_truth(half):
     assert [said for number in range(half, 100, 2) if (said := failure(1, number))] == []
 

@@ -176,6 +176,7 @@ def test_of_two_views_it_is_said_that_either_may_be_wrong(clean):
     assert "or the other is wrong by the inverse" in found.sentence
 
 
+@pytest.mark.slow
 def test_views_that_all_disagree_are_told_as_one(clean):
     """Lamps that fade, and a fit that does not know of it."""
     scene = standard_scene(lights=point_lights(ds.RadialAttenuation(1.0, 0.0, 0.0)))
@@ -267,6 +268,7 @@ def test_faults_of_several_kinds_are_told_apart(clean):
     ]
 
 
+@pytest.mark.slow
 def test_two_objects_under_two_lights_at_a_time():
     camera = ds.Camera(eye=(0, 0, 5), fov=40, shape=(24, 40))
     other = ds.Material(k_a=0.05, k_d=(0.2, 0.3, 0.6), k_s=0.3, n_s=20)

@@ -94,7 +94,7 @@ def test_ambient_light_is_told_from_the_lamps():
     assert np.median(np.abs(known.values["k_d"] / ball.truth["k_d"] - 1)[known.inside]) < 0.005
 
 
-@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize("turning", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_regions_share_one_exponent(turning):
     ball = textured_ball()
     left = (np.arange(48)[None] < 26) & np.ones((48, 48), bool)

@@ -58,7 +58,7 @@ PLACES = [
     turned_box_on_a_floor,
     ball_on_a_floor,
     box_against_a_wall,
-    glass_table,
+    pytest.param(glass_table, marks=pytest.mark.slow),
     thin_pane_on_a_floor,
     from_within_a_box_on_a_floor,
 ]
