@@ -189,7 +189,7 @@ def program(p: Problem) -> Callable[[], Any]:
     """The compiled program of `ds.fit_texels` on its blocks, laid out, on all cores."""
     source = Source(p.scene, p.views)
     tile = source.read(0, source.shape[0], source.shape[0])
-    blocks = [source.lay_out(*cut) for _, cut in source.blocks(tile, np.zeros(len(tile.pixels)))]
+    blocks = [source.lay_out(*cut) for _, cut in source.blocks(tile, np.zeros((2, len(tile.pixels))))]
     zero = np.zeros(p.y.shape[1])
     known, rig = Known(zero, None, None, zero), rig_of(p.scene, p.views)
     choices = Choices(("k_d", "k_s", "n_s"), "squares", True, False)

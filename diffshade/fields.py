@@ -40,6 +40,12 @@ def as_array(value: Numbers) -> Any:
     return array.astype(np.float64) if array.dtype.kind in "biuf" else value
 
 
+def as_float64(leaf: object) -> np.ndarray:
+    """Make a leaf of a module a NumPy array: of float64, but a mask stays one."""
+    array = np.asarray(leaf)
+    return array if array.dtype == bool else array.astype(np.float64)
+
+
 def as_scalar(value: Numbers | None) -> Any:
     """Make one number; None, where it stands for one that is left out, stays what it is."""
     return value if value is None else as_array(value)

@@ -63,7 +63,7 @@ class Checkpoint:
             return
         told = self.folder / "problem.txt"
         if not told.is_file():
-            if not self.folder.is_dir() or any(self.folder.iterdir()):
+            if not self.folder.is_dir() or any(not path.name.startswith(".") for path in self.folder.iterdir()):
                 raise ValueError(f"{folder} is no checkpoint. Give checkpoint the name of a new folder.")
             self._begin(problem)
         elif told.read_text(encoding="ascii").strip() != problem:

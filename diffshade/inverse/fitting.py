@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from ..backend import check_backend
-from ..fields import check, check_kind
+from ..fields import as_float64, check, check_kind
 from ..progress import showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
@@ -87,7 +87,7 @@ def fit(
     check_choices(scene, views, constraints, loss, clipped, start)
     check_scale(memory, checkpoint, mesh)
     check_backend()
-    scene = jax.tree.map(_numpy, scene)
+    scene = jax.tree.map(as_float64, scene)
     grey = all(is_grey(view) for view in views)
     unknowns = find_unknowns(
         scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
@@ -244,14 +244,12 @@ def check_choices(
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 
-def check_scale(memory: Any, checkpoint: Any, mesh: Any) -> None:
+def check_scale(memory: Any, folder: Any, mesh: Any, name: str = "checkpoint") -> None:
     """Refuse what is no size of memory, folder or mesh."""
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
         raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
-    if checkpoint is not None and not isinstance(checkpoint, str | Path):
-        raise TypeError(
-            f"checkpoint must be the name of a folder; got {checkpoint!r}. Give for example 'run.checkpoint'."
-        )
+    if folder is not None and not isinstance(folder, str | Path):
+        raise TypeError(f"{name} must be the name of a folder; got {folder!r}. Give for example 'run.{name}'.")
     if mesh is not None:
         check_kind("mesh", mesh, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")
 
@@ -259,8 +257,3 @@ def check_scale(memory: Any, checkpoint: Any, mesh: Any) -> None:
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:
     """Whether a surface is free."""
     return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
-
-
-def _numpy(leaf: object) -> np.ndarray:
-    array = np.asarray(leaf)
-    return array if array.dtype == bool else array.astype(np.float64)

@@ -65,7 +65,7 @@ class Lanes:
                 raise
             raise LostProcess(
                 "a process of this fit was lost, so that no sum over all can be made. Start the same fit again: it "
-                "goes on from its checkpoint."
+                "goes on from what is on disk."
             ) from error
         return _unravel(everything, items[0])
 

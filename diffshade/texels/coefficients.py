@@ -68,7 +68,7 @@ def nonnegative(A: Matrix, b: Sequence[Numbers]) -> tuple[list[Numbers], Numbers
     is every face of the octant (Lawson and Hanson 1974, chapter 23, for their many).
     """
     if not b:
-        return [], jnp.zeros(())
+        return [], jnp.zeros((1, 1))
     x = solve(A, b)
     gain = sum((bi * xi for bi, xi in zip(b, x, strict=True)), 0.0)
     inside = jnp.all(jnp.stack([xi >= 0.0 for xi in x]), 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -9,18 +10,21 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from ..fields import Array
 from ..vectors import Vec3
 from .coefficients import RIDGE, inverse_diagonal
 from .descent import HIGH, LOW, Descent, brightest_direction, chosen, descend, sharpest
-from .passes import Known, Photographs, Task, features, first_weights, looks, reduced
+from .passes import Known, Photographs, Task, evaluate, features, first_weights, looks, reduced
 from .sights import Rig, Sights, sights_of
 
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
 OUTSIDE, DETERMINED, NO_HIGHLIGHT, UNDETERMINED, SHADOWED, FAILED = range(len(STATUS))
 SEEN = 8.0  # F of the highlight: how much it must explain for each of its numbers, in variances of a sample
+MEDIAN = {1: 0.6745, 3: 0.8880}  # of chi / sqrt(C), for C channels
+WILD = 100.0  # k_s beside the brightest sample, above which a highlight is a number that ran away
+APART = 100.0  # how much larger an error may be for what is not known beside it
 HUGE = 1e30  # a value that no map can hold
 VAGUE = 0.5  # standard error of log n_s, from which on it is not determined
 
@@ -32,6 +36,8 @@ class Choices(NamedTuple):
     loss: str
     uniform: bool
     known_noise: bool
+    shared: bool = False
+    """Whether n_s is a region's, found before."""
 
 
 class Block(eqx.Module):
@@ -42,6 +48,8 @@ class Block(eqx.Module):
     v: Vec3
     seen: Photographs
     log_n_s: Float[Array, " texels"]
+    """Where it is not fitted: known, with an error of 0, or a region's, with the error that it has there."""
+    log_n_s_error: Float[Array, " texels"]
 
 
 class Estimates(eqx.Module):
@@ -54,6 +62,8 @@ class Estimates(eqx.Module):
     residual: Float[Array, " texels"]
     """Root mean square of what is left, in units of the photographs, or of their noise where that is known."""
     status: UInt8[Array, " texels"]
+    done: Bool[Array, " texels"]
+    """Whether more patience would change nothing."""
 
 
 def task_of(rig: Rig, known: Known, sights: Any, block: Block, choices: Choices, sigma: Array) -> Task:
@@ -82,15 +92,18 @@ def estimate(rig: Rig, known: Known, block: Block, sigma: Array, patience: Array
         return _best(rig, known, sights, block, sigma, patience, choices)
 
     full = best(known, choices)
+    every = jnp.ones(block.n.x.shape, bool)
     if "k_s" not in choices.free:
-        return _finish(full, full, choices, jnp.ones(block.n.x.shape, bool))
+        return _finish(full, full, block, choices, every, every)
     dark = eqx.tree_at(lambda k: k.k_s, known, jnp.zeros_like(known.k_e), is_leaf=lambda leaf: leaf is None)
-    matte = choices._replace(free=tuple(name for name in choices.free if name not in ("k_s", "n_s")))
-    plain = best(dark, matte)
+    plain = best(dark, choices._replace(free=tuple(name for name in choices.free if name not in ("k_s", "n_s"))))
     numbers = full.task.unknowns - plain.task.unknowns
     explained = 2.0 * (plain.descent.found.cost - full.descent.found.cost) / numbers
-    enough = explained > SEEN * jnp.where(full.variance > 0.0, full.variance, 0.0)
-    return _finish(full, plain, choices, enough & (full.freedom > 0.0))
+    seen = (explained > SEEN * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
+    brightest = jnp.max(jnp.where(block.seen.counts[:, None], block.seen.target.astype(float), 0.0), (0, 1))
+    k_s = full.descent.found.k[full.task.known.linear.index("k_s")]
+    tame = (k_s < WILD * brightest[None]).all(0) & full.descent.done & (full.descent.found.cost < HUGE)
+    return _finish(full, plain, block, choices, seen, tame)
 
 
 def begin(
@@ -156,20 +169,29 @@ def _lit(task: Task, n: Vec3, x: Array) -> Array:
     return jax.lax.scan(add, jnp.zeros(x.shape), (task.sights.views, task.seen.counts))[0]
 
 
-def _errors(best: Best) -> tuple[Sequence[Array], Sequence[Array]]:
-    """Return the standard errors of the coefficients in each channel, and of the rest: with nothing held at 0."""
-    found, size = best.descent.found, len(best.descent.found.k)
+def _errors(best: Best, block: Block, choices: Choices) -> tuple[Sequence[Array], Sequence[Array], Array]:
+    """Return the standard errors of the coefficients in each channel and of the rest, and whether all are told apart.
+
+    With nothing held at 0. A region's n_s counts as an unknown of the texel of which the region tells what it tells.
+    """
+    task, found, size = best.task, best.descent.found, len(best.descent.found.k)
+    region = choices.shared and not task.sharpening and task.known.k_s is None
+    if region:
+        sharp = dataclasses.replace(task, sharpening=True)
+        told = evaluate(sharp, found.n, found.x, best.descent.weight)
+        found = dataclasses.replace(found, mixed=told.mixed, rest=told.rest)
     known = reduced(found, held=False)
     count = len(known.rest)
     rest = [
         [known.rest[i][j] + (RIDGE * found.rest[i][i] if i == j else 0.0) for j in range(count)] for i in range(count)
     ]
+    if region:
+        of_region = best.variance / jnp.maximum(block.log_n_s_error, 1e-12) ** 2
+        rest[-1][-1] = jnp.maximum(rest[-1][-1], jnp.where(jnp.isfinite(of_region), of_region, 0.0))
     # what one channel's coefficients and the rest know together, the other channels' coefficients eliminated
+    z = known.mixed
     corner = [
-        [
-            rest[i][j][None] + sum((a * b for a, b in zip(known.mixed[i], known.mixed[j], strict=True)), 0.0)
-            for j in range(count)
-        ]
+        [rest[i][j][None] + sum((a * b for a, b in zip(z[i], z[j], strict=True)), 0.0) for j in range(count)]
         for i in range(count)
     ]
     G, B = found.gram, found.mixed
@@ -177,56 +199,73 @@ def _errors(best: Best) -> tuple[Sequence[Array], Sequence[Array]]:
     joint += [[*(B[i][j] for i in range(size)), *corner[j]] for j in range(count)]
     each = jnp.zeros_like(found.mixed[0][0]) if size and count else jnp.zeros((1, *found.x.shape))
     joint = [[element + each for element in row] for row in joint]
-    deviation = [jnp.sqrt(best.variance[None] * v) for v in inverse_diagonal(joint)]
-    return deviation[:size], [d[0] for d in deviation[size:]]
+    inverse = inverse_diagonal(joint)
+    deviation = [jnp.sqrt(best.variance[None] * v) for v in inverse]
+    largest = jnp.max(jnp.stack([jnp.max(k, 0) for k in found.k]), 0) if size else jnp.ones_like(found.x)
+    apart = jnp.ones(found.x.shape, bool)
+    for i, name in enumerate(task.known.linear):
+        lost = (deviation[i] > 0.3 * largest[None]) & (inverse[i] * joint[i][i] > APART**2)
+        apart = apart & (True if name == "k_s" else ~lost.any(0))
+    return deviation[:size], [d[0] for d in deviation[size:]], apart
 
 
-def _named(best: Best) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the values and errors of one fit by name."""
+def _named(best: Best, block: Block, choices: Choices) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Return the values and errors of one fit by name, and whether all of them are told apart."""
     task, found = best.task, best.descent.found
-    coefficients, rest = _errors(best)
+    coefficients, rest, apart = _errors(best, block, choices)
     values = dict(zip(task.known.linear, found.k, strict=True))
     errors = dict(zip(task.known.linear, coefficients, strict=True))
     if task.sharpening:
         values["n_s"] = jnp.exp(found.x)[None]
         errors["n_s"] = values["n_s"] * rest[-1][None]
+    elif choices.shared:
+        values["n_s"] = jnp.exp(block.log_n_s)[None]
+        errors["n_s"] = values["n_s"] * block.log_n_s_error[None]
     if task.turning:
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
         errors["normal"] = jnp.rad2deg(jnp.sqrt(rest[0] ** 2 + rest[1] ** 2))[None]
-    return values, errors
+    return values, errors, apart
 
 
-def _finish(full: Best, plain: Best, choices: Choices, shines: Array) -> Estimates:
-    """Choose between the fits with and without a highlight, and say what became of each texel."""
-    values, errors = _named(full)
-    status = jnp.where(shines, DETERMINED, NO_HIGHLIGHT)
-    done = jnp.where(shines, full.descent.done, plain.descent.done)
-    freedom = jnp.where(shines, full.freedom, plain.freedom)
-    residual = jnp.sqrt(jnp.where(shines, _mean_square(full), _mean_square(plain)))
-    vague = jnp.zeros(shines.shape, bool)
-    if "n_s" in choices.free:
+def _finish(full: Best, plain: Best, block: Block, choices: Choices, seen: Array, tame: Array) -> Estimates:
+    """Choose between the fits with and without a highlight, and say what became of each texel.
+
+    `seen`: where a highlight explains enough; `tame`: where the fit with one ended at numbers that mean something.
+    """
+    shines = seen & tame
+    values, errors, apart = _named(full, block, choices)
+    vague = seen & ~tame
+    if "n_s" in values:
         x = full.descent.found.x
-        vague = shines & ((errors["n_s"][0] > VAGUE * values["n_s"][0]) | (x <= LOW) | (x >= HIGH))
+        vague = vague | (shines & ((errors["n_s"][0] > VAGUE * values["n_s"][0]) | (x <= LOW) | (x >= HIGH)))
     if plain is not full:
-        matte, of_matte = _named(plain)
-        channels = full.task.seen.target.shape[1]
-        matte |= {"k_s": jnp.zeros((channels, *shines.shape)), "n_s": jnp.zeros((1, *shines.shape))}
-        nothing = jnp.full((1, *shines.shape), jnp.inf)
-        of_matte |= {"k_s": jnp.broadcast_to(nothing, (channels, *shines.shape)), "n_s": nothing}
+        matte, of_matte, apart_too = _named(plain, block, choices)
+        channels, texels = full.task.seen.target.shape[1:]
+        widths = {"k_s": channels, "n_s": 1}
+        matte |= {name: jnp.zeros((width, texels)) for name, width in widths.items()}
+        of_matte |= {name: jnp.full((width, texels), jnp.inf) for name, width in widths.items()}
         values = {name: chosen(shines, value, matte[name]) for name, value in values.items()}
         errors = {name: chosen(shines, error, of_matte[name]) for name, error in errors.items()}
-    vague = vague | ~jnp.all(
-        jnp.stack([jnp.isfinite(e).all(0) for a, e in errors.items() if a not in ("k_s", "n_s")]), 0
-    )
-    few = (freedom <= 0) | (jnp.where(shines, full.lit, plain.lit) < (3 if full.task.turning else 1))
-    finite = jnp.all(jnp.stack([(jnp.abs(value) < HUGE).all(0) for value in values.values()]), 0)
-    status = jnp.where(vague, UNDETERMINED, status)
+        apart = jnp.where(shines, apart, apart_too)
+    told = apart
+    for name, error in errors.items():
+        told = told if name in ("k_s", "n_s") else told & jnp.isfinite(error).all(0)
+    lit, freedom = (jnp.where(shines, getattr(full, of), getattr(plain, of)) for of in ("lit", "freedom"))
+    few = (freedom <= 0) | (lit < (3 if full.task.turning else 1))
+    done = jnp.where(shines, full.descent.done, plain.descent.done)
+    finite = jnp.ones(seen.shape, bool)
+    for value in values.values():
+        finite = finite & (jnp.abs(value) < HUGE).all(0)
+    status = jnp.where(shines, DETERMINED, NO_HIGHLIGHT)
+    status = jnp.where(vague | ~told, UNDETERMINED, status)
     status = jnp.where(~done | ~finite, FAILED, status)
     status = jnp.where(few, SHADOWED, status)
-    lost = few | ~finite
+    lost = (few | ~finite)[None]
     values = {name: jnp.where(finite[None], value, 0.0) for name, value in values.items()}
-    errors = {name: jnp.where(lost[None] | jnp.isnan(error), jnp.inf, error) for name, error in errors.items()}
-    return Estimates(values, errors, residual, status.astype(jnp.uint8))
+    errors = {name: jnp.where(lost | jnp.isnan(error), jnp.inf, error) for name, error in errors.items()}
+    residual = jnp.sqrt(jnp.where(shines, _mean_square(full), _mean_square(plain)))
+    ended = plain.descent.done & full.descent.done
+    return Estimates(values, errors, jnp.where(finite, residual, 0.0), status.astype(jnp.uint8), ended)
 
 
 def _mean_square(best: Best) -> Array:
@@ -238,10 +277,10 @@ def _mean_square(best: Best) -> Array:
 def residual_sizes(
     rig: Rig, known: Known, block: Block, sigma: Array, patience: Array, choices: Choices
 ) -> Float[Array, "views texels"]:
-    """Return the size of the residuals of each observation, the root of the sum of squares over its channels.
+    """Return the size of the residuals of each observation, the root mean square of its channels.
 
-    Divided by what makes its median, in Gaussian noise, that of one channel: the root of the number of channels, and of
-    the share of the observations that the unknowns leave.
+    In units in which its median is the standard deviation of Gaussian noise: divided by the root of the share of the
+    observations that the unknowns leave, and by the median of chi / sqrt(C) of C channels.
     """
     best = _best(rig, known, sights_for(rig, block, choices), block, sigma, patience, choices)
     task, found = best.task, best.descent.found
@@ -252,4 +291,4 @@ def residual_sizes(
         return jnp.sqrt(jnp.mean((m - look.target.astype(found.x.dtype)) ** 2, 0))
 
     left = jnp.clip((task.samples - task.unknowns) / jnp.maximum(task.samples, 1.0), 0.05, 1.0)
-    return jax.lax.map(of_view, looks(task, None)) / jnp.sqrt(left)[None]
+    return jax.lax.map(of_view, looks(task, None)) / (MEDIAN[len(block.seen.target[0])] * jnp.sqrt(left)[None])

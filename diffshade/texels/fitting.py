@@ -13,13 +13,14 @@ import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import Mesh
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..backend import check_backend
-from ..fields import check, check_kind
+from ..fields import as_float64, check, check_kind
 from ..fresnel import NoFresnel
 from ..inverse.blocks import in_order, on_all_cores
 from ..inverse.checkpoints import fingerprint
+from ..inverse.fitting import check_scale
 from ..inverse.hosts import Lanes
 from ..inverse.losses import LOSSES
 from ..inverse.parameters import RANGES
@@ -27,7 +28,7 @@ from ..inverse.views import View, is_grey
 from ..progress import showing, silent
 from ..scenes import Scene, check_positions, check_shapes
 from .descent import GRID
-from .estimates import FAILED, Choices, Estimates, estimate, residual_sizes
+from .estimates import Choices, Estimates, estimate, residual_sizes
 from .maps import TexelMaps
 from .passes import COEFFICIENTS, Known
 from .records import Record
@@ -62,7 +63,7 @@ def fit_texels(
     explains enough of what it shows; elsewhere k_s and n_s are 0, with infinite errors, and the map says so.
 
     `scene`: one opaque object, whose surface says where the texels are, and all the lights; what is free in it is not
-    looked at. `views`: at least 3, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`, of one
+    looked at. `views`: at least 2, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`, of one
     camera; an observation that the sensor clipped is left out, in all its channels, and 1 exactly is clipped where no
     saturation is given. `free`: "k_a", "k_d", "k_s", "n_s", "normal". `regions`: whole numbers from 0, (H, W); texels
     of one number share one n_s, so that zeros share it among all. `loss`: "squares", or "huber", "cauchy" or
@@ -77,9 +78,10 @@ def fit_texels(
     where another process is gone; RuntimeError where this jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
+    check_scale(memory, out, mesh, "out")
     free = _checked(scene, views, free, regions, loss)
     check_backend()
-    scene = jax.tree.map(np.asarray, scene)
+    scene = jax.tree.map(as_float64, scene)
     with showing("texels") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
         run = _Run(scene, views, free, regions, loss, out, memory, mesh, tell)
         with contextlib.closing(run.record):
@@ -108,7 +110,8 @@ class _Run:
         self.choices = Choices(free, loss, uniform, known_noise)
         self.rig: Rig = rig_of(scene, views)
         self.known = _known(scene, free, self.source.channels)
-        self.regions = None if regions is None else np.asarray(regions).reshape(-1)
+        # numbered from 0 without gaps
+        self.regions = None if regions is None else np.unique(np.asarray(regions), return_inverse=True)[1].reshape(-1)
         height = self.source.shape[0]
         self.lanes = None if mesh is None else Lanes(mesh)
         if self.lanes is not None and self.lanes.several and out is None:
@@ -132,20 +135,19 @@ class _Run:
         """Find the maps, tile by tile."""
         sigma = np.asarray(1.0 if self.choices.known_noise or self.choices.loss == "squares" else self._scale())
         x, error = (None, None) if self.regions is None else self._exponents(sigma)
-        choices = self.choices if x is None else self.choices._replace(free=tuple(f for f in self.free if f != "n_s"))
+        choices = self.choices
+        if x is not None:
+            choices = choices._replace(free=tuple(name for name in self.free if name != "n_s"), shared=True)
 
         def fit(tile: Tile) -> None:
             if not len(tile.pixels):
                 return
-            log_n_s = self._exponent_of(tile, x)
+            log_n_s = self._exponent_of(tile, x, error)
             found = self._fit(tile, choices, sigma, log_n_s, QUICK)
-            slow = np.flatnonzero(found.status == FAILED)
+            slow = np.flatnonzero(~found.done)
             if len(slow):
                 again = self._fit(tile, choices, sigma, log_n_s, PATIENT, slow)
                 jax.tree.map(lambda all_, some: all_.__setitem__((..., slow), some), found, again)
-            if x is not None:
-                assert error is not None
-                self._take_exponents(found, tile, x, error)
             self._write(tile, found)
 
         for name in (*self._names(), "status", "residual"):
@@ -154,8 +156,13 @@ class _Run:
                 self._map(f"{name}_error")
         self._over_tiles(fit, self.record.done, "fitted", self.record.finish)
         self.record.meet()
-        values, errors = ({name: self._map(name + end) for name in self._names()} for end in ("", "_error"))
-        status, residual = self._map("status")[..., 0], self._map("residual")[..., 0]
+        if not np.any(self._map("status")):
+            raise ValueError(
+                "no pixel is left to fit: the masks, alpha channels and the object's silhouette have none in common. "
+                "Check that the masks are white on the object, and the camera."
+            )
+        values, errors = ({name: self.record.read(name + end) for name in self._names()} for end in ("", "_error"))
+        status, residual = (self.record.read(name)[..., 0] for name in ("status", "residual"))
         return TexelMaps(values, errors, status, residual, self.scene, self.source.camera)
 
     def _over_tiles(
@@ -204,31 +211,20 @@ class _Run:
         return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
 
     def _scale(self) -> float:
-        """Return the scale of the residuals of a robust loss: 1.4826 times the median of their size at some texels."""
+        """Return the scale of the residuals of a robust loss: the median of their size at some texels."""
         self.tell("judging the residuals")
-        tiles = np.unique(np.linspace(0, self.count - 1, 8).astype(int))
-        some = []
-        for t in tiles:
-            first = int(t) * self.rows
-            tile = self.source.read(first, min(first + self.rows, self.source.shape[0]), self.rows)
-            which = np.unique(np.linspace(0, max(len(tile.pixels) - 1, 0), SAMPLED // len(tiles)).astype(int))
-            some.append((tile, which[: len(tile.pixels)]))
+        some = self.source.sample(SAMPLED)
         sigma, choices = 1.0, self.choices._replace(loss="squares")
         for _ in range(4):
-            sizes = []
-            for tile, which in some:
-                if len(which):
-                    found = self._sizes(tile, which, choices, sigma)
-                    sizes.append(found)
-            new = 1.4826 * float(np.median(np.concatenate(sizes))) if sizes else 1.0
+            sizes = self._sizes(some, choices, sigma)
+            new = float(np.median(sizes)) if len(sizes) else 1.0
             if abs(new - sigma) <= 0.01 * new:
                 break
             sigma, choices = max(new, 1e-12), self.choices._replace(loss="huber")
         return sigma
 
-    def _sizes(self, tile: Tile, which: np.ndarray, choices: Choices, sigma: float) -> np.ndarray:
-        """Return the sizes of the residuals of some texels, in all channels together."""
-        log_n_s = self._exponent_of(tile, None)
+    def _sizes(self, tile: Tile, choices: Choices, sigma: float) -> np.ndarray:
+        """Return the sizes of the residuals of a tile, in all channels together."""
 
         def of_block(cut: Any) -> np.ndarray:
             part, laid = cut
@@ -236,7 +232,8 @@ class _Run:
             size = residual_sizes(self.rig, self.known, block, np.asarray(sigma), np.asarray(PATIENT), choices)
             return np.asarray(size)[:, : len(part)][block.seen.counts[:, : len(part)]]
 
-        return np.concatenate(self._on_devices(of_block, self.source.blocks(tile, log_n_s, which)))
+        found = self._on_devices(of_block, self.source.blocks(tile, self._exponent_of(tile)))
+        return np.concatenate(found or [np.zeros(0)])
 
     def _exponents(self, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log n_s of each region, and its standard error."""
@@ -246,7 +243,7 @@ class _Run:
             "search", len(GRID), regions, lambda block: grid_costs(self.rig, self.known, block, self.choices)
         )
         x = GRID[np.argmin(costs, 0)]
-        error = np.full(regions, np.inf)
+        error, still = np.full(regions, np.inf), np.zeros(regions, bool)
         patience = np.asarray(PATIENT)
         for k in range(MOST_PASSES):
             at = x
@@ -258,9 +255,10 @@ class _Run:
                 at,
             )
             x, error = stepped(at, sums)
-            if np.all(np.abs(x - at) <= STILL * np.minimum(error, 1.0)):
+            still = np.abs(x - at) <= STILL * np.minimum(error, 1.0)
+            if still.all():
                 break
-        return x, error
+        return x, np.where(still, error, np.inf)
 
     def _pass(
         self, name: str, rows: int, regions: int, program: Callable[[Any], Any], x: np.ndarray | None = None
@@ -294,18 +292,17 @@ class _Run:
         mine = np.zeros((rows, regions)) + sum(shares[t] for t in self.own)
         return self.lanes.total([mine, *[np.zeros_like(mine)] * (len(self.lanes.own) - 1)])
 
-    def _exponent_of(self, tile: Tile, x: np.ndarray | None) -> np.ndarray:
-        """Return log n_s of each texel of a tile where it is not one of its own unknowns."""
-        if x is None or self.regions is None:
-            return np.full(len(tile.pixels), self.log_n_s)
-        return x[self.regions[tile.pixels]]
-
-    def _take_exponents(self, found: Estimates, tile: Tile, x: np.ndarray, error: np.ndarray) -> None:
-        """Write the regions' n_s beside the estimates of a tile."""
-        assert self.regions is not None
-        region = self.regions[tile.pixels]
-        n_s = np.exp(x[region])
-        found.values["n_s"], found.errors["n_s"] = n_s[None], (n_s * error[region])[None]
+    def _exponent_of(
+        self, tile: Tile, x: np.ndarray | None = None, error: np.ndarray | None = None
+    ) -> Float[np.ndarray, "2 n"]:
+        """Return log n_s of each texel of a tile where it is not one of its own unknowns, and its error."""
+        known = np.zeros((2, len(tile.pixels)))
+        known[0] = self.log_n_s
+        if x is not None and self.regions is not None:
+            known[0] = x[self.regions[tile.pixels]]
+        if error is not None and self.regions is not None:
+            known[1] = error[self.regions[tile.pixels]]
+        return known
 
     def _names(self) -> tuple[str, ...]:
         return tuple(name for name in FREE if name in self.free)
@@ -338,7 +335,11 @@ def _known(scene: Scene, free: tuple[str, ...], channels: int) -> Known:
 
     def of(name: str) -> np.ndarray:
         colour = np.asarray(getattr(material, name), np.float64)
-        return colour if channels == 3 else colour.mean(keepdims=True)
+        if channels == 3:
+            return colour
+        if name == "k_a" and np.any(scene.ambient):  # a grey photograph shows the mean of k_a I_a
+            return np.mean(colour * scene.ambient, keepdims=True) / np.mean(scene.ambient)
+        return colour.mean(keepdims=True)
 
     k_a, k_d, k_s = (None if name in free else of(name) for name in COEFFICIENTS)
     return Known(k_a, k_d, k_s, of("k_e"))
@@ -360,10 +361,11 @@ def _checked(scene: Any, views: Sequence[Any], free: Iterable[str], regions: Any
             raise ValueError(f"free must hold names among {', '.join(FREE)}; got {name!r}. {hint}")
     if not free:
         raise ValueError("free must name at least one map; got none. Give for example free=('k_d', 'k_s', 'n_s').")
-    if loss not in LOSSES:
+    free = tuple(name for name in FREE if name in free)
+    if not isinstance(loss, str) or loss not in LOSSES:
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")
     _check_scene(scene, free)
-    _check_views(scene, views)
+    _check_views(scene, views, free)
     if regions is None:
         return free
     regions = np.asarray(regions)
@@ -398,11 +400,15 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
         raise ValueError("n_s is free, but k_s is neither free nor above 0. Add 'k_s' to free.")
     if "normal" in free and "k_d" not in free and not np.any(material.k_d):
         raise ValueError("normal is free, but k_d is neither free nor above 0. Add 'k_d' to free.")
+    if material.n_s < RANGES["n_s"][0] and "n_s" not in free and ("k_s" in free or np.any(material.k_s)):
+        raise ValueError(
+            f"Material.n_s must be at least {RANGES['n_s'][0]} in a fit of texels; got {material.n_s}. Raise it."
+        )
     if "k_a" in free and not np.all(scene.ambient > 0):
         raise ValueError(f"k_a is free, but scene.ambient is {scene.ambient}. Give the ambient light, above 0.")
 
 
-def _check_views(scene: Scene, views: Sequence[View]) -> None:
+def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> None:
     """Refuse views that do not show one texel at one pixel."""
     first = views[0]
     for i, view in enumerate(views):
@@ -420,5 +426,13 @@ def _check_views(scene: Scene, views: Sequence[View]) -> None:
                 raise ValueError(
                     f"views[{i}].lit must hold indices of the scene's {len(scene.lights)} lights; got {k}. Correct it."
                 )
+    material, lights = scene.objects[0].material, [np.ravel(getattr(light, "intensity", 1.0)) for light in scene.lights]
+    for name in ("k_d", "k_s"):
+        coloured = np.ptp(getattr(material, name)) > 0 and any(np.ptp(light) > 0 for light in lights)
+        if is_grey(first) and name not in free and coloured:
+            raise ValueError(
+                f"grey photographs under coloured lights cannot have a coloured {name} that is known; got "
+                f"{getattr(material, name)}. Give it one number, or let it be free."
+            )
     check_shapes(scene, first.camera)
     check_positions(scene, first.camera)

@@ -23,7 +23,7 @@ from ..lights import AbstractLight
 from ..materials import Coefficients
 from ..reflection import reflection
 from ..rendering import pixel_rays, select
-from ..scenes import Scene, StackedScene, check_positions, stack_scene
+from ..scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
 from ..vectors import Vec3
 from .estimates import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
@@ -35,15 +35,16 @@ class TexelMaps:
     """A map of each number of a material, from `fit_texels`; row 0 on top, float32.
 
     `values`: k_a, k_d, k_s (H, W, 3), (H, W, 1) of grey photographs; n_s (H, W, 1); normal (H, W, 3), unit. `errors`:
-    standard errors of the same shapes, that of the normal in degrees, (H, W, 1); infinite where nothing is known.
-    `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight seen, where k_s and n_s are 0 with
-    infinite errors; not determined, where what was seen leaves an error of log n_s over 0.5, or infinite ones;
-    shadowed, where no more observations are lit and unclipped than there are numbers; failed, where the fit did not
-    converge. `residual`: root mean square of the residuals, in the photographs' units, or those of their noise.
+    standard errors of the same shapes, that of the normal in degrees, (H, W, 1); infinite where nothing is known, 0
+    outside. `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight seen, where k_s and n_s are 0
+    with infinite errors; not determined, where the views cannot tell the numbers apart, leave log n_s an error over
+    0.5, or show a highlight whose numbers run away, which are then 0; shadowed, where no more observations are lit and
+    unclipped than there are numbers; failed, where the fit did not converge. `residual`: root mean square of the
+    residuals, in the photographs' units, or those of their noise where that is known.
     """
 
-    values: Mapping[str, Float[np.ndarray, "h w c"]]
-    errors: Mapping[str, Float[np.ndarray, "h w c"]]
+    values: Mapping[str, Float[np.ndarray, "h w _"]]
+    errors: Mapping[str, Float[np.ndarray, "h w _"]]
     status: UInt8[np.ndarray, "h w"]
     residual: Float[np.ndarray, "h w"]
     scene: Scene
@@ -57,18 +58,18 @@ class TexelMaps:
         return self.status == DETERMINED
 
     @property
-    def inside(self) -> Bool[np.ndarray, "h w"]:
-        """Where the views show the object and its diffuse colour could be told."""
-        return (self.status != OUTSIDE) & (self.status <= NO_HIGHLIGHT + 1)
+    def known(self) -> Bool[np.ndarray, "h w"]:
+        """Where everything is known but, where no highlight was seen, what makes one: k_d, k_a and the normal are."""
+        return (self.status == DETERMINED) | (self.status == NO_HIGHLIGHT)
 
     def shade(
-        self, lights: Sequence[AbstractLight] | None = None, *, lit: Sequence[int] | int | None = None
+        self, lights: Sequence[AbstractLight] | AbstractLight | None = None, *, lit: Sequence[int] | int | None = None
     ) -> Float[np.ndarray, "h w 3"]:
         """Return the picture that the maps show under these lights, by default the scene's: linear radiance (E9).
 
         `lit`: the indices of the lights that are on; all of them by default. 0 where no view shows the object.
         """
-        scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, tuple(lights))
+        scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, as_tuple(lights))
         scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
         check_positions(scene, self.camera)
         material = scene.objects[0].material
@@ -86,8 +87,9 @@ class TexelMaps:
         """Write every map to a folder, each file whole or not at all; return their paths.
 
         `suffix`: ".npy" and ".exr" hold the numbers as they are; ".png" is 16 bits, where normals are (n + 1)/2 and any
-        other map is divided by its `scale`, the larger of 1 and its greatest value, which `maps.toml` lists. Beside
-        them `NAME_error`, but for PNGs, and as a PNG of 8 bits `status`, whose levels `maps.toml` names.
+        other map is divided by its `scale`, the larger of 1 and its greatest value that is known, which `maps.toml`
+        lists, and clipped. Beside them `NAME_error` and `residual`, but for PNGs, and as a PNG of 8 bits `status`,
+        whose levels `maps.toml` names.
 
         Raises ValueError for another suffix, and what writing a file raises.
         """
@@ -99,7 +101,8 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                scales[name] = 1.0 if name == "normal" else max(1.0, float(value.max()))
+                where = self.determined if name in ("k_s", "n_s") else self.known
+                scales[name] = 1.0 if name == "normal" else float(np.max(value[where], initial=1.0))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
@@ -108,6 +111,12 @@ class TexelMaps:
                 with replacing(target) as temporary:
                     np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
                 written.append(target)
+        if suffix != ".png":
+            path = folder / f"residual{suffix}"
+            with replacing(path) as temporary:
+                numbers = np.asarray(self.residual)[..., None]
+                np.save(temporary, numbers) if suffix == ".npy" else save(temporary, numbers)
+            written.append(path)
         path = folder / "status.png"
         write_image(path, self.status[..., None] / 255.0, srgb=False)
         written.append(path)
@@ -128,7 +137,7 @@ class TexelMaps:
                 lines.append(f"  {name:<18} {number:>11,}  {100 * number / inside:.1f} %")
         lines.append(f"{'map':<10} {'5 %':>10} {'median':>10} {'95 %':>10} {'error':>10}")
         for name, value in self.values.items():
-            where = self.determined if name in ("k_s", "n_s") else self.inside
+            where = self.determined if name in ("k_s", "n_s") else self.known
             if name == "normal" or not where.any():
                 continue
             for c in range(value.shape[2]):
@@ -136,8 +145,8 @@ class TexelMaps:
                 low, middle, high = np.percentile(value[..., c][where], (5, 50, 95))
                 error = np.median(self.errors[name][..., c][where])
                 lines.append(f"{label:<10} {low:>10.4g} {middle:>10.4g} {high:>10.4g} {error:>10.2g}")
-        if "normal" in self.values and self.inside.any():
-            error = np.median(self.errors["normal"][..., 0][self.inside])
+        if "normal" in self.values and self.known.any():
+            error = np.median(self.errors["normal"][..., 0][self.known])
             lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
         return "\n".join(lines)
 

@@ -66,8 +66,9 @@ class Task(eqx.Module):
     uniform: bool = eqx.field(static=True)
     """Whether the noise is the same at every level."""
     turning: bool = eqx.field(static=True)
-    """Whether the normals are fitted, and n_s."""
+    """Whether the normals are fitted."""
     sharpening: bool = eqx.field(static=True)
+    """Whether n_s is."""
 
     @property
     def reweighs(self) -> bool:
@@ -94,7 +95,7 @@ class Found(eqx.Module):
     k: tuple[Float[Array, "channels texels"], ...]
     """Those of `Known.linear`."""
     cost: Float[Array, " texels"]
-    """sigma^2 sum rho(w r^2/sigma^2) / 2."""
+    """Half the sum over views of C sigma^2 rho(sum over the C channels of w r^2 / (C sigma^2))."""
     squares: Float[Array, " texels"]
     """sum w r^2 with the weights of the loss."""
     share: Float[Array, " texels"]
@@ -261,9 +262,10 @@ def believe(task: Task, found: Found) -> Found:
         m = sum((k * column for k, column in zip(found.k, F.columns, strict=True)), F.base)
         precise = jnp.where(look.counts[None], 1.0 / variance(task, look, m), 0.0)
         r2 = jnp.sum(precise * (m - look.target.astype(found.x.dtype)) ** 2, 0)
-        rho, believed = jax.lax.switch(task.stage, [_loss(name) for name in task.losses], r2 / task.sigma**2)
+        scale = len(look.target) * task.sigma**2  # of an observation: all its channels have one say
+        rho, believed = jax.lax.switch(task.stage, [_loss(name) for name in task.losses], r2 / scale)
         cost, squares, share = total
-        cost = cost + 0.5 * task.sigma**2 * rho
+        cost = cost + 0.5 * scale * rho
         return (cost, squares + believed * r2, share + jnp.where(look.counts, believed, 0.0)), precise * believed[None]
 
     zero = jnp.zeros(found.x.shape)

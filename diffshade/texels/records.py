@@ -56,20 +56,27 @@ class Record:
     def _open(self, folder: Path, problem: str, rows: int) -> int:
         """Lock the folder and return the rows of a tile in its record, or begin a record."""
         run = folder / "run.json"
-        if folder.exists() and not run.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        strange = (
+            not folder.is_dir() or any(_is_strange(path) for path in folder.iterdir()) if folder.exists() else False
+        )
+        if strange and not run.exists():
             raise ValueError(f"{folder} is no folder of maps of an earlier run. Give out the name of a new folder.")
         folder.mkdir(parents=True, exist_ok=True)
         self.lock = _locked(folder)
         if not run.exists():
             with replacing(run) as temporary:
                 temporary.write_text(json.dumps({"problem": problem, "rows": rows}), encoding="utf-8")
-        was = json.loads(run.read_text(encoding="utf-8"))
-        if was["problem"] != problem:
+        try:
+            was = json.loads(run.read_text(encoding="utf-8"))
+            rows, known = int(was["rows"]), was["problem"]
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(f"{run} is no record of a run. Give out the name of a new folder.") from None
+        if known != problem:
             raise ValueError(
                 f"{folder} has the maps of another run: its scene, views or options are not these. Give out another "
                 "folder, or remove this one."
             )
-        return was["rows"]
+        return rows
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
         """Return an array of zeros, or what is there already; all processes ask for the same arrays in turn."""
@@ -81,10 +88,20 @@ class Record:
         assert self.folder is not None
         path = self.folder / f"{name}.npy"
         if self.first and not path.exists():
+            if name != "done" and self.done.any():
+                raise ValueError(
+                    f"{path} of an earlier run is missing. Remove the folder {self.folder} and begin anew."
+                )
             with replacing(path) as temporary:  # whole, or not there
                 np.lib.format.open_memmap(temporary, "w+", dtype, shape).flush()
         self.meet()
         return np.lib.format.open_memmap(path, "r+")
+
+    def read(self, name: str) -> np.ndarray:
+        """Return an array, not to be written to."""
+        array = self.arrays[name].view()
+        array.flags.writeable = False
+        return array
 
     def finish(self, tile: int, name: str = "done") -> None:
         """Mark a tile, after all that was written of it."""
@@ -102,6 +119,11 @@ class Record:
         """Wait for the other processes; raise LostProcess where one is gone."""
         if self.lanes is not None:
             self.lanes.total([np.zeros(1)] * len(self.lanes.own))
+
+
+def _is_strange(folder: Path) -> bool:
+    """Whether there is anything that a run may not have left before it wrote its record."""
+    return not folder.is_dir() or any(path.name != "lock" and path.name[0] != "." for path in folder.iterdir())
 
 
 def _locked(folder: Path) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,8 +18,8 @@ from jaxtyping import Float
 from ..fields import Array
 from .coefficients import solve
 from .descent import FARTHEST, FIRM, GRID, HIGH, LOW, descend
-from .estimates import Block, Choices, begin
-from .passes import Known, evaluate, project, reduced
+from .estimates import SEEN, Block, Choices, begin
+from .passes import Found, Known, evaluate, project, reduced
 from .sights import Rig
 
 MOST_PASSES = 12
@@ -50,8 +51,21 @@ def slopes(
     curvature = jnp.maximum(curvature, FIRM * found.rest[-1][-1])
     samples = found.share * block.seen.target.shape[1]
     freedom = jnp.where(samples > sharp.unknowns, samples - sharp.unknowns + 1.0, 0.0)
-    counts = (freedom > 0.0) & descent.done
+    counts = (freedom > 0.0) & descent.done & _shines(held, known, rig, block, sigma, n, found, freedom)
     return jnp.where(counts[None], jnp.stack([found.slope[-1], curvature, found.squares, freedom]), 0.0)
+
+
+def _shines(
+    choices: Choices, known: Known, rig: Rig, block: Block, sigma: Array, n: Any, found: Found, freedom: Array
+) -> Array:
+    """Return where a highlight explains enough to have a say in what n_s is: where one may be missing, noise would."""
+    if known.k_s is not None:
+        return jnp.ones(freedom.shape, bool)
+    dark = eqx.tree_at(lambda k: k.k_s, known, jnp.zeros_like(known.k_e), is_leaf=lambda leaf: leaf is None)
+    task, _, weight = begin(rig, dark, block, choices, sigma)
+    without = evaluate(task, found.n, found.x, weight if found.weight is None else found.weight)
+    explained = (without.cost - found.cost) * 2.0 / len(block.seen.target[0])
+    return explained > SEEN * found.squares / jnp.maximum(freedom, 1.0)
 
 
 def stepped(x: Float[np.ndarray, " regions"], sums: Float[np.ndarray, "4 regions"]) -> tuple[np.ndarray, np.ndarray]:

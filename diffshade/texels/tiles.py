@@ -14,13 +14,14 @@ from jaxtyping import Bool, Float, Int
 from ..cameras import Projection
 from ..fields import Array
 from ..gbuffers import GBuffer, as_mask
-from ..inverse.views import View
+from ..inverse.views import View, is_grey, repeats
 from ..scenes import Scene
 from ..surfaces import AbstractSurface
 from ..vectors import Vec3
 from .estimates import Block
 from .passes import Photographs
 
+SAMPLED_ROWS = 64
 BLOCK = 4096  # texels at most in one call of a compiled program; what a view needs of them stays in a core's cache
 
 
@@ -47,7 +48,8 @@ class Source:
             self.projection = jax.tree.map(np.asarray, _projection(self.camera))
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
-        self.channels = 3 if views[0].image.shape[2] >= 3 else 1
+        self.channels = 1 if is_grey(views[0]) else 3
+        self.again = repeats(scene, views)
 
     def rows_of(self, memory: int) -> int:
         """Return how many rows a band may have for its photographs, as read and as laid out, to fit a budget."""
@@ -69,18 +71,22 @@ class Source:
             image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
             alpha = image.shape[1] in (2, 4)
             counts = inside.copy() if view.mask is None else inside & as_mask(view.mask[first:last]).reshape(-1)
+            if i in self.again:  # the same numbers tell nothing more
+                counts[:] = False
             if alpha:
                 counts &= as_mask(image[:, -1])
                 image = image[:, :-1]
             seen.append((i, view, image, counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
         which = slice(None) if len(pixels) == len(inside) else pixels  # a slice copies nothing
-        target = np.empty((len(seen), self.channels, len(pixels)), seen[0][2].dtype)
+        # one type for all, of this machine's byte order, which compiled programs take for granted
+        dtype = np.result_type(*(image.dtype for _, _, image, _ in seen)).newbyteorder("=")
+        target = np.empty((len(seen), self.channels, len(pixels)), dtype)
         usable = np.empty((len(seen), len(pixels)), bool)
         for i, view, image, counts in seen:
-            values = target[i]
-            values[:] = image[which].T
-            usable[i] = counts[which] & ~_clipped(view, values).any(0)
+            given, values = image[which].T, target[i]
+            values[:] = given
+            usable[i] = counts[which] & ~_clipped(view, given).any(0)
             finite = np.isfinite(values).all(0)
             if (bad := usable[i] & ~finite).any():
                 row, column = divmod(int(pixels[bad.argmax()]), width)
@@ -91,6 +97,28 @@ class Source:
             values[:, ~finite] = 0.0
         position = None if position is None else position[which]
         return Tile(pixels + first * width, normal[which], position, target, usable)
+
+    def sample(self, most: int) -> Tile:
+        """Return about so many texels of rows spread evenly over the image, the same whatever the bands are."""
+        height = self.shape[0]
+        rows = np.unique(np.linspace(0, height - 1, min(height, SAMPLED_ROWS)).astype(int))
+        some = []
+        for row in rows:
+            tile = self.read(int(row), int(row) + 1, 1)
+            count = len(tile.pixels)
+            which = np.unique(np.linspace(0, max(count - 1, 0), most // len(rows)).astype(int))[:count]
+            position = None if tile.position is None else tile.position[which]
+            some.append(
+                (tile.pixels[which], tile.normal[which], position, tile.target[..., which], tile.counts[:, which])
+            )
+        pixels, normal, position, target, counts = zip(*some, strict=True)
+        return Tile(
+            np.concatenate(pixels),
+            np.concatenate(normal),
+            None if position[0] is None else np.concatenate(position),
+            np.concatenate(target, -1),
+            np.concatenate(counts, -1),
+        )
 
     def _geometry(self, first: int, last: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Return what the camera sees in a band: where the object is, its normals and its points."""
@@ -109,7 +137,7 @@ class Source:
         inside, normal, position = (np.asarray(a).reshape(height * self.shape[1], *a.shape[2:])[:count] for a in seen)
         return inside, normal, position if self.with_position else None
 
-    def blocks(self, tile: Tile, log_n_s: Float[np.ndarray, " n"], which: Any = None) -> list[tuple[np.ndarray, Any]]:
+    def blocks(self, tile: Tile, log_n_s: Float[np.ndarray, "2 n"], which: Any = None) -> list[tuple[np.ndarray, Any]]:
         """Cut a tile, or some of its texels, into blocks: which texels each has, and what `lay_out` takes.
 
         The last is padded with texels that no view counts.
@@ -133,7 +161,7 @@ class Source:
             to_eye = Vec3(*(np.asarray(e) - c for e, c in zip(_parts(self.projection.eye), _parts(p), strict=True)))
             length = np.sqrt(to_eye.x**2 + to_eye.y**2 + to_eye.z**2)
             v = Vec3(*(c / np.where(length > 0, length, 1.0) for c in _parts(to_eye)))
-        return Block(n, p, v, Photographs(tile.target[..., padded], counts), log_n_s[padded])
+        return Block(n, p, v, Photographs(tile.target[..., padded], counts), *log_n_s[:, padded])
 
 
 def _parts(v: Vec3) -> tuple[Any, Any, Any]:
