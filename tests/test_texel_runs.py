@@ -144,7 +144,7 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
-def test_two_processes_share_the_work_and_one_that_is_left_says_so(tmp_path):
+def test_two_processes_share_the_work(tmp_path):
     given = (512, 1000, 12, 0.05)
     finish(start(tmp_path / "alone", *given))
 
