@@ -126,6 +126,14 @@ DIRECTIONAL = ds.DirectionalLight((-1, -0.8, -2), (0.6, 0.5, 0.4))
 AREA = ds.AreaLight(
     (-1.2, 2.3, 1), (1, 0.1, 0.3), (0.2, -0.3, 1.1), (5, 6, 7), exponent=1.5, attenuation=ATTENUATION, samples=(2, 1)
 )
+MEASURED = ds.MeasuredLight(
+    (-1, 1.7, 2.2),
+    (0.4, -0.9, -1.3),
+    ds.Profile((0, 25, 60, 110, 180), (0, 100, 220, 360), [[3, 2.5, 1, 0.4, 0], [3, 2, 1.5, 0.2, 0]] * 2),
+    (2, 3, 4),
+    ATTENUATION,
+    side=(1, 0.3, 0.1),
+)
 COLOURS: dict[str, Any] = {"k_a": (0.1, 0.2, 0.15), "k_d": (0.7, 0.25, 0.2), "k_e": (0.05, 0.02, 0.1)}
 SHINY: dict[str, Any] = {**COLOURS, "k_s": (0.4, 0.3, 0.5)}
 EYE = {"eye": (0.5, 0.8, 5), "target": (0.1, 0.1, -0.1), "up": (0.2, 1, 0.1), "shape": (24, 32)}
@@ -145,7 +153,7 @@ SCENES = {
                 ds.Object(BLOCK, ds.Material(**SHINY, n_s=(3, 4.5, 6), fresnel=ds.Schlick())),
                 ds.Object(BALL, ds.Material(**COLOURS, n_s=7.5, lobe=ds.Blinn(), fresnel=ds.Dielectric(), eta=1.6)),
             ],
-            [AREA, DIRECTIONAL],
+            [AREA, DIRECTIONAL, MEASURED],
             (0.9, 0.8, 0.7),
             (0.1, 0.2, 0.3),
             ds.DepthCueing(2.5, 9, s_f=0.9, s_b=0.2, I_dc=(0.5, 0.6, 0.7)),
@@ -449,6 +457,7 @@ EQUATIONS = {
         **dict.fromkeys(("cutoff", "exponent", "softness"), "E3"),
     },
     "AreaLight": dict.fromkeys(("corner", "edge_u", "edge_v", "intensity", "cutoff", "exponent"), "E11"),
+    "MeasuredLight": {"position": "E2-E6", "direction": "E3", "intensity": "E9", "side": "E3"},
     "RadialAttenuation": dict.fromkeys(("constant", "linear", "quadratic"), "E2"),
     "DepthCueing": dict.fromkeys(("z_f", "z_b", "s_f", "s_b", "I_dc"), "E14"),
     "Fog": dict.fromkeys(("density", "I_dc"), "E14"),
@@ -471,6 +480,7 @@ REMARKS = {
     "Box.size": "at an edge that of one of its faces; the silhouette is a jump that no derivative sees",
     "SpotLight.cutoff": "0 with softness 0: the edge is a jump that no derivative sees",
     "AreaLight.cutoff": "0 everywhere: the edge of an emitter's cone is a jump that no derivative sees",
+    "MeasuredLight.direction": "at an angle of the table that of the side of the larger angle; 0 at the poles",
     "DepthCueing.z_f": "at z_f and z_b that of the constant side",
     "DepthCueing.z_b": "at z_f and z_b that of the constant side",
 }

@@ -35,7 +35,7 @@ class Examination:
     """Profile intervals that hold the truth with 68 %; one-sided at a bound."""
     sure: Float[np.ndarray, "p 2"]
     """Profile intervals that hold the truth with 95 %."""
-    profiles: tuple[Float[np.ndarray, "points 2"], ...]
+    profiles: tuple[Float[np.ndarray, "_ 2"], ...]
     """Of each unknown the values that its intervals were found by, and how many errors the cost says each is away."""
     determined: Bool[np.ndarray, " p"]
     """What the fit determines, less what moves with the data kept, and what may be anything within its bounds."""
@@ -93,7 +93,7 @@ def _say(
     fit: Fit,
     clusters: Clusters,
     found: Float[np.ndarray, "2 p 2"],
-    profiles: tuple[Float[np.ndarray, "points 2"], ...],
+    profiles: tuple[Float[np.ndarray, "_ 2"], ...],
     again: list[Refit],
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],

@@ -10,7 +10,6 @@ from pathlib import Path
 import equinox as eqx
 import jax
 import numpy as np
-import tomli_w
 from jaxtyping import Bool, Float, UInt8
 
 from ..cameras import AbstractCamera
@@ -120,6 +119,8 @@ class TexelMaps:
         path = folder / "status.png"
         write_image(path, self.status[..., None] / 255.0, srgb=False)
         written.append(path)
+        import tomli_w
+
         about = {"status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True))}
         if scales:
             about["scale"] = scales
