@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from textured import lights_about, textured_ball
@@ -30,7 +31,7 @@ def unknown_shape(folder: Path) -> Path:
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert len(PROGRAMS) >= 4
-    names = {"photographs": ["0.exr", "1.exr"]}
+    names: dict[str, Any] = {"photographs": ["0.exr", "1.exr"]}
     exec(PROGRAMS[0], names)
     scene, camera = names["scene"], names["camera"]
     random = np.random.default_rng(0)

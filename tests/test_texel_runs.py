@@ -35,8 +35,8 @@ def start(folder: Path, height: int, width: int, count: int, share: float, *more
     )
 
 
-def finish(run: subprocess.Popen) -> str:
-    out, error = run.communicate(timeout=600)
+def finish(run: subprocess.Popen, seconds: float = 600.0) -> str:
+    out, error = run.communicate(timeout=seconds)
     assert run.returncode == 0, error
     return out
 
@@ -98,7 +98,7 @@ def test_50_gb_of_photographs_take_under_2_gb_and_survive_20_kills(tmp_path):
     were = kill_at_random(tmp_path / "killed", 20, given, *more)
     assert were == sorted(were)
     last = start(tmp_path / "killed", *given, *more)
-    most, size = grown(finish(last))
+    most, size = grown(finish(last, 7200.0))
     assert size > 50e9
     assert most < 1_500_000_000  # beside some 300 MB of Python, JAX and its programs
     status, k_d = (np.load(tmp_path / "killed" / f"{name}.npy", mmap_mode="r") for name in ("status", "k_d"))
