@@ -71,8 +71,8 @@ def fit_texels(
     `out`: a folder that the maps are written to as they come, `NAME.npy` and `NAME_error.npy`; the same call again goes
     on where it was stopped, at any moment. `memory`: bytes for photographs at work, more or less: larger ones are
     read in bands. `mesh`: devices to spread the work over; of several processes, joined by
-    `jax.distributed.initialize`, each does its share, and all write to one `out`. `progress`: show a line on the
-    terminal.
+    `jax.distributed.initialize`, each does its share, and all write to one `out`, on a disk of the machine they run
+    on. `progress`: show a line on the terminal.
 
     Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy; `LostProcess`
     where another process is gone; RuntimeError where this jaxlib adds up wrongly.
