@@ -212,8 +212,13 @@ SCENES = {
 
 def errors_in(name):
     """Map the path of each leaf of a scene and its camera to the error of its derivatives (see errors_of)."""
-    numbers, masks = eqx.partition(SCENES[name], lambda leaf: leaf.dtype != bool)
-    return errors_of(lambda numbers: ds.render(*eqx.combine(numbers, masks)), numbers)
+    free = jax.tree.map(
+        lambda leaf: not isinstance(leaf, ds.Profile) and leaf.dtype != bool,  # a lamp's table is measured, not fitted
+        SCENES[name],
+        is_leaf=lambda node: isinstance(node, ds.Profile),
+    )
+    numbers, rest = eqx.partition(SCENES[name], free)
+    return errors_of(lambda numbers: ds.render(*eqx.combine(numbers, rest)), numbers)
 
 
 # Derivatives at the kinks -------------------------------------------------------------------------------------------
