@@ -80,16 +80,18 @@ def many_texels(texels: int) -> Callable[[], Any]:
 
 def measure(call: str, count: int) -> dict[str, float]:
     """Return the seconds of a call whose programs are compiled, and by how many MB the process grew meanwhile."""
+    from timing import memory
+
     make = {"fit": one_ball, "fit_texels": many_texels}[call]
     make(2 * COUNTS[0] if call == "fit" else COUNTS[0])()
     make(count if count <= COUNTS[1] else COUNTS[1])()
     run = make(count)
-    before, most, over = _own(), 0.0, threading.Event()
+    before, most, over = memory("RssAnon"), 0.0, threading.Event()
 
     def watch() -> None:
         nonlocal most
         while not over.wait(0.01):
-            most = max(most, _own())
+            most = max(most, memory("RssAnon"))
 
     watching = threading.Thread(target=watch)
     watching.start()
@@ -99,12 +101,6 @@ def measure(call: str, count: int) -> dict[str, float]:
     over.set()
     watching.join()
     return {"seconds": seconds, "grown": most - before}
-
-
-def _own() -> float:
-    """Return the MB of memory that are this process's own and in no file."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return int(next(line for line in status.splitlines() if line.startswith("RssAnon")).split()[1]) / 1024
 
 
 def main() -> None:

@@ -102,10 +102,14 @@ def _tried(task: Task, found: Found, damping: Array, weight: Array) -> tuple[Fou
     return evaluate(task, n, x, weight), promised
 
 
+def costs_on_grid(task: Task, n: Vec3, weight: Array) -> Float[Array, "grid texels"]:
+    """Return the cost of squares at every n_s of the grid."""
+    return jax.lax.map(lambda x: project(task, n, jnp.full(n.x.shape, x), weight), jnp.asarray(GRID))
+
+
 def sharpest(task: Task, n: Vec3, weight: Array) -> Float[Array, " texels"]:
-    """Return the best log n_s of a grid, by squares."""
-    costs = jax.lax.map(lambda x: project(task, n, jnp.full(n.x.shape, x), weight), jnp.asarray(GRID))
-    return jnp.asarray(GRID)[jnp.argmin(costs, 0)]
+    """Return the best log n_s of the grid, by squares."""
+    return jnp.asarray(GRID)[jnp.argmin(costs_on_grid(task, n, weight), 0)]
 
 
 def brightest_direction(sights: Sights, seen_light: Array, counts: Array) -> Vec3:

@@ -95,8 +95,10 @@ def estimate(rig: Rig, known: Known, block: Block, sigma: Array, patience: Array
     every = jnp.ones(block.n.x.shape, bool)
     if "k_s" not in choices.free:
         return _finish(full, full, block, choices, every, every)
-    dark = eqx.tree_at(lambda k: k.k_s, known, jnp.zeros_like(known.k_e), is_leaf=lambda leaf: leaf is None)
-    plain = best(dark, choices._replace(free=tuple(name for name in choices.free if name not in ("k_s", "n_s"))))
+    plain = best(
+        known.without_highlight(),
+        choices._replace(free=tuple(name for name in choices.free if name not in ("k_s", "n_s"))),
+    )
     numbers = full.task.unknowns - plain.task.unknowns
     explained = 2.0 * (plain.descent.found.cost - full.descent.found.cost) / numbers
     seen = (explained > SEEN * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
@@ -287,7 +289,7 @@ def residual_sizes(
 
     def of_view(look: Any) -> Array:
         F = features(task, look, found.n, found.x, ())
-        m = sum((k * column for k, column in zip(found.k, F.columns, strict=True)), F.base)
+        m = F.predicted(found.k)
         return jnp.sqrt(jnp.mean((m - look.target.astype(found.x.dtype)) ** 2, 0))
 
     left = jnp.clip((task.samples - task.unknowns) / jnp.maximum(task.samples, 1.0), 0.05, 1.0)

@@ -26,6 +26,7 @@ from ..inverse.losses import LOSSES
 from ..inverse.parameters import RANGES
 from ..inverse.views import View, is_grey
 from ..progress import showing, silent
+from ..rendering import select
 from ..scenes import Scene, check_positions, check_shapes
 from .descent import GRID
 from .estimates import Choices, Estimates, estimate, residual_sizes
@@ -421,11 +422,10 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
             raise ValueError(f"views[{i}] and views[0] must both be grey or both be colour. Convert one of them.")
         if (view.noise is None) != (first.noise is None):
             raise ValueError(f"views[{i}] and views[0] must both have noise or neither. Give all of them or none.")
-        for k in view.lit or ():
-            if not 0 <= k < len(scene.lights):
-                raise ValueError(
-                    f"views[{i}].lit must hold indices of the scene's {len(scene.lights)} lights; got {k}. Correct it."
-                )
+        try:
+            select(scene, view.lit)
+        except ValueError as error:
+            raise ValueError(f"views[{i}].{error}") from None
     material, lights = scene.objects[0].material, [np.ravel(getattr(light, "intensity", 1.0)) for light in scene.lights]
     for name in ("k_d", "k_s"):
         coloured = np.ptp(getattr(material, name)) > 0 and any(np.ptp(light) > 0 for light in lights)

@@ -6,7 +6,8 @@ adds up a few arrays of one number a texel: memory does not grow with the views,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -35,6 +36,10 @@ class Known(eqx.Module):
     def linear(self) -> tuple[str, ...]:
         """The names of those that are fitted."""
         return tuple(name for name in COEFFICIENTS if getattr(self, name) is None)
+
+    def without_highlight(self) -> Known:
+        """Return the same with k_s known, and 0."""
+        return dataclasses.replace(self, k_s=jnp.zeros_like(self.k_e))
 
 
 class Photographs(eqx.Module):
@@ -143,6 +148,10 @@ class Features(NamedTuple):
     slopes: list[Array]
     """Derivatives of u by the tangents, of v by them, and of v by log n_s: those that are fitted."""
     base: Array
+
+    def predicted(self, k: Sequence[Array]) -> Array:
+        """Return what the view shows with these coefficients."""
+        return sum((c * column for c, column in zip(k, self.columns, strict=True)), self.base)
 
 
 def features(task: Task, look: Look, n: Vec3, x: Array, basis: tuple[Vec3, ...]) -> Features:
@@ -259,7 +268,7 @@ def believe(task: Task, found: Found) -> Found:
 
     def add(total: Any, look: Look) -> tuple[Any, Array]:
         F = features(task, look, found.n, found.x, ())
-        m = sum((k * column for k, column in zip(found.k, F.columns, strict=True)), F.base)
+        m = F.predicted(found.k)
         precise = jnp.where(look.counts[None], 1.0 / variance(task, look, m), 0.0)
         r2 = jnp.sum(precise * (m - look.target.astype(found.x.dtype)) ** 2, 0)
         scale = len(look.target) * task.sigma**2  # of an observation: all its channels have one say

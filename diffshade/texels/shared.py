@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,9 +16,9 @@ from jaxtyping import Float
 
 from ..fields import Array
 from .coefficients import solve
-from .descent import FARTHEST, FIRM, GRID, HIGH, LOW, descend
+from .descent import FARTHEST, FIRM, HIGH, LOW, costs_on_grid, descend
 from .estimates import SEEN, Block, Choices, begin
-from .passes import Found, Known, evaluate, project, reduced
+from .passes import Found, Known, evaluate, reduced
 from .sights import Rig
 
 MOST_PASSES = 12
@@ -30,7 +29,7 @@ STILL = 1e-3  # a step of log n_s, as a share of its standard error, below which
 def grid_costs(rig: Rig, known: Known, block: Block, choices: Choices) -> Float[Array, "grid texels"]:
     """Return the cost of every texel at every n_s of the grid."""
     task, n, weight = begin(rig, known, block, choices)
-    return jax.lax.map(lambda x: project(task, n, jnp.full(n.x.shape, x), weight), jnp.asarray(GRID))
+    return costs_on_grid(task, n, weight)
 
 
 @partial(jax.jit, static_argnames="choices")
@@ -61,8 +60,7 @@ def _shines(
     """Return where a highlight explains enough to have a say in what n_s is: where one may be missing, noise would."""
     if known.k_s is not None:
         return jnp.ones(freedom.shape, bool)
-    dark = eqx.tree_at(lambda k: k.k_s, known, jnp.zeros_like(known.k_e), is_leaf=lambda leaf: leaf is None)
-    task, _, weight = begin(rig, dark, block, choices, sigma)
+    task, _, weight = begin(rig, known.without_highlight(), block, choices, sigma)
     without = evaluate(task, found.n, found.x, weight if found.weight is None else found.weight)
     explained = (without.cost - found.cost) * 2.0 / len(block.seen.target[0])
     return explained > SEEN * found.squares / jnp.maximum(freedom, 1.0)

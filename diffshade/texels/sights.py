@@ -17,14 +17,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..fields import Array
+from ..inverse.features import DARK
 from ..inverse.views import View, is_grey, lights_on
 from ..lights import AreaLight
 from ..materials import AbstractLobe
 from ..reflection import emitters
 from ..scenes import Scene, light_kinds, stack_scene
 from ..vectors import Vec3, dot
-
-DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 
 
 class Rig(eqx.Module):
