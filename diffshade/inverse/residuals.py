@@ -150,7 +150,7 @@ def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
     return Problem(
         Setup(stack_scene(without_gbuffers(scene)), *numbers),
         slots,
-        jax.tree.map(lambda *leaves: np.stack(leaves), *(_projection(view.camera) for view in views)),
+        jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
         None if None in noises else jax.tree.map(lambda *leaves: np.stack(leaves), *noises),
@@ -185,7 +185,8 @@ def _jitted_projection(camera: AbstractCamera) -> Projection:
     return camera.projection()
 
 
-def _projection(camera: AbstractCamera) -> Projection:
+def projection_of(camera: AbstractCamera) -> Projection:
+    """Return a camera's rays as NumPy numbers."""
     return jax.tree.map(np.asarray, _jitted_projection(camera))
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ..cameras import Projection
 from ..fields import Array
 from ..gbuffers import GBuffer, as_mask
+from ..inverse.residuals import projection_of
 from ..inverse.views import View, is_grey, repeats
 from ..scenes import Scene
 from ..surfaces import AbstractSurface
@@ -45,7 +46,7 @@ class Source:
         self.shape = self.camera.shape
         self.surface = scene.objects[0].surface
         with jax.enable_x64(True):
-            self.projection = jax.tree.map(np.asarray, _projection(self.camera))
+            self.projection = projection_of(self.camera)
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
@@ -177,11 +178,6 @@ def _clipped(view: View, values: Float[np.ndarray, "c n"]) -> Bool[np.ndarray, "
     kind = values.dtype.type
     top = values == 1.0 if view.saturation is None else values >= kind(view.saturation)
     return top if view.floor is None else top | (values <= kind(view.floor))
-
-
-@jax.jit
-def _projection(camera: Any) -> Projection:
-    return camera.projection()
 
 
 @jax.jit
