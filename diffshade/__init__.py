@@ -1,83 +1,9 @@
-"""diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards."""
+"""diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards.
 
-from .attenuation import DepthCueing as DepthCueing
-from .attenuation import Fog as Fog
-from .attenuation import RadialAttenuation as RadialAttenuation
-from .cameras import Camera as Camera
-from .cameras import OrthographicCamera as OrthographicCamera
-from .diagnosis.examination import Examination as Examination
-from .diagnosis.examination import examine as examine
-from .diagnosis.foresight import Foresight as Foresight
-from .diagnosis.foresight import foresee as foresee
-from .diagnosis.model_choice import ModelChoice as ModelChoice
-from .diagnosis.model_choice import compare as compare
-from .diagnosis.planning import Plan as Plan
-from .diagnosis.planning import Shot as Shot
-from .diagnosis.planning import plan as plan
-from .diagnosis.resampling import bootstrap as bootstrap
-from .exchange.falloff import Falloff as Falloff
-from .exchange.falloff import fit_falloff as fit_falloff
-from .exchange.lamps import SpotFit as SpotFit
-from .exchange.lamps import as_spot as as_spot
-from .exchange.lamps import read_lamp as read_lamp
-from .exchange.material_files import Exported as Exported
-from .exchange.material_files import read_lights as read_lights
-from .exchange.material_files import read_material as read_material
-from .exchange.material_files import read_materials as read_materials
-from .exchange.material_files import write_material as write_material
-from .exchange.refits import Refit as Refit
-from .exchange.refits import with_lobe as with_lobe
-from .fresnel import Dielectric as Dielectric
-from .fresnel import NoFresnel as NoFresnel
-from .fresnel import Schlick as Schlick
-from .gbuffers import GBuffer as GBuffer
-from .gbuffers import height_map as height_map
-from .gbuffers import normal_map as normal_map
-from .images import read_image as read_image
-from .images import read_mask as read_mask
-from .images import srgb_decode as srgb_decode
-from .images import srgb_encode as srgb_encode
-from .images import write_image as write_image
-from .inverse.constraints import Grey as Grey
-from .inverse.constraints import Proportional as Proportional
-from .inverse.fitting import fit as fit
-from .inverse.hosts import LostProcess as LostProcess
-from .inverse.outcome import Fit as Fit
-from .inverse.outcome import Prediction as Prediction
-from .inverse.photographs import read_photographs as read_photographs
-from .inverse.sensitivity import image_sensitivity as image_sensitivity
-from .inverse.sensitivity import sensitivity as sensitivity
-from .inverse.views import Noise as Noise
-from .inverse.views import View as View
-from .lazy_images import LazyImage as LazyImage
-from .lazy_images import open_image as open_image
-from .lights import AreaLight as AreaLight
-from .lights import DirectionalLight as DirectionalLight
-from .lights import PointLight as PointLight
-from .lights import SpotLight as SpotLight
-from .materials import Blinn as Blinn
-from .materials import Material as Material
-from .materials import Phong as Phong
-from .measured_lights import MeasuredLight as MeasuredLight
-from .measured_lights import Profile as Profile
-from .meshes import read_mesh as read_mesh
-from .named_materials import material as material
-from .named_materials import material_names as material_names
-from .patterns import Chequer as Chequer
-from .rendering import intersect as intersect
-from .rendering import render as render
-from .rendering import shade as shade
-from .report.comparison import draw_comparison as draw_comparison
-from .report.comparison import write_comparison as write_comparison
-from .report.lecture import write_figures as write_figures
-from .report.page import write_report as write_report
-from .scene_files import read_camera as read_camera
-from .scene_files import read_scene as read_scene
-from .scene_files import write_scene as write_scene
-from .scenes import Object as Object
-from .scenes import Scene as Scene
-from .surfaces import Box as Box
-from .surfaces import Plane as Plane
-from .surfaces import Sphere as Sphere
-from .texels.fitting import fit_texels as fit_texels
-from .texels.maps import TexelMaps as TexelMaps
+The public names stand in `__init__.pyi`; each is imported when it is first asked for (Scientific Python's SPEC 1), so
+that the command line answers `--help` before JAX is there.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

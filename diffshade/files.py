@@ -18,6 +18,17 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises FileNotFoundError where the folder does not exist, PermissionError where it cannot be written to, and
     IsADirectoryError where `path` is a folder; all three before the block is entered.
     """
+    target = writable(path)
+    temporary = target.with_name(f".{secrets.token_hex(8)}{Path(path).suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)  # after the replacement there is nothing left to remove
+
+
+def writable(path: str | os.PathLike[str]) -> Path:
+    """Return the real path of a file that can be written; raise what `replacing` does where it cannot."""
     target = Path(os.path.realpath(path))
     if not target.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: there is no folder {target.parent}. Create it first.")
@@ -25,9 +36,4 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise PermissionError(f"cannot write {path}: the folder {target.parent} is not writable. Choose another one.")
     if target.is_dir():
         raise IsADirectoryError(f"cannot write {path}: it is a folder. Give the name of a file.")
-    temporary = target.with_name(f".{secrets.token_hex(8)}{Path(path).suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)  # after the replacement there is nothing left to remove
+    return target

@@ -80,6 +80,11 @@ def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None
         temporary.write_text(text, encoding="utf-8")
 
 
+def material_table(material: Material) -> dict[str, Any]:
+    """Return a material as the table that `read_scene` reads it from."""
+    return _table(material)
+
+
 def _load(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     if not path.is_file():

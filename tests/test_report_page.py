@@ -18,6 +18,7 @@ from scipy import ndimage
 from synthetic import photograph
 
 import diffshade as ds
+from diffshade.progress import silent
 from diffshade.report.page import MOST_VIEWS
 from diffshade.report.page.ball import ball_scene, ball_shape
 from diffshade.report.page.residuals import curve, look_at_residuals
@@ -171,9 +172,9 @@ def test_large_photographs_are_shown_smaller_and_of_many_views_some(fit, tmp_pat
 
 def test_a_wrong_model_shows_over_the_angle_of_the_highlight(fit):
     with jax.enable_x64(True):
-        residuals = look_at_residuals(fit, lambda words: None)
+        residuals = look_at_residuals(fit, silent)
         dull = eqx.tree_at(lambda s: s.objects[0].material.k_s, fit.scene, np.zeros(3))
-        wrong = look_at_residuals(dataclasses.replace(fit, scene=dull), lambda words: None)
+        wrong = look_at_residuals(dataclasses.replace(fit, scene=dull), silent)
     right, off = curve(residuals, residuals.to_mirror), curve(wrong, wrong.to_mirror)
     assert right is not None
     assert off is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,7 @@ from ..inverse.outcome import Fit
 from ..inverse.parameters import coordinate_slopes
 from ..inverse.refits import Laid
 from ..inverse.uncertainty import Vector
-from ..progress import silent
+from ..progress import Tell, silent
 from .clusters import Clusters
 
 CLOSE = 0.01  # relative, of the number of errors that an end is to be away
@@ -104,9 +104,7 @@ class Profile:
         return reach
 
 
-def intervals(
-    profile: Profile, levels: Sequence[float], tell: Callable[[str], None] = silent
-) -> Float[np.ndarray, "levels p 2"]:
+def intervals(profile: Profile, levels: Sequence[float], tell: Tell = silent) -> Float[np.ndarray, "levels p 2"]:
     """Return the two-sided intervals at each level; an end at a bound is the bound.
 
     An unknown that is not determined has all of its range.
@@ -114,6 +112,6 @@ def intervals(
     reach = [profile.clusters.quantiles(level) for level in levels]
     found = np.zeros((len(reach), len(profile.fit.unknowns), 2))
     for j, name in enumerate(profile.fit.names):
-        tell(f"interval of {name}")
+        tell(f"interval of {name}", j / len(profile.fit.names))
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
     return found

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ from ..inverse.solvers import look
 from ..inverse.study import weights
 from ..inverse.uncertainty import lone_views
 from ..inverse.views import is_grey, setups
+from ..progress import showing, silent
 from .clusters import cut_in_patches, patch_width, residual_images
 
 ERRORS = 2.0  # jackknife errors, the least difference for a verdict
@@ -78,7 +80,7 @@ class ModelChoice:
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
 
-def compare(fits: Mapping[str, Fit]) -> ModelChoice:
+def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     """Say which of several fits of the same photographs to believe, or that they cannot tell.
 
     Each photograph is left out in turn, each model is fitted to the others from where its fit ended, and predicts it:
@@ -87,6 +89,7 @@ def compare(fits: Mapping[str, Fit]) -> ModelChoice:
     models are told apart only where their errors, paired, differ by two standard errors by jackknife, and their fitted
     images by a tenth of the residuals and by half a grey level of 8 bits, root mean square, for images in [0, 1]: what
     is less may be the lens, the lamp or the file. `fits`: name to fit, two or more, all of the same views and loss.
+    `progress`: show a line on the terminal.
 
     Raises ValueError, TypeError: one sentence that names the fit, what differs and the remedy.
     """
@@ -102,14 +105,17 @@ def compare(fits: Mapping[str, Fit]) -> ModelChoice:
     names = sorted(fits)  # whatever the order of the mapping
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])
-    with jax.enable_x64(True):
+    with showing("compare") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
         laid = {name: Laid(fits[name]) for name in names}
         for name in names[1:]:
             _check_same_pixels(names[0], laid[names[0]], name, laid[name])
         tightest = min(names, key=lambda name: (fits[name].rmse, name))
         cut = _cut(laid[tightest])
         scale = min(float(fits[name].likelihood.sigma) for name in names)
-        tried = {name: _left_out(laid[name], cut, scale) for name in names}
+        tried = {
+            name: _left_out(laid[name], cut, scale, lambda share, k=k: tell("leaving out", (k + share) / len(names)))
+            for k, name in enumerate(names)
+        }
         errors = {name: float(t.squares.sum() / t.samples.sum()) for name, t in tried.items()}
         names.sort(key=lambda name: (errors[name], name))
         best = tried[names[0]]
@@ -247,7 +253,7 @@ class Tried:
         return _shown(jnp.asarray(self.laid.theta), self.laid.study.form, self.chunks[c])
 
 
-def _left_out(laid: Laid, cut: Cut, scale: float) -> Tried:
+def _left_out(laid: Laid, cut: Cut, scale: float, tell: Callable[[float], None]) -> Tried:
     """Predict each cluster by a fit to the others."""
     study, rho = laid.study, LOSSES[laid.fit.likelihood.loss].value
     chunks = study.lay(cut.pieces, cut.size)  # weighed by the photograph, the same for every model
@@ -260,6 +266,7 @@ def _left_out(laid: Laid, cut: Cut, scale: float) -> Tried:
     lone = lone if cut.by_view else np.full(len(lone), -1)
     squares, samples, stuck = np.zeros(cut.count), np.zeros(cut.count), False
     for k in range(cut.count):
+        tell(k / cut.count)
         views = [part.view for part, of in zip(cut.pieces, cut.cluster, strict=True) if of == k]
         held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(np.isin(lone, views))}
         others = [

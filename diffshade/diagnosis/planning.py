@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from ..inverse.study import Study
 from ..inverse.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
 from ..inverse.views import View, find_samples, has_mask, is_grey, lights_on
 from ..lights import AbstractLight
+from ..progress import showing, silent
 from ..rendering import render, silhouette
 from ..scenes import Scene, as_tuple
 
@@ -124,7 +126,9 @@ class Plan:
         return cells
 
 
-def plan(fit: Fit, shots: Sequence[Shot] | Shot, *, aim: Sequence[str] | str | None = None) -> Plan:
+def plan(
+    fit: Fit, shots: Sequence[Shot] | Shot, *, aim: Sequence[str] | str | None = None, progress: bool = False
+) -> Plan:
     """Rank photographs that could be taken by the errors that the fit would have with each of them.
 
     A shot with the Jacobian J at the fitted scene adds J^T J/sigma^2 to the Fisher information of the views, and the
@@ -132,7 +136,8 @@ def plan(fit: Fit, shots: Sequence[Shot] | Shot, *, aim: Sequence[str] | str | N
     own size; unknowns at a bound stay there. Its pixels are those that show an object and that the first view's sensor
     would not clip. `aim`: names of unknowns, as in `fit`; the shots are ranked by their expected relative error (the
     root mean square of several), without it by the gain of log det of the information (D-optimal). Where the views
-    leave something undetermined, what counts first is how many directions of it a shot determines.
+    leave something undetermined, what counts first is how many directions of it a shot determines. `progress`: show a
+    line on the terminal.
 
     Raises ValueError, TypeError: one sentence that names the shot or the unknown and the remedy.
     """
@@ -145,8 +150,11 @@ def plan(fit: Fit, shots: Sequence[Shot] | Shot, *, aim: Sequence[str] | str | N
     check(shots)
     aimed = _aimed(fit.unknowns, aim)
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
-    with jax.enable_x64(True):
-        seen = [_look(fit, shot, name) for shot, name in zip(shots, names, strict=True)]
+    seen = []
+    with showing("plan") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+        for i, (shot, name) in enumerate(zip(shots, names, strict=True)):
+            tell(name, i / len(shots))
+            seen.append(_look(fit, shot, name))
     # where nothing is determined, it is by chance that a value stands at a bound
     evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.determined)
     after = [_with(evidence, H) for H, _ in seen]

@@ -40,7 +40,7 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         laid = Laid(fit)
         chunks = laid.by_view()
         for draw in range(draws):
-            tell(f"draw {draw + 1} of {draws}")
+            tell(f"draw {draw + 1} of {draws}", draw / draws)
             drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
             theta = laid.minimise({}, laid.theta, [chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
             found[draw] = values_at(theta, fit.unknowns)

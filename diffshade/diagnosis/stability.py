@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -20,6 +20,7 @@ from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from ..materials import Material
 from ..measured_lights import MeasuredLight
+from ..progress import Tell
 from ..rendering import render
 from ..scenes import Scene
 from .clusters import Clusters
@@ -108,7 +109,7 @@ def _bare(light: object) -> PointLight | DirectionalLight:
     return PointLight(light.position)
 
 
-def refits(fit: Fit, clusters: Clusters, tell: Callable[[str], None]) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
+def refits(fit: Fit, clusters: Clusters, tell: Tell) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
     """Fit again with some of the data left out, and return the fits, and what hangs on the data kept. In float64.
 
     A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
@@ -122,8 +123,8 @@ def refits(fit: Fit, clusters: Clusters, tell: Callable[[str], None]) -> tuple[l
     cases = [(without, keep) for without, keep in left_out(fit) if _enough(fit, keep)]
     while True:
         found = []
-        for without, keep in cases:
-            tell(f"without {without}")
+        for k, (without, keep) in enumerate(cases):
+            tell(f"without {without}", k / len(cases))
             again = refit(fit, keep, blamed)
             found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
         done += [r for r in found if not done or r.moved.any()]

@@ -12,6 +12,7 @@ from ..fields import check_kind, did_you_mean, in_short
 from ..files import replacing
 from ..lights import AbstractLight
 from ..materials import Material
+from ..scene_files import read_scene
 from .gltf import write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
@@ -71,11 +72,7 @@ def write_material(
     and stands in the file. Raises ValueError in one sentence, before anything is written.
     """
     path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
-    suffix = path.suffix.lower()
-    if suffix not in (".mtl", *WRITERS):
-        raise ValueError(
-            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}."
-        )
+    suffix = check_format(path)
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
     if isinstance(material, Mapping) and suffix != ".mtl":
@@ -97,6 +94,16 @@ def write_material(
     return Exported(path, draft.rms, draft.largest, draft.notes)
 
 
+def check_format(path: Path) -> str:
+    """Return the suffix of a material's file, in lower case; refuse one that is not written."""
+    suffix = path.suffix.lower()
+    if suffix not in (".mtl", *WRITERS):
+        raise ValueError(
+            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}."
+        )
+    return suffix
+
+
 def read_material(path: str | Path, *, name: str | None = None) -> Material:
     """Read a material of another program: the one of that name, or the only one; see `read_materials`."""
     found = read_materials(path)
@@ -114,14 +121,19 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
 def read_materials(path: str | Path) -> dict[str, Material]:
     """Read the materials of a file by name: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc`, as `write_material` has them.
 
+    Of a scene (`.toml`, as of `write_scene`) they are those of its objects, by their names or as object_0 and so on.
     Formats of the same lobe are read as they are; three.js's MeshPhongMaterial is refitted, and the logger "diffshade"
     warns of the error, as it does of maps, which are never opened. Reading takes at most 64 times the file's size of
     memory. Raises FileNotFoundError, or ValueError in one sentence.
     """
     path = Path(path)
+    if path.suffix.lower() == ".toml":
+        return {item.name or f"object_{i}": item.material for i, item in enumerate(read_scene(path).objects)}
     if path.suffix.lower() not in READERS:
         also = " (glTF is only written)" if path.suffix.lower() == ".gltf" else ""
-        raise ValueError(f"no material can be read from '{path.suffix}'{also}. Known ends: {', '.join(READERS)}.")
+        raise ValueError(
+            f"no material can be read from '{path.suffix}'{also}. Known ends: {', '.join([*READERS, '.toml'])}."
+        )
     return READERS[path.suffix.lower()](read_text(path, "material file"), f"{path}")
 
 

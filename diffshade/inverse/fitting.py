@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from jax.sharding import Mesh
 
 from ..backend import check_backend
 from ..fields import as_float64, check, check_kind
-from ..progress import showing, silent
+from ..progress import Tell, showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
 from .features import MOST_LIGHTS
@@ -161,7 +161,7 @@ def run(
     clipped: str,
     *,
     from_scene: bool = False,
-    tell: Callable[[str], None] = silent,
+    tell: Tell = silent,
 ) -> Fit:
     """Find the minimum for these unknowns over these samples, and say what is known there. In float64."""
     study = Study(scene, views, unknowns, samples, counts, loss, clipped)
@@ -181,7 +181,7 @@ def run_by_tiles(
     mesh: Mesh | None,
     *,
     from_scene: bool = False,
-    tell: Callable[[str], None] = silent,
+    tell: Tell = silent,
 ) -> Fit:
     """As `look_at` and `run`, with a few tiles of the views in memory at a time, what is found kept in a checkpoint."""
     lanes = None if mesh is None else Lanes(mesh)

@@ -35,9 +35,7 @@ def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs with a filenames.txt.")
-    names = [line.strip() for line in _text(folder / "filenames.txt").splitlines() if line.strip()]
-    if not names:
-        raise ValueError(f"{folder / 'filenames.txt'} names no photograph. Write one file name a line.")
+    names = photograph_names(folder)
     directions = _numbers(folder / "light_directions.txt", names, (3,))
     intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
     mask = read_mask(_existing(folder / "mask.png"))
@@ -48,16 +46,30 @@ def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene
     views = []
     for i, name in enumerate(names):
         try:
-            views.append(View(_photograph(folder / name), camera, mask, lit=(i,)))
+            views.append(View(read_photograph(folder / name, srgb=False), camera, mask, lit=(i,)))
         except ValueError as error:
             raise ValueError(f"{folder / name}: {error}") from None
     return Scene(Object(surface, Material()), lights), tuple(views)
 
 
-def _photograph(path: Path) -> Any:
+def photograph_names(folder: Path) -> list[str]:
+    """Return the names of a folder's photographs."""
+    names = [line.strip() for line in _text(folder / "filenames.txt").splitlines() if line.strip()]
+    if not names:
+        raise ValueError(f"{folder / 'filenames.txt'} names no photograph. Write one file name a line.")
+    return names
+
+
+def has_normals(folder: Path) -> bool:
+    """Return whether a folder of photographs says the normals of what they show."""
+    return any((folder / name).is_file() for name in NORMALS)
+
+
+def read_photograph(path: Path, *, srgb: bool | None) -> Any:
+    """Read a photograph, or open it where it may be larger than memory."""
     if path.suffix.lower() in (".npy", ".zarr"):
-        return open_image(path, srgb=False)
-    return read_image(_existing(path), srgb=False)
+        return open_image(path, srgb=srgb)
+    return read_image(_existing(path), srgb=srgb)
 
 
 def _existing(path: Path) -> Path:

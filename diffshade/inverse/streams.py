@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from ..backend import UNFUSED
-from ..progress import silent
+from ..progress import Tell, silent
 from .blocks import Block, Piece, cores, in_order, padded_length
 from .checkpoints import Checkpoint
 from .hosts import Lanes, on_lanes, zeros
@@ -39,7 +39,7 @@ class Passes:
         memory: float | int,
         checkpoint: Checkpoint,
         lanes: Lanes | None,
-        tell: Callable[[str], None] = silent,
+        tell: Tell = silent,
     ):
         """Take what a chunk needs: `gather` makes one of pieces, in NumPy; `lay`, compiled, of the form's points.
 
@@ -161,11 +161,10 @@ class Passes:
 
     def _resumed(self, name: str, fold: Callable[[Any, int], Iterator[Any]], total: Any, number: int) -> Any:
         """Sum from where the checkpoint is."""
-        words = f"pass {self.count}"
-        return resumed(self.checkpoint, name, fold, total, number, lambda said: self.tell(f"{words}, {said}"))
+        return resumed(self.checkpoint, name, fold, total, number, f"pass {self.count}", self.tell)
 
 
-def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Callable[[str], None]) -> Survey:
+def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Tell) -> Survey:
     """Return the survey of all tiles: each process looks at its own."""
     own = [k for k in range(len(tiles.all)) if lanes is None or k % lanes.count in lanes.own]
 
@@ -177,9 +176,7 @@ def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Ca
             yield total
 
     def make() -> list[np.ndarray]:
-        found = resumed(
-            checkpoint, "survey", fold, tiles.nothing(), len(own), lambda said: tell(f"reading the views, {said}")
-        )
+        found = resumed(checkpoint, "survey", fold, tiles.nothing(), len(own), "reading the views", tell)
         if lanes is None:
             return list(found)
         mine = (found.rows, found.sums)
@@ -196,7 +193,8 @@ def resumed(
     fold: Callable[[S, int], Iterator[S]],
     total: S,
     number: int,
-    tell: Callable[[str], None],
+    words: str,
+    tell: Tell,
 ) -> S:
     """Return the last of the totals that `fold` yields, one a tile, from where the checkpoint is, and write them."""
     done = 0
@@ -204,14 +202,14 @@ def resumed(
         done, sums = part
         there = jax.tree.unflatten(jax.tree.structure(total), list(sums))
         total = jax.tree.map(_as_placed, total, there)
-    begun, first, shown = time.monotonic(), done, 0.0
+    shown = 0.0
     for latest in fold(total, done):
         done, total = done + 1, latest
         checkpoint.keep_part(name, done, total)
         now = time.monotonic()
         if now - shown > 0.2:
-            shown, left = now, (now - begun) / (done - first) * (number - done)
-            tell(f"{done / number:.0%}, {left:.0f} s left")
+            shown = now
+            tell(words, done / number)
     return total
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +13,7 @@ import numpy as np
 from ..backend import jit_quickly
 from ..fields import Array
 from ..gbuffers import GBuffer
+from ..progress import Tell
 from ..scenes import Scene
 from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total
 from .checkpoints import Checkpoint
@@ -125,13 +126,13 @@ class Study:
         soft = Soft(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(self.squares)))
         return jax.device_put(soft)
 
-    def solve(self, *, from_scene: bool, tell: Callable[[str], None]) -> Minimum:
+    def solve(self, *, from_scene: bool, tell: Tell) -> Minimum:
         """Search on a part of the pixels, settle weights and scale there, and finish on all of them."""
         theta = self.begin(from_scene=from_scene, tell=tell)
         self.whole = self.reweigh(theta, self.whole or self.chunks())
         return self.finish(theta, tell)
 
-    def begin(self, *, from_scene: bool, tell: Callable[[str], None]) -> np.ndarray:
+    def begin(self, *, from_scene: bool, tell: Tell) -> np.ndarray:
         """Search on a part of the pixels, and settle weights and scale there."""
         tell("searching for a start")
         begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
@@ -140,7 +141,7 @@ class Study:
             theta = self.settle(theta)
         return theta
 
-    def finish(self, theta: np.ndarray, tell: Callable[[str], None]) -> Minimum:
+    def finish(self, theta: np.ndarray, tell: Tell) -> Minimum:
         """Return the minimum over all pixels."""
         self.squares *= max(self.count / PART, 1.0)
         return minimise(
@@ -159,7 +160,7 @@ class Study:
         memory: float | int,
         *,
         from_scene: bool,
-        tell: Callable[[str], None],
+        tell: Tell,
     ) -> np.ndarray:
         """Settle where to begin, which one process does for all, and make ready to pass over the tiles."""
         assert self.tiles is not None

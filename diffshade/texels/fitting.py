@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import difflib
 import os
-import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -25,7 +24,7 @@ from ..inverse.hosts import Lanes
 from ..inverse.losses import LOSSES
 from ..inverse.parameters import RANGES
 from ..inverse.views import View, is_grey
-from ..progress import showing, silent
+from ..progress import Tell, showing, silent
 from ..rendering import select
 from ..scenes import Scene, check_positions, check_shapes
 from .descent import GRID
@@ -102,7 +101,7 @@ class _Run:
         out: str | os.PathLike[str] | None,
         memory: int,
         mesh: Mesh | None,
-        tell: Callable[[str], None],
+        tell: Tell,
     ):
         self.scene, self.free, self.tell = scene, free, tell
         self.source = Source(scene, views)
@@ -172,7 +171,6 @@ class _Run:
         """Read every tile that is not done, work on it, and mark it."""
         height = self.source.shape[0]
         todo = [t for t in self.own if not done[t]]
-        begun = time.monotonic()
 
         def read(t: int) -> tuple[int, Tile]:
             first = t * self.rows
@@ -181,9 +179,7 @@ class _Run:
         for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
             work(tile)
             finish(t)
-            left = (time.monotonic() - begun) / (k + 1) * (len(todo) - k - 1)
-            share = 100.0 * (len(self.own) - len(todo) + k + 1) / len(self.own)
-            self.tell(f"{verb} {share:.0f} %, about {_minutes(left)} left")
+            self.tell(verb, (len(self.own) - len(todo) + k + 1) / len(self.own))
 
     def _on_devices(self, work: Callable[[Any], Any], blocks: Sequence[Any]) -> list[Any]:
         """Return what each block gives, in order: on all cores, or each on the next device of the mesh."""
@@ -324,10 +320,6 @@ class _Run:
             whole = self._map(name)
             with np.errstate(over="ignore"):  # an error too large for float32 is infinite there
                 whole.reshape(-1, whole.shape[2])[tile.pixels] = value.T
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _known(scene: Scene, free: tuple[str, ...], channels: int) -> Known:

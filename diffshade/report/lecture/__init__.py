@@ -68,7 +68,7 @@ def write_figures(
     with showing("figures") if progress else contextlib.nullcontext(silent) as tell:
         for i, name in enumerate(names):
             if name in wanted:
-                tell(f"{len(paths) + 1} of {len(wanted)}, {name}")
+                tell(name, len(paths) / len(wanted))
                 paths.append(folder / f"{i + 1:02}_{name}.png")
                 with replacing(paths[-1]) as temporary:
                     draw_figure(name).savefig(temporary)

@@ -18,7 +18,7 @@ from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
 from ...fields import check_kind
-from ...files import replacing
+from ...files import replacing, writable
 from ...inverse.outcome import Fit
 from ...progress import showing, silent
 from . import charts, tables
@@ -101,12 +101,18 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
-    """Refuse what is no report, or not of the fit."""
+def check_page(path: Any) -> None:
+    """Refuse, before any work, what is no page or cannot be written."""
     if not isinstance(path, str | Path):
         raise TypeError(f"path must be a path; got {path!r}. Give for example 'fit.html'.")
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a report is a page of HTML. Use .html.")
+    writable(path)
+
+
+def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
+    """Refuse what is no report, or not of the fit."""
+    check_page(path)
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     kinds = (
         ("examination", examination, Examination, "ds.examine(fit)"),

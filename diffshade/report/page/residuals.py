@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from ...fields import Array
 from ...inverse.outcome import Fit, Prediction
 from ...inverse.views import View, lights_on
 from ...lights import AbstractEmitter, AbstractLight, AreaLight, PointLight
+from ...progress import Tell
 from ...rendering import visible_points
 from ...vectors import Vec3, dot, reflect
 
@@ -47,12 +48,12 @@ class Curve:
     count: Int[np.ndarray, " bins"]
 
 
-def look_at_residuals(fit: Fit, tell: Callable[[str], None]) -> Residuals:
+def look_at_residuals(fit: Fit, tell: Tell) -> Residuals:
     """Predict every view, and return what is left of some of their samples, evenly drawn. To be used in float64."""
     random = np.random.default_rng(0)
     rmse, parts = [], []
     for i, view in enumerate(fit.views):
-        tell(f"view {i + 1} of {len(fit.views)}")
+        tell(f"view {i + 1} of {len(fit.views)}", i / len(fit.views))
         p = fit.predict(view)
         rmse.append(p.rmse if p.counts.any() else np.nan)
         pixels = np.flatnonzero(p.counts.any(-1))

@@ -1,0 +1,5 @@
+"""`python -m diffshade` is the command `diffshade`."""
+
+from .cli import main
+
+main()

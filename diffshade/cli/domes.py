@@ -1,0 +1,71 @@
+"""A dome of lights: the photographs from which `plan` chooses where none are given."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..diagnosis.planning import Shot
+    from ..inverse.outcome import Fit
+    from ..lights import AbstractLight
+
+SIDES = ("right", "upper right", "above", "upper left", "left", "lower left", "below", "lower right")
+DISTANT = ((20.0, 8), (45.0, 8), (70.0, 8))  # degrees off the camera, and how many about it
+NEAR = ((30.0, 4), (60.0, 4))
+DISTANCES = (0.6, 1.0, 2.0)  # of the lights' own
+
+
+def dome(fit: Fit) -> list[Shot]:
+    """Return shots under a light as the fit's first one, from all sides of the camera; none of a spot or an area light.
+
+    A light at infinity comes from 25 directions, a point light from 9, each at 3 distances from what the camera sees.
+    """
+    import diffshade as ds
+
+    from ..diagnosis.regions import centre_of
+
+    light, camera = fit.scene.lights[0], fit.views[0].camera
+    backward = _unit(camera.eye - camera.target)
+    right = _unit(np.cross(camera.up, backward))
+    up = np.cross(backward, right)
+    if isinstance(light, ds.DirectionalLight):
+        return [
+            ds.Shot(light=ds.DirectionalLight(-towards, light.intensity), name=name)
+            for name, towards in _directions(DISTANT, right, up, backward)
+        ]
+    if not isinstance(light, ds.PointLight):
+        return []
+    centre = centre_of(fit.scene.objects, camera)
+    own = [np.linalg.norm(other.position - centre) for other in fit.scene.lights if isinstance(other, ds.PointLight)]
+    shots = []
+    for name, towards in _directions(NEAR, right, up, backward):
+        for far in np.median(own) * np.array(DISTANCES):
+            lamp = ds.PointLight(centre + far * towards, light.intensity, light.attenuation)
+            shots.append(ds.Shot(light=lamp, name=f"{name}, {far:.3g} away"))
+    return shots
+
+
+def place_of(light: AbstractLight) -> str:
+    """Return where a light is, or whence it comes, as a name for it."""
+    place = getattr(light, "position", getattr(light, "corner", None))
+    numbers = -np.asarray(getattr(light, "direction", 0.0)) if place is None else np.asarray(place)
+    return f"{'from' if place is None else 'at'} {', '.join(f'{number:.3g}' for number in numbers)}"
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def _directions(
+    rings: tuple[tuple[float, int], ...], right: np.ndarray, up: np.ndarray, backward: np.ndarray
+) -> list[tuple[str, np.ndarray]]:
+    """Return names and unit directions towards the lights."""
+    found = [("at the camera", backward)]
+    for off, count in rings:
+        for k in range(0, 8, 8 // count):
+            around, away = np.deg2rad(45.0 * k), np.deg2rad(off)
+            across = np.cos(around) * right + np.sin(around) * up
+            found.append((f"{SIDES[k]}, {off:.0f} degrees off", np.cos(away) * backward + np.sin(away) * across))
+    return found

@@ -1,0 +1,35 @@
+"""`convert`: materials from one program to another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .materials import check_out, put_material, word_of
+from .terminal import FILE, answer, as_json, asks
+
+
+@click.command(**asks, epilog="Example: diffshade convert brass.mtl brass.json --name brass")
+@click.argument("given", metavar="FROM", type=FILE)
+@click.argument("wanted", metavar="TO...", nargs=-1, required=True, type=FILE)
+@click.option("--name", metavar="NAME", help="Which one, where FROM has several")
+@as_json
+def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bool) -> None:
+    """Write a material for other programs.
+
+    .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf glTF 2.0 (only
+    written), .toml a diffshade scene.
+
+    It is to look the same there: where that program computes something else the material is refitted, and the error
+    that remains is printed and stands in the file.
+    """
+    import diffshade as ds
+
+    check_out(wanted)
+    material = ds.read_material(given, name=name)
+    for path in wanted:
+        if path.resolve() == given.resolve():
+            raise ValueError(f"{path} is what is read. Give another name to write to.")
+    written = [put_material(path, material, name=name or word_of(given)) for path in wanted]
+    answer("\n".join(map(str, written)), {"written": written}, as_json=as_json)

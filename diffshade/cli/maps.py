@@ -1,0 +1,62 @@
+"""`texels`: a material at every pixel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .sources import LOSSES, ROOM, VIEWS, Asked, asked, by_name
+from .terminal import Names, One, answer, as_json, asks
+
+FREE = ("k_d", "k_s", "n_s")
+
+
+@click.command(**asks, epilog="Example: diffshade texels photographs -o maps --suffix .png --loss cauchy")
+@asked(*VIEWS, ROOM)
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("maps"),
+    metavar="FOLDER",
+    help="Goes on where it was stopped  [default: maps]",
+)
+@click.option("--free", type=Names(), default=(), help="[default: k_d,k_s,n_s; without normals, normal]")
+@click.option("--loss", type=One(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
+@click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
+@click.option("--suffix", type=One((".exr", ".png")), help="Beside .npy, also write .exr or .png")
+@as_json
+def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: bool) -> None:
+    """Find a material for every pixel: maps.
+
+    SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
+    """
+    import numpy as np
+
+    import diffshade as ds
+
+    from ..inverse.photographs import has_normals
+    from ..texels.fitting import MEMORY
+
+    found = typed.read(normals=None)
+    shaped = found.folder is None or has_normals(found.folder)
+    with by_name(found.names):
+        maps = ds.fit_texels(
+            found.scene,
+            found.views,
+            free=typed.free or (FREE if shaped else (*FREE, "normal")),
+            loss=typed.loss,
+            regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
+            out=out,
+            progress=True,
+            memory=MEMORY if typed.memory is None else int(typed.memory * 1e9),
+        )
+    written = [] if suffix is None else maps.write(out, suffix=suffix)
+    status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}
+    medians = {name: np.median(value[maps.known], axis=0) for name, value in maps.values.items() if maps.known.any()}
+    answer(
+        "\n".join([f"{maps}", f"{out}: the maps"]),
+        {"folder": out, "status": status, "medians": medians, "written": written},
+        as_json=as_json,
+    )

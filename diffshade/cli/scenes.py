@@ -1,0 +1,115 @@
+"""`new`, `render`, `figures`: scenes and pictures of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem
+
+from .materials import find_material, put_material
+from .terminal import FILE, FOLDER, Names, Size, answer, as_json, asks, completions
+
+
+def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from ..named_materials import material_names
+
+    return completions(material_names(), incomplete)
+
+
+def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    from ..report.lecture import FIGURES
+
+    return completions(FIGURES, incomplete)
+
+
+@click.command(**asks, epilog="Example: diffshade new ball.toml --material emerald")
+@click.argument("scene", type=FILE)
+@click.option(
+    "--material",
+    metavar="NAME|FILE",
+    shell_complete=_named_materials,
+    help="One of the OpenGL teapots' materials, or a file",
+)
+@click.option("--force", is_flag=True, help="Replace SCENE where there is one")
+@as_json
+def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
+    """Write a commented scene to start from: a ball under a lamp."""
+    import diffshade as ds
+
+    if scene.suffix.lower() != ".toml":
+        raise ValueError(f"{scene} has the suffix '{scene.suffix}'; a scene is TOML. Use .toml.")
+    if scene.exists() and not force:
+        raise FileExistsError(f"{scene} is there already. Give another name, or --force to replace it.")
+    chosen = (
+        ds.Material(k_a=0.05, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40) if material is None else find_material(material)
+    )
+    about = "a ball under a lamp." if material is None else f"a ball of {Path(material).name} under a lamp."
+    put_material(scene, chosen, about=about)
+    answer(f"{scene}: now diffshade render {scene}", {"scene": scene}, as_json=as_json)
+
+
+@click.command(**asks, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
+@click.argument("scene", type=FILE)
+@click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
+@click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
+@click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, such as 0,2  [default: all]")
+@click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
+@click.option("--srgb/--linear", default=None, help="sRGB curve or not  [default: by the kind of file]")
+@click.option("--bits", type=int, help="Of a sample  [default: 8 in .png, 32 in .exr]")
+@as_json
+def render(
+    scene: Path,
+    out: Path | None,
+    size: tuple[int, int] | None,
+    lit: tuple[str, ...] | None,
+    exposure: float,
+    srgb: bool | None,
+    bits: int | None,
+    as_json: bool,
+) -> None:
+    """Render SCENE (.toml) to a picture."""
+    import dataclasses
+
+    import numpy as np
+
+    import diffshade as ds
+
+    from ..progress import showing
+
+    out = out or scene.with_suffix(".png")
+    on = None if lit is None else [_index(word) for word in lit]
+    with showing("render"):
+        world, camera = ds.read_scene(scene), ds.read_camera(scene)
+        if size is not None:
+            camera = dataclasses.replace(camera, shape=(size[1], size[0]))
+        image = np.asarray(ds.render(world, camera, lit=on), np.float64) * exposure
+        ds.write_image(out, image, srgb=srgb, bits=bits)
+    height, width = image.shape[:2]
+    least, most = float(image.min()), float(image.max())
+    answer(
+        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
+        {"picture": out, "shape": image.shape, "least": least, "most": most},
+        as_json=as_json,
+    )
+
+
+def _index(word: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise ValueError(f"--lit takes numbers of lights, from 0; got '{word}'. Give for example 0,2.") from None
+
+
+@click.command(**asks, epilog="Example: diffshade figures lecture --only snell,lobes")
+@click.argument("folder", type=FOLDER)
+@click.option(
+    "--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all 24]"
+)
+@as_json
+def figures(folder: Path, only: tuple[str, ...] | None, as_json: bool) -> None:
+    """Draw the figures of a lecture to FOLDER."""
+    import diffshade as ds
+
+    paths = ds.write_figures(folder, only=only, progress=True)
+    answer("\n".join(map(str, paths)), {"figures": paths}, as_json=as_json)

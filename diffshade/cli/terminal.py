@@ -1,0 +1,124 @@
+"""What the commands share at the terminal: words for what is typed, and one way of answering."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from click.shell_completion import CompletionItem
+
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON, for other programs")
+asks: Any = {"context_settings": {"help_option_names": ["-h", "--help"]}}
+
+
+class Names(click.ParamType):
+    """Names with commas between them."""
+
+    name = "names"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        return value if isinstance(value, tuple) else tuple(word for part in value.split(",") if (word := part.strip()))
+
+
+class One(click.ParamType):
+    """One of a few words."""
+
+    name = "name"
+
+    def __init__(self, words: tuple[str, ...]):
+        self.words = words
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        from ..fields import did_you_mean
+
+        if value not in self.words:
+            self.fail(f"'{value}' is not known. {did_you_mean(value, self.words)}", param, ctx)
+        return value
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return completions(self.words, incomplete)
+
+
+class Bounds(click.ParamType):
+    """A name and its bounds."""
+
+    name = "name=low:high"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, list[float]]:
+        if isinstance(value, tuple):
+            return value
+        name, _, ends = value.partition("=")
+        try:
+            low, high = (float(end) for end in ends.split(":"))
+        except ValueError:
+            self.fail(f"bounds are typed as NAME=LOW:HIGH; got '{value}'. Give for example k_s=0:1.", param, ctx)
+        return name.strip(), [low, high]
+
+
+class Lit(click.ParamType):
+    """Which lights were on: a word, or the lights of each photograph."""
+
+    name = "lights"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value in ("each", "all") or not isinstance(value, str):
+            return value
+        try:
+            return tuple(tuple(int(light) for light in one.split("+")) for one in value.split(","))
+        except ValueError:
+            self.fail(
+                f"lights are typed as each, all, or their numbers for each photograph; got '{value}'. Give for example "
+                "0,1,0+1.",
+                param,
+                ctx,
+            )
+
+
+class Size(click.ParamType):
+    """Width and height of a picture."""
+
+    name = "WxH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        if isinstance(value, tuple):
+            return value
+        try:
+            width, height = (int(number) for number in value.lower().split("x"))
+        except ValueError:
+            self.fail(
+                f"a size is typed as WIDTHxHEIGHT in pixels; got '{value}'. Give for example 640x480.", param, ctx
+            )
+        return width, height
+
+
+def completions(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
+    """Return the words that a shell may put for what was begun."""
+    return [CompletionItem(word) for word in words if word.startswith(incomplete)]
+
+
+def answer(text: object, data: Mapping[str, Any], *, as_json: bool) -> None:
+    """Print what was found: for people, or as one JSON object."""
+    click.echo(json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) if as_json else str(text))
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON has it: arrays as lists, records by their fields, what is not finite as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
