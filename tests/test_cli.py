@@ -243,7 +243,7 @@ def test_a_folder_of_photographs_to_a_page_and_materials(typed, folder):
 def test_models_are_compared(typed, folder):
     told = json.loads(typed("compare", folder, "--model", "phong,matte", "--json").out)
     assert told["best"] == "phong"
-    assert told["choice"]["unknowns"] == [10, 6]
+    assert told["choice"]["names"] == ["phong", "matte"]
     assert "no model is named 'fong'" in typed("compare", folder, "--model", "fong,matte").refusal
     assert "two or more" in typed("compare", folder, "--model", "matte").refusal
 

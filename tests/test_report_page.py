@@ -19,7 +19,7 @@ from synthetic import photograph
 
 import diffshade as ds
 from diffshade.progress import silent
-from diffshade.report.page import MOST_VIEWS
+from diffshade.report.page import MOST_SHOTS, MOST_VIEWS
 from diffshade.report.page.ball import ball_scene, ball_shape
 from diffshade.report.page.residuals import curve, look_at_residuals
 
@@ -168,6 +168,17 @@ def test_large_photographs_are_shown_smaller_and_of_many_views_some(fit, tmp_pat
     assert {(a["width"], a["height"]) for a, _ in page.all("img")} == {("800", "24")}
     assert len(page.all("img")) == 3 * MOST_VIEWS
     assert f"{MOST_VIEWS} of the {MOST_VIEWS + 3} views" in " ".join(text for _, text in page.all("p"))
+
+
+def test_of_many_photographs_to_take_the_best_are_shown_and_the_others_on_demand(fit, tmp_path):
+    shots = [ds.Shot(exposure=0.1 * (i + 1), name=f"number {i}") for i in range(MOST_SHOTS + 3)]
+    plan = ds.plan(fit, shots)
+    ds.write_report(tmp_path / "fit.html", fit, plan=plan)
+    text = (tmp_path / "fit.html").read_text(encoding="utf-8")
+    shown, hidden = text.split("<summary>The other 3</summary>")
+    names = [plan.names[i] for i in plan.order]
+    assert [name for name in names if f">{name}<" in shown] == names[:MOST_SHOTS]
+    assert [name for name in names if f">{name}<" in hidden] == names[MOST_SHOTS:]
 
 
 def test_a_wrong_model_shows_over_the_angle_of_the_highlight(fit):

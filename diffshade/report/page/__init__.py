@@ -29,6 +29,7 @@ from .residuals import curve, look_at_residuals
 HERE = Path(__file__).parent
 MOST_VIEWS = 12  # shown as pictures
 MOST_PROFILES = 12
+MOST_SHOTS = 8  # shown at once, the others where one asks for them
 SLIDERS = (
     ("k_a", "Ambient reflection k_a, its largest channel"),
     ("k_d", "Diffuse reflection k_d, its largest channel"),
@@ -96,7 +97,8 @@ def write_report(
             profiles=_profiles(examination),
             models=None if choice is None else tables.models(choice),
             best=None if choice is None else choice.best,
-            shots=None if plan is None else tables.shots(plan),
+            shots=None if plan is None else tables.shots(plan, 0, MOST_SHOTS),
+            other_shots=None if plan is None or len(plan.shots) <= MOST_SHOTS else tables.shots(plan, MOST_SHOTS),
         )
         temporary.write_text(page, encoding="utf-8")
 

@@ -160,9 +160,10 @@ def models(choice: ModelChoice) -> Table:
     return Table(head, tuple(rows), choice.notes)
 
 
-def shots(plan: Plan) -> Table:
-    """Return the photographs that could be taken, the one to take first on top."""
+def shots(plan: Plan, first: int = 0, last: int | None = None) -> Table:
+    """Return the photographs that could be taken, or some places of them, the one to take first on top."""
     quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
     now = ("as it is", *plan.cells(plan.now, quantities), "")
     rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
-    return Table(("photograph", *quantities, "gain in log det"), (now, *rows), plan.notes)
+    head = ("photograph", *quantities, "gain in log det")
+    return Table(head, tuple(rows[first:last]), ()) if first else Table(head, (now, *rows[:last]), plan.notes)
