@@ -409,3 +409,39 @@ def test_without_a_command_it_shows_its_help():
     assert "Commands:" in done.stdout
     version = in_its_own_process("--version")
     assert re.fullmatch(r"diffshade, version \d+\.\d+\.\d+\n", version.stdout)
+
+
+def test_from_photographs_of_a_ball_alone_to_a_page_and_materials(typed, tmp_path):
+    """A folder of photographs, and nothing known but that it is a ball: the README's commands."""
+    ball = ds.Object(ds.Sphere(), ds.Material(k_d=(0.5, 0.4, 0.3), k_s=0.2, n_s=15))
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(64, 64), local_viewer=False)
+    around = np.deg2rad(60.0 * np.arange(6))
+    towards = np.stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(6, np.sqrt(0.75))], -1)
+    scene = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards], ambient=0.0)
+    (tmp_path / "photographs").mkdir()
+    noise = np.random.default_rng(0)
+    for i in range(6):
+        image = np.asarray(ds.render(scene, camera, lit=i))
+        ds.write_image(tmp_path / "photographs" / f"{i}.exr", image + 0.002 * noise.standard_normal(image.shape))
+    done = typed("calibrate", "photographs", "--ball", "glossy", "-o", "ready", "--json")
+    assert done.status == 0, done.err
+    told = json.loads(done.out)
+    cosines = np.sum(np.array(told["directions"]) * towards, -1)
+    assert np.rad2deg(np.arccos(np.minimum(cosines, 1.0))).max() < 1.0
+    assert typed("report", "ready", "--quick", "-o", "ball.html").status == 0
+    assert typed("fit", "ready", "-o", "ball.mtl", "-o", "ball.json").status == 0
+    assert Path("ball.html").is_file()
+    assert ds.read_material("ball.mtl").k_d == pytest.approx([0.5, 0.4, 0.3], rel=0.05)
+
+
+def test_a_balls_lights_are_compared_with_a_list(typed, folder):
+    np.savetxt("list.txt", np.loadtxt(folder / "light_directions.txt"))
+    told = json.loads(typed("calibrate", folder, "--ball", "matte", "--against", "list.txt", "--json").out)
+    assert max(told["against"]["degrees"]) < 10
+    known = json.loads(typed("calibrate", folder, "--ball", "matte", "--directions", "list.txt", "--json").out)
+    assert np.allclose(known["directions"], np.loadtxt("list.txt"), atol=1e-6)
+    assert "Did you mean 'mirror'?" in typed("calibrate", folder, "--ball", "miror").refusal
+    assert (
+        "there is no file nowhere.txt"
+        in typed("calibrate", folder, "--ball", "matte", "--directions", "nowhere.txt").refusal
+    )

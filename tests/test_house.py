@@ -50,7 +50,7 @@ ONLY_IN = {
     "zarr": "lazy_images",
 }
 
-PUBLIC = {name: getattr(ds, name) for name in ds.__all__}
+PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 
 
 def place(file: Path) -> str:

@@ -15,6 +15,7 @@ import click
 
 from .exchange import convert
 from .fits import compare, fit, plan, report
+from .lights import calibrate
 from .maps import texels
 from .scenes import figures, new, render
 
@@ -30,7 +31,7 @@ class InOrder(click.Group):
 
 @click.group(
     cls=InOrder,
-    commands=[new, render, fit, report, compare, plan, texels, convert, figures],
+    commands=[new, render, calibrate, fit, report, compare, plan, texels, convert, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )

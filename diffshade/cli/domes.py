@@ -50,8 +50,9 @@ def dome(fit: Fit) -> list[Shot]:
 def place_of(light: AbstractLight) -> str:
     """Return where a light is, or whence it comes, as a name for it."""
     place = getattr(light, "position", getattr(light, "corner", None))
-    numbers = -np.asarray(getattr(light, "direction", 0.0)) if place is None else np.asarray(place)
-    return f"{'from' if place is None else 'at'} {', '.join(f'{number:.3g}' for number in numbers)}"
+    towards = -np.asarray(getattr(light, "direction", 0.0)) if place is None else np.asarray(place)
+    numbers = [f"{round(float(number), 3) + 0.0:g}" for number in np.ravel(towards)]
+    return f"{'from' if place is None else 'at'} {', '.join(numbers)}"
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

@@ -27,10 +27,11 @@ SOURCE = (
     click.argument("source", type=click.Path(path_type=Path)),
     click.argument("photos", nargs=-1, type=click.Path(path_type=Path)),
 )
+ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by kind of file]")
 VIEWS = (
     click.option("--lit", type=Lit(), help="Lights on: each (default), all, or as in 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels that count  [default: the object's]"),
-    click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by kind of file]"),
+    ENCODING,
 )
 MODEL = (
     click.option("--free", type=Names(), default=FREE, help="What is not known  [default: k_a,k_d,k_s,n_s]"),

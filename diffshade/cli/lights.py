@@ -1,0 +1,74 @@
+"""`calibrate`: the lights of photographs, read off a ball."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .sources import ENCODING
+from .terminal import FILE, One, answer, as_json, asks
+
+BALLS = ("mirror", "matte", "glossy")
+
+
+@click.command(**asks, epilog="Example: diffshade calibrate photographs --ball matte -o ready")
+@click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--ball", type=One(BALLS), required=True, help="mirror, matte or glossy")
+@click.option("--mask", type=FILE, multiple=True, help="Of each ball  [default: beside the photos; found]")
+@ENCODING
+@click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
+@click.option("--radius", type=float, default=1.0, help="Of the ball, in scene units  [default: 1]")
+@click.option("--directions", type=FILE, help="Towards the lights, known; finds how bright they are")
+@click.option("--against", type=FILE, help="Say where these directions disagree")
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER", help="Photos and lights, for fit, report, texels"
+)
+@as_json
+def calibrate(
+    photos: tuple[Path, ...],
+    ball: str,
+    mask: tuple[Path, ...],
+    srgb: bool | None,
+    camera: Path | None,
+    radius: float,
+    directions: Path | None,
+    against: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Find the lights of photographs of a ball.
+
+    PHOTOS: a folder, or files, each under one light, from one place.
+    """
+    import diffshade as ds
+
+    from ..calibration.outcome import read_directions
+
+    found = ds.calibrate(
+        photos[0] if len(photos) == 1 else photos,
+        ball=ball,
+        mask=mask if len(mask) > 1 else mask[0] if mask else None,
+        camera=None if camera is None else ds.read_camera(camera),
+        radius=radius,
+        directions=None if directions is None else read_directions(directions),
+        srgb=srgb,
+        progress=True,
+    )
+    compared = None if against is None else found.compare(against)
+    if out is not None:
+        found.write(out)
+    said = [f"{found}", *([f"{compared}"] if compared else []), *([f"{out}: photographs and lights"] if out else [])]
+    data = {
+        "photographs": found.names,
+        "directions": found.directions,
+        "errors": found.errors,
+        "intensities": found.intensities,
+        "intensity_errors": found.intensity_errors,
+        "positions": found.positions,
+        "position_errors": found.position_errors,
+        "notes": found.notes,
+        "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
+        "folder": out,
+    }
+    answer("\n".join(said), data, as_json=as_json)
