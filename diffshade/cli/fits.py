@@ -36,9 +36,9 @@ def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: b
     source = typed.read()
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
-    answer(
-        "\n".join([f"{found}", *map(str, written)]), {**_fit_data(found, source), "written": written}, as_json=as_json
-    )
+    doubt = f"- what is not determined stands in {', '.join(map(str, out))} as one of many values that fit as well."
+    said = [f"{found}", *([doubt] if out and not found.determined.all() else []), *map(str, written)]
+    answer("\n".join(said), {**_fit_data(found, source), "written": written}, as_json=as_json)
 
 
 @click.command(**asks, epilog="Example: diffshade report photographs -o ball.html")
