@@ -3,10 +3,14 @@ r"""diffshade: the classic illumination model as a differentiable JAX program, a
 $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
 
 Vectors are unit length and point away from the surface: the normal n, l to the light, v to the viewer, r the mirror
-direction of l. Right-handed, y up, the camera looks along -z. Images have row 0 on top and channels last, and are linear
-radiance, unclamped. Angles are degrees, lengths scene units, intensities plain multipliers. A number where a colour is
-meant is grey. E1 to E14 are the equations of the model, where a docstring names one. Arrays in annotations have their
-shapes: `Float[np.ndarray, "h w c"]`. What raises says so in one sentence, with the remedy, before anything is written.
+direction of l. Right-handed, y up, the camera looks along -z. Images have row 0 on top and channels last, and are
+linear radiance, unclamped. Angles are degrees, lengths scene units, intensities plain multipliers. A number where a
+colour is meant is grey. E1 to E14 are the equations of the model, where a docstring names one.
+
+Arrays in annotations have their shapes: `Float[np.ndarray, "h w c"]` is H by W by C. `Numbers` is what people type: a
+number, a list, an array. A field is NumPy float64 or a JAX array: a `Scalar`, a `Vector` or `Colour` of 3, an
+`Exponent` of 1 or 3, a `Coefficient` that is a colour or a pattern. What is out of the range that a docstring states
+raises ValueError, and what is of another kind TypeError: one sentence, with the remedy, before anything is written.
 
 ## Scenes
 
@@ -15,8 +19,8 @@ shapes: `Float[np.ndarray, "h w c"]`. What raises says so in one sentence, with 
 
 ## Materials
 
-`Material`, `Phong`, `Blinn`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `material`, `material_names`, `with_lobe`,
-`Refit`
+`Material`, `Phong`, `Blinn`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `material`, `material_names`,
+`with_lobe`, `Refit`
 
 ## Lights
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import warnings
 from pathlib import Path
 
@@ -54,8 +53,9 @@ def is_shown(doc: pdoc.doc.Doc) -> bool:
 
 def to_html(markdown: str) -> Markup:
     """Return Markdown as HTML; letters that are a word in a formula, such as f_{rad}, are set as one."""
+    words = r"(?:<mi>[a-z]</mi>){3,}|(?:<mi>[a-z]</mi>){2}(?=</mrow>)"
     html = pdoc.render_helpers.to_html(markdown)
-    return Markup(re.sub(r"(?:<mi>[a-z]</mi>){2,}(?=</mrow>)", lambda m: f"<mi>{re.sub('<.*?>', '', m[0])}</mi>", html))
+    return Markup(re.sub(words, lambda word: word[0].replace("</mi><mi>", ""), html))
 
 
 def text(source: str) -> str:
@@ -69,20 +69,19 @@ def text(source: str) -> str:
 
 def build(folder: Path) -> None:
     """Write every page."""
-    ds.__all__ = [name for names in topics().values() for name in names]  # pyright: ignore  # what pdoc shows
+    names = [name for some in topics().values() for name in some]
+    ds.__all__ = names  # what pdoc shows  # pyright: ignore[reportAttributeAccessIssue]
     pdoc.render_helpers.markdown_extensions["latex"] = None
     pdoc.render.env.tests["shown"] = is_shown
     pdoc.render.env.filters |= {
         "signature": written.signature,
         "annotation": written.annotation,
         "to_html": to_html,
-        "link_names": lambda html: Markup(written.link_names(html)),
+        "link_names": lambda html: Markup(written.link_names(html, names)),
     }
     dark = HtmlFormatter(style="github-dark").get_style_defs(".pdoc-code")
     pdoc.render.env.globals |= {"topics": topics(), "dark_code": Markup(dark)}
-    pdoc.render.configure(
-        docformat="markdown", show_source=False, search=False, template_directory=ROOT / "docs", footer_text=""
-    )
+    pdoc.render.configure(docformat="markdown", search=False, show_source=False, template_directory=ROOT / "docs")
     module = pdoc.doc.Module(ds)
     (folder / "diffshade.html").write_text(pdoc.render.html_module(module, {"diffshade": module}), encoding="utf-8")
     page = pdoc.render.env.get_template("text.html.jinja2")
@@ -93,7 +92,7 @@ def build(folder: Path) -> None:
 
 def main() -> None:
     """Read the arguments, build, and say where."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description="Build the documentation.")
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "output" / "docs")
     folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -103,4 +102,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -7,7 +7,7 @@ import dataclasses
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 import pdoc.doc
@@ -51,7 +51,7 @@ def _of_class(cls: type) -> inspect.Signature:
     written, fields = dict(_fields(cls)), {field.name: field for field in dataclasses.fields(cls)}
     parameters = []
     for name, parameter in inspect.signature(cls).parameters.items():
-        made = fields[name].default_factory
+        made: Any = fields[name].default_factory
         default = parameter.default if made is dataclasses.MISSING else Words(f"{made.__name__}()")
         parameters.append(parameter.replace(annotation=_words(written[name]), default=default))
     return inspect.Signature(parameters)
@@ -74,11 +74,11 @@ def _words(node: ast.expr | None) -> Any:
     return inspect.Parameter.empty if node is None else Words(ast.unparse(node))
 
 
-def link_names(html: str) -> str:
-    """Link the public names among highlighted names."""
+def link_names(html: str, names: Collection[str]) -> str:
+    """Link those of some names that are highlighted."""
 
     def link(found: re.Match[str]) -> str:
         name = found[1]
-        return f'<a href="#{name}">{name}</a>' if name in ds.__all__ else found[0]
+        return f'<a href="#{name}">{name}</a>' if name in names else found[0]
 
     return re.sub(r'<span class="n[nc]?">(\w+)</span>', link, html)

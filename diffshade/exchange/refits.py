@@ -55,7 +55,8 @@ def with_lobe(
     reference: a viewer and lights of intensity 1 far away, at 0, 20, 40, 60 and 80 degrees from one another; under each
     256 normals evenly over the highlight, to where it is a thousandth of its peak, and 256 over the half sphere about
     it. `highest_n_s`, `highest_k`: limits of another program on n_s and on each of k_d and k_s. A material that is of
-    this lobe and within the limits is returned as it is. Raises ValueError for one whose coefficients are patterns.
+    this lobe and within the limits is returned as it is. Raises ValueError for one whose coefficients are patterns,
+    TypeError for what is no material or no lobe.
     """
     check_plain(material)
     check_kind("lobe", lobe, AbstractLobe, "Blinn()")

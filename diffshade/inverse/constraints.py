@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Grey:
-    """The channels of `name` are equal: one unknown for the three of each colour (or of each n_s with three)."""
+    """The channels of `name` are equal: one unknown for the three of each colour (or of each n_s with three).
+
+    `name`: any run of whole segments of a dotted path, as in `fit`; it must be free.
+    """
 
     name: str
 
