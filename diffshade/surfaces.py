@@ -60,7 +60,7 @@ def touching(t: Array, size: Array) -> Array:
 class Sphere(AbstractSolid):
     """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
 
-    $$ |o + t d - center|^2 = radius^2 $$
+    $$ |o + t d - center|^2 = {radius}^2 $$
 
     for the smallest t > 0 is where a ray from o along d meets it. The derivative of a hit grows without bound at the
     silhouette. A ray that misses gets the sphere's nearest point, which is smooth across the silhouette's edge;

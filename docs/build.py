@@ -95,6 +95,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Build the documentation.")
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "output" / "docs")
     folder = parser.parse_args().folder
+    if Path(ds.__file__).parents[1] != ROOT:
+        raise SystemExit(
+            f"the diffshade to document is not in this clone but {ds.__file__}. Run pip install -e '.[docs]'."
+        )
     folder.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("error")
     build(folder)

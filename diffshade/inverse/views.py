@@ -52,7 +52,7 @@ def as_level(level: Any) -> Any:
 class Noise(Checked):
     r"""How much a photograph's samples scatter, at the level m of the image (Healey and Kondepudy 1994).
 
-    $$ variance = read^2 + shot \cdot m + (s / levels)^2 / 12 $$
+    $$ variance = {read}^2 + shot \cdot m + (s / levels)^2 / 12 $$
 
     `read`: standard deviation in the dark. `shot`: variance for each unit of signal, that of counted photons. `levels`:
     steps of an integer file, 255 for 8 bits, whose rounding is the last term, 0 without; `srgb`: 1 where the steps are
