@@ -35,7 +35,7 @@ def as_angles(value: Numbers) -> Any:
 
 
 class Profile(Checked):
-    """Relative intensity over the angle gamma off a lamp's axis and the angle C about it, linear between a table's.
+    """Relative intensity over gamma off a lamp's axis and C about it, linear between a table's (LM-63, EULUMDAT).
 
     `vertical`: the angles gamma in degrees, (V,), increasing, 0 to 180 at most; beyond them it is dark. `horizontal`:
     the angles C in degrees, (H,), from 0 to 360 with both ends, or one alone, (1,), for a lamp that is the same all

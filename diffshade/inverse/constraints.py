@@ -17,7 +17,11 @@ class Grey:
 
 @dataclass(frozen=True)
 class Proportional:
-    """`name` is `factor` times `to`, channel by channel; without a factor, the factor is an unknown, at least 0.
+    r"""A number is proportional to another one, channel by channel.
+
+    $$ name = factor \cdot to $$
+
+    `name`, `to`: runs of whole segments of a dotted path, as in `fit`. Without a factor, it is an unknown, at least 0.
 
     `Proportional("k_s", "k_d")` is a highlight of the surface's own colour. With a factor, `name` is fixed by this
     constraint and must not be free.
