@@ -1,9 +1,57 @@
-"""diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards.
+r"""diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards.
 
-The public names stand in `__init__.pyi`; each is imported when it is first asked for (Scientific Python's SPEC 1), so
-that the command line answers `--help` before JAX is there.
+$$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
+
+Vectors are unit length and point away from the surface: the normal n, l to the light, v to the viewer, r the mirror
+direction of l. Right-handed, y up, the camera looks along -z. Images have row 0 on top and channels last, and are
+linear radiance, unclamped. Angles are degrees, lengths scene units, intensities plain multipliers. A number where a
+colour is meant is grey. E1 to E14 are the equations of the model, where a docstring names one.
+
+Arrays in annotations have their shapes: `Float[np.ndarray, "h w c"]` is H by W by C. `Numbers` is what people type: a
+number, a list, an array. A field is NumPy float64 or a JAX array: a `Scalar`, a `Vector` or `Colour` of 3, an
+`Exponent` of 1 or 3, a `Coefficient` that is a colour or a pattern. What is out of the range that a docstring states
+raises ValueError, and what is of another kind TypeError: one sentence, with the remedy, before anything is written.
+
+## Scenes
+
+`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `GBuffer`, `read_mesh`, `normal_map`, `height_map`, `Camera`,
+`OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
+
+## Materials
+
+`Material`, `Phong`, `Blinn`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `material`, `material_names`,
+`with_lobe`, `Refit`
+
+## Lights
+
+`PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `RadialAttenuation`,
+`read_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`
+
+## Pictures
+
+`render`, `shade`, `intersect`, `read_image`, `write_image`, `read_mask`, `open_image`, `LazyImage`, `srgb_encode`,
+`srgb_decode`, `write_figures`
+
+## Fits
+
+`View`, `Noise`, `fit`, `Fit`, `Prediction`, `Grey`, `Proportional`, `read_photographs`, `sensitivity`,
+`image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
+
+## What a fit can tell
+
+`examine`, `Examination`, `foresee`, `Foresight`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`
+
+## Texels
+
+`fit_texels`, `TexelMaps`
+
+## Other programs
+
+`write_material`, `Exported`, `read_material`, `read_materials`, `read_lights`
 """
 
 import lazy_loader
 
+# The public names stand in __init__.pyi, and each is imported when it is first asked for (Scientific Python's SPEC 1):
+# the command line answers --help before JAX is there.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,11 +16,13 @@ NEAREST = 1e-6  # scene units; below it the distance counts as this, so that 1/d
 
 
 class RadialAttenuation(Checked):
-    """Radial attenuation, f_rad = 1/(a0 + a1 d + a2 d^2), at distance d from a light (E2; Foley et al. 1990, 16.1.4).
+    """Radial attenuation at distance d from a light (E2; Foley et al. 1990, 16.1.4).
 
-    (1, 0, 0) is none, (0, 1, 0) is 1/d and (0, 0, 1) is 1/d^2; all three zero is an error. With `clamp=True`,
-    min(1, f_rad). d is at least 1e-6; the derivative with respect to d is 0 below that, and every derivative is 0 where
-    f_rad is clamped.
+    $$ f_{rad}(d) = 1 / (a_0 + a_1 d + a_2 d^2) $$
+
+    `constant`, `linear`, `quadratic`: a_0, a_1 and a_2, at least 0, for d in scene units. (1, 0, 0) is none, (0, 1, 0)
+    is 1/d and (0, 0, 1) is 1/d^2; all three zero is an error. With `clamp=True`, min(1, f_rad). d is at least 1e-6; the
+    derivative with respect to d is 0 below that, and every derivative is 0 where f_rad is clamped.
     """
 
     constant: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
@@ -91,10 +93,13 @@ class AbstractAtmosphere(Checked):
 
 
 class DepthCueing(AbstractAtmosphere):
-    """Linear depth cueing (E14; Foley et al. 1990, 16.1.3): s falls from s_f at z_f to s_b at z_b, constant beyond.
+    r"""Linear depth cueing (E14; Foley et al. 1990, 16.1.3): s falls from s_f at z_f to s_b at z_b, constant beyond.
 
-    `s_f`, `s_b`: 0 to 1. `z_f` < `z_b`: distances in scene units. `I_dc`: the colour that depth fades to, RGB or grey.
-    At z_f and z_b the derivative is that of the constant side.
+    $$ I' = s I + (1 - s) I_{dc}, \qquad s = s_b + (s_f - s_b)(z_b - z) / (z_b - z_f) $$
+
+    z is the distance along the camera's view axis or, with `radial=True`, along the ray. `s_f`, `s_b`: 0 to 1. `z_f` <
+    `z_b`: distances in scene units. `I_dc`: the colour that depth fades to, RGB or grey. At z_f and z_b the derivative
+    is that of the constant side.
     """
 
     z_f: Scalar = eqx.field(converter=as_scalar)
@@ -119,9 +124,12 @@ class DepthCueing(AbstractAtmosphere):
 
 
 class Fog(AbstractAtmosphere):
-    """Exponential fog (E14; OpenGL's GL_EXP): s = exp(-density z), or exp(-(density z)^2) with `squared=True`.
+    r"""Exponential fog (E14; OpenGL's GL_EXP and, with `squared=True`, GL_EXP2).
 
-    `density`: at least 0, per scene unit. `I_dc`: the fog's colour, RGB or grey.
+    $$ I' = s I + (1 - s) I_{dc}, \qquad s = e^{-\rho z} \text{ or } e^{-(\rho z)^2} $$
+
+    z is the distance along the camera's view axis or, with `radial=True`, along the ray; s is 1 for z <= 0. `density`:
+    rho, at least 0, per scene unit. `I_dc`: the fog's colour, RGB or grey.
     """
 
     density: Scalar = eqx.field(converter=as_scalar, metadata={"lower": 0})

@@ -79,11 +79,13 @@ def as_shape(value: Sequence[int]) -> Any:
 
 
 class Camera(AbstractCamera):
-    """A perspective (pinhole) camera at `eye`, looking at `target`.
+    r"""A perspective (pinhole) camera at `eye`, looking at `target`: the ray of the pixel in row i, column j of H by W.
 
-    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels, square pixels.
-    `up`: which way is up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point;
-    `False`: one v, the backward axis, everywhere (E8).
+    $$ forward + \tan(fov/2) [(2j + 1 - W) \, right + (H - 2i - 1) \, up] / H $$
+
+    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels, square pixels. `up`:
+    which way is up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point; `False`: one
+    v, the backward axis, everywhere (E8).
     """
 
     eye: Vector = eqx.field(converter=as_vector)
@@ -111,7 +113,11 @@ class Camera(AbstractCamera):
 
 
 class OrthographicCamera(AbstractCamera):
-    """A camera of parallel rays along the line from `eye` to `target`, `height` scene units from top to bottom.
+    r"""A camera of parallel rays along the line from `eye` to `target`, `height` scene units from top to bottom.
+
+    $$ eye + height [(2j + 1 - W) \, right + (H - 2i - 1) \, up] / 2H $$
+
+    is where the ray of the pixel in row i, column j of H by W starts.
 
     `shape`: (height, width) in pixels, square pixels. `local_viewer=True`: v points to `eye` from each point all the
     same; `False`: one v, the backward axis, everywhere (E8), as for a far camera.

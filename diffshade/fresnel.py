@@ -21,7 +21,7 @@ class AbstractFresnel(eqx.Module):
 
 
 class NoFresnel(AbstractFresnel):
-    """W = k_s at every angle."""
+    """The highlight's weight is the same at every angle, $W = k_s$ (E7)."""
 
     def weight(self, k_s: Vec3, eta: Float[Array, "..."], cos: Float[Array, "..."]) -> Vec3:
         """Return k_s."""
@@ -29,7 +29,10 @@ class NoFresnel(AbstractFresnel):
 
 
 class Schlick(AbstractFresnel):
-    """W = k_s + (1 - k_s)(1 - cos theta)^5: k_s head on, 1 at grazing light (Schlick 1994, eq. 15)."""
+    r"""The highlight's weight is k_s head on and 1 at grazing light (E7; Schlick 1994, eq. 15).
+
+    $$ W = k_s + (1 - k_s)(1 - \cos\theta)^5, \qquad \cos\theta = n \cdot l $$
+    """
 
     def weight(self, k_s: Vec3, eta: Float[Array, "..."], cos: Float[Array, "..."]) -> Vec3:
         """Return W."""
@@ -42,10 +45,12 @@ class Schlick(AbstractFresnel):
 
 
 class Dielectric(AbstractFresnel):
-    """W = (r_s^2 + r_p^2)/2 of unpolarised light on a dielectric of index eta in air (Fresnel; Cook and Torrance 1982).
+    r"""The highlight's weight is Fresnel's, of unpolarised light on a dielectric in air (E7; Cook and Torrance 1982).
 
-    With g = sqrt(eta^2 - 1 + cos^2 theta): r_s = (cos - g)/(cos + g), r_p = (eta^2 cos - g)/(eta^2 cos + g). Between 0
-    and 1; 1 at total reflection (eta < 1), where the derivative is 0, as it is where both of cos and g are 0.
+    $$ W = (r_s^2 + r_p^2) / 2, \qquad r_s = (c - g) / (c + g), \qquad r_p = (\eta^2 c - g) / (\eta^2 c + g) $$
+
+    with $c = n \cdot l$ and $g = \sqrt{\eta^2 - 1 + c^2}$, where eta is the material's. W is between 0 and 1; 1 at
+    total reflection (eta < 1), where the derivative is 0, as it is where both of c and g are 0.
     """
 
     def weight(self, k_s: Vec3, eta: Float[Array, "..."], cos: Float[Array, "..."]) -> Vec3:

@@ -119,7 +119,7 @@ def _numbers_of(noun: str, image: Any) -> Float[np.ndarray, "..."]:
 
 
 def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
-    """Make the G-buffer of a normal map, whose colours are (n + 1)/2; x to the right, y up, z to the viewer.
+    """Make the G-buffer of a normal map (Blinn 1978), whose colours are $(n + 1) / 2$; x right, y up, z to the viewer.
 
     `image`: 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path, srgb=False)`. The normals are
     made unit. `mask`: (H, W); by default where the map is not black. There are no positions: use directional lights and
@@ -144,7 +144,9 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
 def height_map(
     height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, mask: ArrayLike | None = None
 ) -> GBuffer:
-    """Make the G-buffer of a relief: the height of each pixel above the plane through the camera's target.
+    r"""Make the G-buffer of a relief: the height of each pixel above the plane through the camera's target.
+
+    $$ n \propto (-\partial z / \partial x, -\partial z / \partial y, 1) $$
 
     `height`: scene units, towards the viewer. The normals are those of central differences, at the borders and beside
     masked pixels of one-sided ones. Raises ValueError for a height map that is not of the camera's shape or not finite.

@@ -37,7 +37,9 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     """Read a mask, shape (H, W): True where alpha or, in a file without alpha, the mean of the channels is >= half.
 
     Half is half of the full range of integers (so 128 of 255 is inside and 127 is not) and .5 of floats; no sRGB curve
-    is applied. Formats and errors are those of `read_image`.
+    is applied. Formats are those of `read_image`.
+
+    Raises as `read_image` does.
     """
     path = Path(path)
     image = as_fractions(path, _read(path))
@@ -72,18 +74,22 @@ def write_image(
 
 
 def srgb_encode(linear: Numbers) -> Float64[np.ndarray, "..."]:
-    """Linear radiance to sRGB (IEC 61966-2-1:1999), any shape; [0, 1] to [0, 1], the curve going on outside.
+    r"""Linear radiance to sRGB (IEC 61966-2-1:1999), any shape; [0, 1] to [0, 1], the curve going on outside.
 
-    12.92 x where x <= .0031308, else 1.055 x^(1/2.4) - .055.
+    $$ 12.92 x \text{ where } x \le 0.0031308, \text{ else } 1.055 x^{1 / 2.4} - 0.055 $$
+
+    Raises ValueError for what is no array of numbers.
     """
     x = np.asarray(linear, np.float64)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
-    """From sRGB to linear radiance (IEC 61966-2-1:1999), any shape: the inverse of `srgb_encode`.
+    r"""From sRGB to linear radiance (IEC 61966-2-1:1999), any shape: the inverse of `srgb_encode`.
 
-    x / 12.92 where x <= .04045, else ((x + .055) / 1.055)^2.4.
+    $$ x / 12.92 \text{ where } x \le 0.04045, \text{ else } ((x + 0.055) / 1.055)^{2.4} $$
+
+    Raises ValueError for what is no array of numbers.
     """
     x = np.asarray(encoded, np.float64)
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)

@@ -57,10 +57,12 @@ class AbstractEmitter(AbstractLight):
 
 
 class PointLight(AbstractEmitter):
-    """A light at a position that shines equally to all sides, attenuated with distance (E2).
+    r"""A light at a position that shines equally to all sides, attenuated with distance (E2).
 
-    `position`: scene units. `intensity`: RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it
-    gives nothing.
+    $$ l = (position - p) / d, \qquad f_{rad}(d) I_l $$
+
+    is where it is seen from the point p, at distance d, and what arrives there. `position`: scene units. `intensity`:
+    RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it gives nothing.
     """
 
     position: Vector = eqx.field(converter=as_vector)
@@ -89,7 +91,9 @@ class PointLight(AbstractEmitter):
 
 
 class DirectionalLight(AbstractEmitter):
-    """A light at infinity, so that l = -direction/|direction| everywhere.
+    """A light at infinity, so that l is the same everywhere and nothing fades.
+
+    $$ l = -direction / |direction| $$
 
     `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
     """
@@ -115,11 +119,14 @@ class DirectionalLight(AbstractEmitter):
 
 
 class SpotLight(AbstractEmitter):
-    """A point light that shines into a cone about `direction` (E3), attenuated with distance (E2).
+    r"""A point light that shines into a cone about `direction`, attenuated with distance (E2, E3; Warn 1983).
 
-    `cutoff`: half angle of the cone, 0 to 90 degrees. `exponent`: of cos^exponent phi off the axis, at least 0.
-    `softness`: width in degrees of the smooth edge inside the cutoff, 0 (the hard edge) to `cutoff`; the cutoff can be
-    fitted only if it is above 0.
+    $$ f_{ang} = \cos^a \phi \; S(\cos\phi) \text{ where } \phi \le cutoff, \text{ else } 0 $$
+
+    `direction`: the way its light travels, phi off which a point is: $\cos\phi = -l \cdot direction$. `cutoff`: half
+    angle of the cone, 0 to 90 degrees. `exponent`: a, at least 0. S is 1 or, with softness, the smooth step from
+    cos(cutoff) to cos(cutoff - softness). `softness`: width in degrees of the smooth edge inside the cutoff, 0 (the
+    hard edge) to `cutoff`; the cutoff can be fitted only if it is above 0.
     """
 
     position: Vector = eqx.field(converter=as_vector)
@@ -161,13 +168,15 @@ class SpotLight(AbstractEmitter):
 
 
 class AreaLight(AbstractLight):
-    """A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
+    r"""A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
 
-    `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units; edges that are not at right angles
-    span a parallelogram. `intensity`: of the whole, RGB or grey, shared equally by emitters at the centres of `samples`
-    = (n_u, n_v) cells. Each is a `SpotLight` along edge_u x edge_v with `cutoff` (half angle, 0 to 90 degrees) and
-    `exponent`, and fades with its own distance. As the samples grow the light converges to that of the continuous
-    rectangle. Warn's flaps are not modelled.
+    $$ \sum_i f_{rad}(d_i) f_{ang}(\phi_i) I_l / n_u n_v $$
+
+    arrives. `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units; edges that are not at
+    right angles span a parallelogram. `intensity`: of the whole, RGB or grey, shared equally by emitters at the centres
+    of `samples` = (n_u, n_v) cells. Each is a `SpotLight` along edge_u x edge_v with `cutoff` (half angle, 0 to 90
+    degrees) and `exponent`, and fades with its own distance. As the samples grow the light converges to that of the
+    continuous rectangle. Warn's flaps are not modelled.
     """
 
     corner: Vector = eqx.field(converter=as_vector)

@@ -38,7 +38,10 @@ class AbstractLobe(eqx.Module):
 
 
 class Phong(AbstractLobe):
-    """The highlight's cosine is v . r with the mirror direction r = 2(n.l)n - l (E5; Phong 1975)."""
+    r"""A highlight about the mirror direction r of the light (E5; Phong 1975).
+
+    $$ W I_l (v \cdot r)_+^{n_s}, \qquad r = 2 (n \cdot l) n - l $$
+    """
 
     def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
         """Return v . r."""
@@ -46,7 +49,10 @@ class Phong(AbstractLobe):
 
 
 class Blinn(AbstractLobe):
-    """The highlight's cosine is n . h with the halfway vector h = (l+v)/|l+v| (E6; Blinn 1977)."""
+    r"""A highlight about the halfway vector h (E6; Blinn 1977): about four times Phong's n_s looks alike.
+
+    $$ W I_l (n \cdot h)_+^{n_s}, \qquad h = (l + v) / |l + v| $$
+    """
 
     def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
         """Return n . h."""
@@ -66,14 +72,19 @@ class Coefficients(eqx.Module):
 
 
 class Material(Checked):
-    """The coefficients of a surface (E1, E4-E7, E9, E12, E13); one that is not given is 0: no such term.
+    r"""The coefficients of a surface (E1, E4-E7, E9, E12, E13); one that is not given is 0: no such term.
+
+    $$ I_{refl} = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
+    $$ I = (1 - k_t) I_{refl} + k_t I_{trans}, \qquad \sin\theta_r = (\eta_i / \eta_r) \sin\theta_i $$
 
     `k_a`, `k_d`, `k_s`, `k_e`: ambient, diffuse and specular reflection and emission, RGB or one number (grey), at
     least 0. `n_s`: the specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel.
     `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
     is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
     default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 or None
-    does not bend. A colour may be a pattern of the point, for example a `Chequer`, of colours in its range.
+    does not bend. A colour may be a pattern of the point, for example a `Chequer`, of colours in its range. Where n.l
+    <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources: Phong 1975, Blinn 1977,
+    Foley et al. 1990, 16.1 and 16.5.
     """
 
     k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
@@ -96,9 +107,10 @@ class Material(Checked):
         k_s: Numbers = 0.0,
         **more: Any,
     ) -> Material:
-        """Return the material of Foley's form, k_a O_d, k_d O_d and k_s O_s in each channel (E10; Foley et al. 1990).
+        """Return the material of Foley's form, $k_a O_d$, $k_d O_d$ and $k_s O_s$ a channel (E10; Foley et al. 1990).
 
-        `O_d`, `O_s`: the object's diffuse and specular colours. `more`: n_s, lobe and the rest of `Material`.
+        `O_d`, `O_s`: the object's diffuse and specular colours, RGB or grey. `more`: n_s, lobe and the rest of
+        `Material`. Raises ValueError for what is no colour or below 0.
         """
         given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
         colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}

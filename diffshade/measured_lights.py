@@ -35,7 +35,7 @@ def as_angles(value: Numbers) -> Any:
 
 
 class Profile(Checked):
-    """Relative intensity over the angle gamma off a lamp's axis and the angle C about it, linear between a table's.
+    """Relative intensity over gamma off a lamp's axis and C about it, linear between a table's (LM-63, EULUMDAT).
 
     `vertical`: the angles gamma in degrees, (V,), increasing, 0 to 180 at most; beyond them it is dark. `horizontal`:
     the angles C in degrees, (H,), from 0 to 360 with both ends, or one alone, (1,), for a lamp that is the same all
@@ -104,12 +104,14 @@ class Profile(Checked):
 
 
 class MeasuredLight(AbstractEmitter):
-    """A point light with a measured beam, `profile`, about `direction`, attenuated with distance (E2).
+    r"""A point light with a measured beam, `profile`, about `direction`, attenuated with distance (E2).
 
-    What arrives is f_rad(d) profile(gamma, C) `intensity`. `direction`: where gamma = 0 points, the way its light
-    travels. `side`: a vector on the side of C = 0; what of it is along `direction` does not count. C grows
-    counter-clockwise for one who looks along `direction` from behind the lamp (type C of LM-63, C-planes of EULUMDAT).
-    In a fit the intensity, position and direction can be free, and `side` by its own name.
+    $$ f_{rad}(d) \, profile(\gamma, C) \, I_l $$
+
+    arrives at distance d. `position`: scene units. `intensity`: RGB or grey, at least 0. `direction`: where gamma = 0
+    points, the way its light travels. `side`: a vector on the side of C = 0; what of it is along `direction` does not
+    count. C grows counter-clockwise for one who looks along `direction` from behind the lamp (type C of LM-63, C-planes
+    of EULUMDAT). In a fit the intensity, position and direction can be free, and `side` by its own name.
     """
 
     position: Vector = eqx.field(converter=as_vector)

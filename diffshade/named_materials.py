@@ -26,7 +26,7 @@ def material(name: str) -> Material:
 
 
 def material_names() -> tuple[str, ...]:
-    """Return the names of the materials that `material` knows."""
+    """Return the names of the materials that `material` knows, in the order of the table."""
     return tuple(_table())
 
 

@@ -21,9 +21,11 @@ class AbstractPattern(Checked):
 
 
 class Chequer(AbstractPattern):
-    """Squares of two colours, `a` where sin(2 pi x/period) sin(2 pi y/period) > 0, `b` elsewhere, x = p.u, y = p.v.
+    r"""Squares of two colours in the plane of u and v: `a` where w > 0, `b` elsewhere.
 
-    A period is two squares, in scene units. With `smooth=True` the colour is b + (a - b)(1 + sin sin)/2, which has a
+    $$ w = \sin(2\pi \, p \cdot u / period) \sin(2\pi \, p \cdot v / period) $$
+
+    A period is two squares, in scene units. With `smooth=True` the colour is $b + (a - b)(1 + w) / 2$, which has a
     derivative everywhere; at the edges of the hard squares there is a jump, which no derivative sees. `u` and `v`: the
     directions in which to count, the x and the y axis by default; (1, 0, 0) and (0, 0, 1) for a floor.
     """

@@ -26,11 +26,14 @@ MANY = 6  # transparent objects, over which the compiler takes longer than it sa
 def render(
     scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
 ) -> Float[Array, "height width 3"]:
-    """Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
+    r"""Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
 
-    `lit`: the indices of the lights that are on; all of them by default. Ambient light is never switched. Compiled once
-    for each structure and shape; differentiable in every number of the scene and the camera except at silhouettes and
-    gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
+    $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
+
+    at the nearest surface (E9), of which what is transparent lets through what is behind it (E13), each fogged at its
+    own distance (E14). `lit`: the indices of the lights that are on; all of them by default. Ambient light is never
+    switched. Compiled once for each structure and shape; differentiable in every number of the scene and the camera
+    except at silhouettes and gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
 
     XLA's CPU compiler may take minutes over a program of your own, such as a gradient, in which several transparent
     objects are rendered. Let it leave fusion out: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
@@ -50,6 +53,8 @@ def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array
     """Shade a G-buffer with the material of the scene's only object, whatever that object's own shape (E9).
 
     Otherwise as `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer, material)`.
+
+    Raises ValueError for a scene of several objects, and as `render` does.
     """
     if len(scene.objects) != 1:
         raise ValueError(
@@ -60,7 +65,11 @@ def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array
 
 
 def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
-    """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points."""
+    """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points.
+
+    Arrays (H, W, 3) and (H, W), lengths in scene units; the normals are unit and on the viewer's side. Raises
+    ValueError for a scene, camera or GBuffer that does not fit together.
+    """
     check((scene, camera))
     check_shapes(scene, camera)
     check_backend()

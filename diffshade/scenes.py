@@ -21,7 +21,7 @@ from .surfaces import AbstractSolid, AbstractSurface
 
 
 class Object(Checked):
-    """A surface and what it is made of.
+    """A surface and what it is made of: `surface`, a shape or a `GBuffer`, and `material`.
 
     `name`: a word of your own, which then stands in the names of its parameters: `objects.ball.material.k_d`, or
     `ball.material.k_d`, instead of `objects.0.material.k_d`.

@@ -60,8 +60,11 @@ def touching(t: Array, size: Array) -> Array:
 class Sphere(AbstractSolid):
     """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
 
-    The derivative of a hit grows without bound at the silhouette. A ray that misses gets the sphere's nearest point,
-    which is smooth across the silhouette's edge; `inside` is False there.
+    $$ |o + t d - center|^2 = {radius}^2 $$
+
+    for the smallest t > 0 is where a ray from o along d meets it. The derivative of a hit grows without bound at the
+    silhouette. A ray that misses gets the sphere's nearest point, which is smooth across the silhouette's edge;
+    `inside` is False there.
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
@@ -107,9 +110,11 @@ class Sphere(AbstractSolid):
 
 
 class Plane(AbstractSurface):
-    """An infinite plane through `point`; its normal is that of the side the viewer is on.
+    r"""An infinite plane through `point`; its normal is that of the side the viewer is on.
 
-    `normal`: of any length but 0. A ray along the plane misses it.
+    $$ (o + t d - point) \cdot normal = 0 $$
+
+    for a t > 0 is where a ray from o along d meets it. `normal`: of any length but 0. A ray along the plane misses it.
     """
 
     point: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
@@ -132,8 +137,9 @@ class Plane(AbstractSurface):
 class Box(AbstractSolid):
     """A box about `center`; normals point outward, or to the viewer's side when seen from inside.
 
-    `size`: width, height and depth, scene units, above 0. `rotation`: degrees about the x, then the y, then the z axis,
-    right-handed, about the centre. At an edge the derivative is that of one of its faces.
+    A ray is within it from the last of the near to the first of the far planes (Kay and Kajiya 1986). `size`: width,
+    height and depth, scene units, above 0. `rotation`: degrees about the x, then the y, then the z axis, right-handed,
+    about the centre. At an edge the derivative is that of one of its faces.
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))

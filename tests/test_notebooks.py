@@ -1,12 +1,21 @@
 """The notebooks run from the top without an error, are committed without outputs, and stay thin."""
 
 from pathlib import Path
+from typing import Any
 
 import nbclient
 import nbformat
 import pytest
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+# the notebooks in which dragging teaches
+SLIDERS = ("01_light_and_matter", "05_attenuation", "06_transparency", "07_texel_maps")
+
+
+def beneath_sliders(notebook: nbformat.NotebookNode) -> list[list[dict[str, Any]]]:
+    """What each `interact` shows beneath its sliders, which is kept with the widgets and in no cell."""
+    widgets = notebook.metadata.get("widgets", {}).get("application/vnd.jupyter.widget-state+json", {}).get("state", {})
+    return [widget["state"]["outputs"] for widget in widgets.values() if widget["model_name"] == "OutputModel"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -26,4 +35,8 @@ def test_it_runs_and_draws(path, tmp_path, monkeypatch):
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
     assert len(pictures) >= 3
+    # what a slider's function raises is shown beneath the slider and stops nothing
+    sliders = beneath_sliders(notebook)
+    assert bool(sliders) == (path.stem in SLIDERS)
+    assert all(["image/png" in output.get("data", {}) for output in shown] == [True] for shown in sliders)
     assert not list(tmp_path.iterdir())

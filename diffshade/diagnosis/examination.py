@@ -67,12 +67,12 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
 
     Errors are for independent noise where the views' own optima scatter no more than it lets them, else by delete-one
     jackknife over the views (patches of them, where there are fewer than three), with Student's t. Intervals are where
-    the cost, the other unknowns at their best, has risen by the square of so many errors (profile likelihood): they
-    bend with the problem and end at bounds. Then the fit is made anew without half of the views, without saturated
-    pixels and 1 and 3 px about them, without the brightest half of the highlight, and without 2 and 5 degrees about it:
-    a number that moves by 30 %, or by three errors, and to whose old value what is left objects, is not determined. At
-    last the residuals are asked for what is other than was said: the files' curve, an exposure, a light's place, cast
-    shadows, light between surfaces at a rim. `progress`: show a line on the terminal.
+    the cost, the other unknowns at their best, has risen by the square of so many errors (profile likelihood; Venzon
+    and Moolgavkar 1988): they bend with the problem and end at bounds. Then the fit is made anew without half of the
+    views, without saturated pixels and 1 and 3 px about them, without the brightest half of the highlight, and without
+    2 and 5 degrees about it: a number that moves by 30 %, or by three errors, and to whose old value what is left
+    objects, is not determined. At last the residuals are asked for what is other than was said: the files' curve, an
+    exposure, a light's place, cast shadows, light between surfaces at a rim. `progress`: show a line on the terminal.
 
     Raises TypeError for anything but a fit.
     """

@@ -55,12 +55,14 @@ def foresee(
     priors: Mapping[str, Sequence[Any]] | None = None,
     noise: Noise | float = 0.01,
 ) -> Foresight:
-    """Return the errors to expect of a fit, were the scene the truth, and in words what it would not determine.
+    r"""Return the errors to expect of a fit, were the scene the truth, and in words what it would not determine.
 
-    The covariance is sigma^2 (J^T J)^-1 at the scene's values (Fisher information of independent noise). Of the views
-    the camera, mask, lights, exposure, noise and saturation count, not the images, which may be anything of their
-    shape. `noise`: the standard deviation of a sample, for views that have no `Noise` of their own; other arguments as
-    of `fit`.
+    $$ Cov = \sigma^2 (J^T J)^{-1} $$
+
+    at the scene's values, J the derivatives of every sample (the inverse of Fisher's information of independent noise;
+    Rao 1945). Of the views the camera, mask, lights, exposure, noise and saturation count, not the images, which may be
+    anything of their shape. `noise`: the standard deviation of a sample, for views that have no `Noise` of their own;
+    other arguments as of `fit`.
 
     Raises as `fit` does.
     """

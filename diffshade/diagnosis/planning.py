@@ -129,15 +129,16 @@ class Plan:
 def plan(
     fit: Fit, shots: Sequence[Shot] | Shot, *, aim: Sequence[str] | str | None = None, progress: bool = False
 ) -> Plan:
-    """Rank photographs that could be taken by the errors that the fit would have with each of them.
+    r"""Rank photographs that could be taken by the errors that the fit would have with each of them.
 
-    A shot with the Jacobian J at the fitted scene adds J^T J/sigma^2 to the Fisher information of the views, and the
-    inverse of the sum is the covariance to expect (Fedorov 1972; Pukelsheim 1993), for independent noise of the fit's
-    own size; unknowns at a bound stay there. Its pixels are those that show an object and that the first view's sensor
-    would not clip. `aim`: names of unknowns, as in `fit`; the shots are ranked by their expected relative error (the
-    root mean square of several), without it by the gain of log det of the information (D-optimal). Where the views
-    leave something undetermined, what counts first is how many directions of it a shot determines. `progress`: show a
-    line on the terminal.
+    $$ Cov = (F + J^T J / \sigma^2)^{-1} $$
+
+    is the covariance to expect, with F the Fisher information of the views and J the Jacobian of the shot at the fitted
+    scene (Fedorov 1972; Pukelsheim 1993), for independent noise of the fit's own size; unknowns at a bound stay there.
+    Its pixels are those that show an object and that the first view's sensor would not clip. `aim`: names of unknowns,
+    as in `fit`; the shots are ranked by their expected relative error (the root mean square of several), without it by
+    the gain of log det of the information (D-optimal). Where the views leave something undetermined, what counts first
+    is how many directions of it a shot determines. `progress`: show a line on the terminal.
 
     Raises ValueError, TypeError: one sentence that names the shot or the unknown and the remedy.
     """

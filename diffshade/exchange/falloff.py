@@ -65,12 +65,14 @@ class Falloff:
 
 
 def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
-    """Fit lux = 1/(a0 + a1 d + a2 d^2), each a at least 0, to a table of distances and lux (E2).
+    r"""Fit the attenuation of a lamp, each a at least 0, to a table of distances and lux (E2).
 
-    Minimises sum (lux (a0 + a1 d + a2 d^2) - 1)^2, the relative error of each row to first order, which is linear in
-    the three: a light of intensity 1 with this attenuation gives lux at a distance in the table's unit. `distance`,
-    `lux`: (N,), above 0, at least four rows at three distances. The standard errors take the scatter from the
-    residuals. Raises ValueError.
+    $$ \min \sum (E (a_0 + a_1 d + a_2 d^2) - 1)^2 $$
+
+    over the rows, E in lux: the relative error of each to first order, which is linear in the three (Lawson and Hanson
+    1974): a light of intensity 1 with this attenuation gives lux at a distance in the table's unit. `distance`, `lux`:
+    (N,), above 0, at least four rows at three distances. The standard errors take the scatter from the residuals.
+    Raises ValueError for fewer rows or distances, and for a number that is not finite or not above 0.
     """
     d, E = (_column(name, value) for name, value in (("distance", distance), ("lux", lux)))
     if d.shape != E.shape or len(d) < 4 or len(np.unique(d)) < 3:

@@ -72,11 +72,13 @@ class SpotFit:
 
 
 def as_spot(lamp: MeasuredLight) -> SpotFit:
-    """Fit a spot light, I cos^a gamma up to a cutoff (E3), to a lamp's profile, by least squares over its angles.
+    r"""Fit a spot light (E3) to a lamp's profile, by least squares over its angles.
+
+    $$ \min \sum (profile(\gamma, C) - s \cos^a \gamma)^2, \qquad \cos^a \gamma = 0 \text{ beyond the cutoff} $$
 
     Every degree of gamma from 0 to 90 (further, where the lamp shines there) and every plane of the table count alike.
     The exponent a, the cutoff (in whole degrees; 90 unless another is better) and the peak are found. Position,
-    direction, attenuation and colour are the lamp's.
+    direction, attenuation and colour are the lamp's. Raises TypeError for anything but a `MeasuredLight`.
     """
     check_kind("lamp", lamp, MeasuredLight, "read_lamp('lamp.ies')")
     gamma, beam = _beam(lamp.profile)

@@ -105,7 +105,10 @@ def check_format(path: Path) -> str:
 
 
 def read_material(path: str | Path, *, name: str | None = None) -> Material:
-    """Read a material of another program: the one of that name, or the only one; see `read_materials`."""
+    """Read a material of another program: the one of that name, or the only one; see `read_materials`.
+
+    Raises as `read_materials` does, and ValueError where there are several or none of that name.
+    """
     found = read_materials(path)
     if name is None:
         if len(found) > 1:

@@ -49,13 +49,16 @@ def named(material: Material) -> str:
 def with_lobe(
     material: Material, lobe: AbstractLobe, *, highest_n_s: float | int = EXPONENTS[1], highest_k: float | int = np.inf
 ) -> Refit:
-    """Return the material of this lobe, with a constant k_s and one n_s, that looks most like the given one.
+    r"""Return the material of this lobe, with a constant k_s and one n_s, that looks most like the given one.
 
-    A Phong highlight becomes a Blinn one of about 4 n_s, and back. Minimises the squared difference of radiance over a
-    reference: a viewer and lights of intensity 1 far away, at 0, 20, 40, 60 and 80 degrees from one another; under each
-    256 normals evenly over the highlight, to where it is a thousandth of its peak, and 256 over the half sphere about
-    it. `highest_n_s`, `highest_k`: limits of another program on n_s and on each of k_d and k_s. A material that is of
-    this lobe and within the limits is returned as it is. Raises ValueError for one whose coefficients are patterns.
+    $$ \min \sum (I - I_{given})^2 $$
+
+    over a reference: a viewer and lights of intensity 1 far away, at 0, 20, 40, 60 and 80 degrees from one another;
+    under each 256 normals evenly over the highlight, to where it is a thousandth of its peak, and 256 over the half
+    sphere about it. A Phong highlight becomes a Blinn one of about 4 n_s, and back. `highest_n_s`, `highest_k`: limits
+    of another program on n_s and on each of k_d and k_s. A material that is of this lobe and within the limits is
+    returned as it is. Raises ValueError for one whose coefficients are patterns, TypeError for what is no material or
+    no lobe.
     """
     check_plain(material)
     check_kind("lobe", lobe, AbstractLobe, "Blinn()")

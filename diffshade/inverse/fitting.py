@@ -49,12 +49,15 @@ def fit(
     mesh: Mesh | None = None,
     progress: bool = False,
 ) -> Fit:
-    """Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
+    r"""Fit the free numbers of a scene to photographs, by least squares over every pixel that shows an object.
 
-    Minimises sum (exposure * radiance + black - image)^2 over the samples of all views by Levenberg-Marquardt on J^T J
-    within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start: whatever the scene says
-    of them, k_a, k_d, k_s are solved for exactly, n_s is searched for, and the attenuation begins at none; geometry (a
-    light's position or direction, a spot's shape, a sphere) is searched for around the scene's values.
+    $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
+
+    over the samples of all views, rho the square unless another `loss` is given, by Levenberg-Marquardt on J^T J
+    (Marquardt 1963) within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start:
+    whatever the scene says of them, k_a, k_d, k_s are solved for exactly, n_s is searched for, and the attenuation
+    begins at none; geometry (a light's position or direction, a spot's shape, a sphere) is searched for around the
+    scene's values.
 
     `free`, `tied`: names, any run of whole segments of a dotted path: `"k_d"`, `"lights.0.intensity"`,
     `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only by its own name), `"exposure"`

@@ -92,7 +92,7 @@ class Fit:
 
     @property
     def material(self) -> Material:
-        """The fitted material of the scene's only object."""
+        """The fitted material of the scene's only object; ValueError where there are several."""
         if len(self.scene.objects) != 1:
             raise ValueError(
                 f"this scene has {len(self.scene.objects)} objects, so which material is meant is not known. "

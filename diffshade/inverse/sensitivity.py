@@ -20,10 +20,13 @@ from .uncertainty import inverse
 
 
 def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
-    """Return the derivative of the fitted values by the known numbers that `name` names, in the scene's order.
+    r"""Return the derivative of the fitted values by the known numbers that `name` names, in the scene's order.
 
     `name` is any run of whole segments of a dotted path, as in `fit`: "lights.0.intensity" has k = 3. At the minimum
-    the gradient F of the cost is 0 whatever the known numbers phi are, so d theta/d phi = -(dF/d theta)^-1 dF/d phi,
+    the gradient F of the cost by the unknowns theta is 0 whatever the known numbers phi are, so
+
+    $$ d\theta / d\phi = -(dF / d\theta)^{-1} \; dF / d\phi $$
+
     with all second derivatives (the implicit function theorem). Values at a bound do not move. The weights of the noise
     and the scale of a robust loss are held. Raises ValueError where the number is free, or a value is not determined.
     """
@@ -58,6 +61,8 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     """Return the derivative of the fitted values by each sample of the photograph of one view; 0 where none counts.
 
     As `sensitivity`, with the photograph for the known numbers. A clipped sample has no derivative: it is no number.
+    The result is (p, H, W, C), one picture an unknown. Raises ValueError for a view that the fit has not, or a value
+    that is not determined; TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):

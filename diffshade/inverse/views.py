@@ -50,10 +50,12 @@ def as_level(level: Any) -> Any:
 
 
 class Noise(Checked):
-    """How much a photograph's samples scatter: variance read^2 + shot m + quantisation, at the level m of the image.
+    r"""How much a photograph's samples scatter, at the level m of the image (Healey and Kondepudy 1994).
+
+    $$ variance = {read}^2 + shot \cdot m + (s / levels)^2 / 12 $$
 
     `read`: standard deviation in the dark. `shot`: variance for each unit of signal, that of counted photons. `levels`:
-    steps of an integer file, 255 for 8 bits, whose rounding adds (s / levels)^2 / 12; `srgb`: 1 where the steps are
+    steps of an integer file, 255 for 8 bits, whose rounding is the last term, 0 without; `srgb`: 1 where the steps are
     spaced by the sRGB curve, so that s is its slope at m, else 0 and s = 1. At least 0, in the image's linear units.
     """
 
@@ -92,17 +94,19 @@ def as_noise(noise: Noise | float | None) -> Any:
 
 
 class View(Checked):
-    """A photograph (or render) and how it was taken: exposure * radiance + black, with noise, clipped by the sensor.
+    r"""A photograph (or render) and how it was taken.
 
-    `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a further channel is alpha, and alpha of at least
-    half is inside the mask. One larger than memory is what `open_image` returns, or any array of one's own with
-    `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py, zarr). `camera`: of the image's shape.
-    `mask`: (H, W), True or at least half where pixels count; by default the scene's own silhouette. `lit`: the indices
-    of the lights that were on; by default all. `exposure`: the factor from radiance to the image, above 0. `black`:
-    what the image shows where there is no light. `noise`: a `Noise`, or the standard deviation of noise that is the
-    same everywhere; by default it is estimated. `saturation`: samples at or above it are clipped; by default 1 in an
-    image whose largest value that counts is exactly 1, the top of an integer file's range, else none. `floor`: samples
-    at or below it are clipped from below; by default none.
+    $$ image = exposure \cdot radiance + black + noise $$
+
+    then clipped by the sensor to [floor, saturation]. `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a
+    further channel is alpha, and alpha of at least half is inside the mask. One larger than memory is what `open_image`
+    returns, or any array of one's own with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py,
+    zarr). `camera`: of the image's shape. `mask`: (H, W), True or at least half where pixels count; by default the
+    scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`: the factor from
+    radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a `Noise`, or the
+    standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`: samples at or
+    above it are clipped; by default 1 in an image whose largest value that counts is exactly 1, the top of an integer
+    file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
     """
 
     image: Image = eqx.field(converter=as_image)

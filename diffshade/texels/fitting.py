@@ -54,13 +54,15 @@ def fit_texels(
     mesh: Mesh | None = None,
     progress: bool = False,
 ) -> TexelMaps:
-    """Fit a material of its own to every pixel of views that share a camera: maps of k_d, k_s, n_s and the normal.
+    r"""Fit a material of its own to every pixel of views that share a camera: maps of k_d, k_s, n_s and the normal.
 
-    Minimises at each texel sum rho((exposure * radiance + black - image)^2) over all views: the coefficients exactly
-    and never below 0, log n_s (and the normal) by Levenberg-Marquardt on what they leave (variable projection; Golub
-    and Pereyra 1973), in float64 whatever the global flag. It needs no start: n_s is searched for, the normal begins at
-    photometric stereo (Woodham 1980) from the middle of each texel's observations. A texel has a highlight where one
-    explains enough of what it shows; elsewhere k_s and n_s are 0, with infinite errors, and the map says so.
+    $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
+
+    at each texel, over all views, rho the square unless another `loss` is given: the coefficients exactly and never
+    below 0, log n_s (and the normal) by Levenberg-Marquardt on what they leave (variable projection; Golub and Pereyra
+    1973), in float64 whatever the global flag. It needs no start: n_s is searched for, the normal begins at photometric
+    stereo (Woodham 1980) from the middle of each texel's observations. A texel has a highlight where one explains
+    enough of what it shows; elsewhere k_s and n_s are 0, with infinite errors, and the map says so.
 
     `scene`: one opaque object, whose surface says where the texels are, and all the lights; what is free in it is not
     looked at. `views`: at least 2, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`, of one

@@ -66,7 +66,8 @@ class TexelMaps:
     ) -> Float[np.ndarray, "h w 3"]:
         """Return the picture that the maps show under these lights, by default the scene's: linear radiance (E9).
 
-        `lit`: the indices of the lights that are on; all of them by default. 0 where no view shows the object.
+        `lit`: the indices of the lights that are on; all of them by default. 0 where no view shows the object. Raises
+        ValueError for a light that needs positions where the surface has none, and for an index that no light has.
         """
         scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, as_tuple(lights))
         scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
