@@ -14,7 +14,7 @@ from .balls import Ball
 Vector = Float[np.ndarray, "3"]
 Picture = Float[np.ndarray, "h w"]
 
-LEVELS = (0.25, 0.5, 0.75, 0.95)  # of the brightest pixel: how bright the highlight's pixels are at least
+LEVELS = (0.25, 0.5, 0.75)  # of the brightest pixel: how bright the highlight's pixels are at least
 LARGEST = 0.05  # of the ball, that what is half as bright as the brightest pixel covers at most, if it is a highlight
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
@@ -35,9 +35,9 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     """Find the light that a mirror ball shows: l = 2 (n.v) n - v at its highlight (Debevec 1998, SIGGRAPH, fig. 6).
 
     `picture`: the mean of the channels. The highlight is the piece that holds most light of the pixels of at least a
-    quarter, a half, three quarters and .95 of the brightest one, and l the mean of its pixels' own; of the four the
-    mean is taken, and how they differ is in the error, with what the ball's outline leaves open and half a pixel for
-    each pixel of the highlight. Raises ValueError where nothing is a highlight.
+    quarter, a half and three quarters of the brightest one, and l the mean of its pixels' own; of the three the mean is
+    taken, and how they differ is in the error, with what the ball's outline leaves open and the rounding of the
+    highlight's edge to pixels. Raises ValueError where nothing is a highlight.
     """
     row, column = np.nonzero(ball.mask)
     _, n, v = ball.seen(row + 0.5, column + 0.5)
@@ -83,7 +83,8 @@ def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3
     """Return the point nearest to the rays from several balls to one light, and its standard errors; scene units.
 
     Minimises sum |(I - l l^T)(x - p)|^2 / (sigma |x - p|)^2 over x, with the distances of the last x; sigma is each
-    direction's error, or more where the rays miss each other by more. NaN, with infinite errors, where they do not meet.
+    direction's error, or more where the rays miss each other by more. NaN, with infinite errors, where they do not
+    meet.
     """
     p, l = np.array([g.point for g in glints]), np.array([g.direction for g in glints])
     sigma = np.deg2rad([max(g.error, 1e-6) for g in glints]) / np.sqrt(2.0)  # along each of the two ways across a ray

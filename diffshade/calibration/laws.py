@@ -120,7 +120,9 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     patches = [slice(first, last) for first, last in itertools.pairwise(ends) if last > first]
     without = [_minus(normal, _normal(at, weights, patch)) for patch in patches]
     moved = np.einsum("ijk,pik->pij", ways, np.array([_solve(of, 1e-9)[0] for of in without]))
-    moved -= moved.mean(0)
+    # the cost bends with psi' = (1 - t^2) w^2, t = r / (2.385 sigma), where the normal equations have the weights w
+    t2 = (at.residuals / (CAUCHY * scale)) ** 2
+    moved = (moved - moved.mean(0)) * weights.sum() / ((1.0 - t2) * weights**2).sum()
     covariance = (len(moved) - 1) / len(moved) * np.einsum("pij,pik->ijk", moved, moved)
     return Lamps(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
 

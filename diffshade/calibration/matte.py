@@ -22,6 +22,7 @@ RIM = 0.2  # n.v below which pixels are left out: there the outline matters most
 PATCHES = 6  # across a ball, whose pixels err together
 MOST_PIXELS = 8_000
 AS_GOOD = 1.5  # times the residuals of a law that may bend: without ambient light it may be the right one
+EVEN = 0.05  # of a photograph's median: a light that gives less is none
 ODD = 2.0  # times the residuals of the middle photograph: it is another one
 
 
@@ -36,6 +37,12 @@ def by_shading(
     row, column, shading = see(taken, ball)
     laws = [find_lamps(shading, law, None if known is None else known[0]) for law in LAWS]
     lamps = laws[-1]
+    shown = np.nanmedian(shading.values, -1)
+    for name, level, intensity in zip(taken.names, shown, lamps.intensity, strict=True):
+        if intensity < EVEN * level:
+            raise ValueError(
+                f"{name} shows no light on the ball: it is as bright everywhere. Give photographs under one light each."
+            )
     # the model's own law counts in any case: where a ball bends from it, it may do so in ways that no law here has
     others = [laws[1], *(of for of in laws[:1] if _scatter(of) <= AS_GOOD * _scatter(lamps))]
     between = np.mean([degrees(of.direction, lamps.direction) ** 2 for of in others], 0)
@@ -46,8 +53,8 @@ def by_shading(
     along = np.einsum("ij,ijk,ik->i", lamps.direction, lamps.covariance, lamps.direction) / lamps.intensity**2
     intensities = np.array(
         [
-            _colour(np.asarray(image[:], np.float64)[row, column], lit, of)
-            for image, lit, of in zip(taken.images, lamps.lit * lamps.weights, lamps.intensity, strict=True)
+            _colour(np.asarray(image[:], np.float64)[row, column], lit, weight, of)
+            for image, lit, weight, of in zip(taken.images, lamps.lit, lamps.weights, lamps.intensity, strict=True)
         ]
     )
     lights = [DirectionalLight(-l, c) for l, c in zip(lamps.direction, intensities, strict=True)]
@@ -60,8 +67,8 @@ def by_shading(
     if known is None:
         laws_turn = float(np.sqrt(between.mean()))
         notes.append(
-            f"other laws of shading turn the directions by {laws_turn:.2g} degrees, which is in the errors; a mask that "
-            f"lies a pixel to one side turns all of them by {np.rad2deg(1 / ball.radius):.2g}, of "
+            f"other laws of shading turn the directions by {laws_turn:.2g} degrees, which is in the errors; a mask "
+            f"that lies a pixel to one side turns all of them by {np.rad2deg(1 / ball.radius):.2g}, of "
             "which .29 is."
         )
     return Calibration(
@@ -103,10 +110,11 @@ def _cells(index: np.ndarray) -> np.ndarray:
     return ((index - index.min()) * PATCHES // (np.ptp(index) + 1)).astype(int)
 
 
-def _colour(samples: np.ndarray, weight: np.ndarray, intensity: float) -> Float[np.ndarray, "3"]:
-    """Return R, G, B of a light: its intensity, times what each channel is to their mean where the light shines."""
-    sums = weight @ samples
-    return intensity * sums / sums.mean() * np.ones(3)
+def _colour(samples: np.ndarray, lit: np.ndarray, weight: np.ndarray, intensity: float) -> Float[np.ndarray, "3"]:
+    """Return R, G, B of a light: its intensity, times how steeply each channel rises with the light, to their mean."""
+    centred = weight * (lit - weight @ lit / weight.sum())
+    slopes = centred @ samples
+    return intensity * slopes / slopes.mean() * np.ones(3)
 
 
 def _scatter(lamps: Lamps) -> float:

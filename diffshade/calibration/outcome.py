@@ -59,7 +59,8 @@ class Calibration:
     fit: Fit | None = None
     """The fit of pose, light and material, of a glossy ball."""
     fit_errors: Float[np.ndarray, " p"] | None = None
-    """Standard errors of its values: by patches of the ball where these disagree more than noise lets them."""
+    """Standard errors of its values: by patches of the ball where these disagree more than noise lets them;
+    infinite where nothing is determined."""
 
     @property
     def camera(self) -> AbstractCamera:
@@ -154,7 +155,7 @@ class Calibration:
             lines += [
                 f"{name:<{width}} {value:>12.6g} {error:>11.2g}" if known else f"{name:<{width}} {'not determined':>12}"
                 for name, value, error, known in zip(
-                    self.fit.names, self.fit.values, self.fit_errors, self.fit.determined, strict=True
+                    self.fit.names, self.fit.values, self.fit_errors, np.isfinite(self.fit_errors), strict=True
                 )
             ]
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])

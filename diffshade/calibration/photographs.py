@@ -55,7 +55,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
 
     Raises FileNotFoundError; ValueError and TypeError in one sentence.
     """
-    names, images, beside = _read(photographs, srgb)
+    names, images, beside = _read(photographs, srgb, beside=mask is None)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
@@ -78,11 +78,11 @@ def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
     return Photographs(tuple(names), tuple(images), (_round_piece(images),), found=True)
 
 
-def _read(photographs: Any, srgb: bool | None) -> tuple[list[str], list[Any], Path | None]:
-    """Return names and images, and a mask that lies beside them in a folder."""
-    beside = None
+def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[str], list[Any], Path | None]:
+    """Return names and images, and the mask that lies beside them in a folder, if it is looked for."""
+    masks: list[Path] = []
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
-        files, beside = _in_folder(Path(photographs))
+        files, masks = _in_folder(Path(photographs))
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
@@ -101,11 +101,14 @@ def _read(photographs: Any, srgb: bool | None) -> tuple[list[str], list[Any], Pa
             raise ValueError(
                 f"{name} must be an image (H, W) or (H, W, C); got shape {image.shape}. Give one image each."
             )
-    return names, images, beside
+    if beside and len(masks) > 1:
+        listed = ", ".join(sorted(file.name for file in masks))
+        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=.")
+    return names, images, masks[0] if beside and masks else None
 
 
-def _in_folder(folder: Path) -> tuple[list[Path], Path | None]:
-    """Return the images of a folder in the order that people count in, and its mask, if it has one.
+def _in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Return the images of a folder in the order that people count in, and its masks.
 
     Those that its `filenames.txt` names, or else all but the mask.
     """
@@ -120,10 +123,7 @@ def _in_folder(folder: Path) -> tuple[list[Path], Path | None]:
         )
     if not files:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(FORMATS)}.")
-    if len(masks) > 1:
-        names = ", ".join(sorted(file.name for file in masks))
-        raise ValueError(f"{folder} holds several masks, {names}. Say which with mask=.")
-    return files, masks[0] if masks else None
+    return files, masks
 
 
 def _counted(file: Path) -> list[Any]:
