@@ -200,8 +200,8 @@ def test_derivatives_by_a_calibration_matrix():
         ),
         (
             [[-1, 0, 0], [0, 1, 0], [0, 0, 1]],
-            "K must have focal lengths above 0, and finite numbers; got f_x -1 and f_y 1. Give [[f_x, 0, c_x], [0, f_y, "
-            "c_y], [0, 0, 1]] in pixels.",
+            "K must have focal lengths above 0, and finite numbers; got f_x -1 and f_y 1. Give [[f_x, 0, c_x], [0, "
+            "f_y, c_y], [0, 0, 1]] in pixels.",
         ),
     ],
 )

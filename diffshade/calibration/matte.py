@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -51,12 +51,7 @@ def by_shading(
     relative = lamps.intensity / lamps.intensity.mean()
     apart = np.mean([(of.intensity / of.intensity.mean() / relative - 1.0) ** 2 for of in others], 0)
     along = np.einsum("ij,ijk,ik->i", lamps.direction, lamps.covariance, lamps.direction) / lamps.intensity**2
-    intensities = np.array(
-        [
-            _colour(np.asarray(image[:], np.float64)[row, column], lit, weight, of)
-            for image, lit, weight, of in zip(taken.images, lamps.lit, lamps.weights, lamps.intensity, strict=True)
-        ]
-    )
+    intensities = _colours([np.asarray(image[:], np.float64)[row, column] for image in taken.images], lamps)
     lights = [DirectionalLight(-l, c) for l, c in zip(lamps.direction, intensities, strict=True)]
     notes = [
         *_odd(taken, lamps),
@@ -110,11 +105,17 @@ def _cells(index: np.ndarray) -> np.ndarray:
     return ((index - index.min()) * PATCHES // (np.ptp(index) + 1)).astype(int)
 
 
-def _colour(samples: np.ndarray, lit: np.ndarray, weight: np.ndarray, intensity: float) -> Float[np.ndarray, "3"]:
-    """Return R, G, B of a light: its intensity, times how steeply each channel rises with the light, to their mean."""
-    centred = weight * (lit - weight @ lit / weight.sum())
-    slopes = centred @ samples
-    return intensity * slopes / slopes.mean() * np.ones(3)
+def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
+    """Return R, G, B of each light: its intensity, times what each channel has of it.
+
+    Of each channel S = a + s L, where L is what the light gives the mean of the channels, s is the photograph's own and
+    the ambient a is one for all.
+    """
+    w, L = lamps.weights, lamps.lit
+    beside = w * (1.0 - L * ((w * L).sum(-1) / (w * L * L).sum(-1))[:, None])  # what of the ambient L does not explain
+    ambient = sum(each @ of for each, of in zip(beside, samples, strict=True)) / beside.sum()
+    shares = np.array([(each * l) @ (of - ambient) for each, l, of in zip(w, L, samples, strict=True)])
+    return lamps.intensity[:, None] * shares / shares.mean(-1, keepdims=True) * np.ones(3)
 
 
 def _scatter(lamps: Lamps) -> float:
