@@ -25,7 +25,7 @@ raises ValueError, and what is of another kind TypeError: one sentence, with the
 ## Lights
 
 `PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `RadialAttenuation`,
-`read_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`
+`read_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`, `Calibration`
 
 ## Pictures
 

@@ -3,6 +3,8 @@
 from .attenuation import DepthCueing as DepthCueing
 from .attenuation import Fog as Fog
 from .attenuation import RadialAttenuation as RadialAttenuation
+from .calibration.calibrating import calibrate as calibrate
+from .calibration.outcome import Calibration as Calibration
 from .cameras import Camera as Camera
 from .cameras import OrthographicCamera as OrthographicCamera
 from .diagnosis.examination import Examination as Examination

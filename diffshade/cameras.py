@@ -9,7 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
+from .fields import (
+    Array,
+    Checked,
+    Numbers,
+    Pair,
+    Scalar,
+    Vector,
+    as_array,
+    as_pair,
+    as_scalar,
+    as_vector,
+    in_short,
+    is_concrete,
+)
 from .vectors import Vec3, cross, dot, length, normalize, where
 
 
@@ -81,11 +94,14 @@ def as_shape(value: Sequence[int]) -> Any:
 class Camera(AbstractCamera):
     r"""A perspective (pinhole) camera at `eye`, looking at `target`: the ray of the pixel in row i, column j of H by W.
 
-    $$ forward + \tan(fov/2) [(2j + 1 - W) \, right + (H - 2i - 1) \, up] / H $$
+    $$ forward + 2 \tan(fov/2) [aspect (j + 1/2 - c_x) \, right + (c_y - i - 1/2) \, up] / H $$
 
-    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels, square pixels. `up`:
-    which way is up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point; `False`: one
-    v, the backward axis, everywhere (E8).
+    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels. `up`: which way is
+    up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point; `False`: one v, the
+    backward axis, everywhere (E8). `principal_point`: (c_x, c_y), where the line of sight meets the picture, column and
+    row in pixels whose centres lie at +.5; by default the middle. `aspect`: the width of a pixel over its height; by
+    default 1. Of a calibrated camera they come from `Camera.from_intrinsics`; `fov` is then 2 atan(H / (2 f_y)),
+    wherever the principal point is.
     """
 
     eye: Vector = eqx.field(converter=as_vector)
@@ -94,21 +110,67 @@ class Camera(AbstractCamera):
     fov: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=40.0)
     shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
     local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
+    principal_point: Pair | None = eqx.field(kw_only=True, converter=as_pair, default=None)
+    aspect: Scalar | None = eqx.field(kw_only=True, converter=as_scalar, default=None)
+
+    @classmethod
+    def from_intrinsics(
+        cls,
+        K: Numbers,
+        *,
+        shape: Sequence[int],
+        eye: Numbers = (0.0, 0.0, 0.0),
+        target: Numbers = (0.0, 0.0, -1.0),
+        up: Numbers = (0.0, 1.0, 0.0),
+        local_viewer: bool = True,
+    ) -> "Camera":
+        """Make the camera of a calibration matrix K = [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]], in pixels.
+
+        A point that lies X to the right, Y above and Z in front of the eye is seen at column c_x + f_x X/Z and row
+        c_y - f_y Y/Z, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB count otherwise:
+        add .5 to both c of a K of OpenCV, whose first centre is (0, 0), and take .5 from those of MATLAB, (1, 1).
+        `shape`: (height, width) of the photographs, of the size they had when K was found. `eye`, `target`, `up`: the
+        pose; by default the camera is the origin and looks along -z. Photographs must be free of lens distortion.
+        Differentiable in K (Hartley and Zisserman 2004, "Multiple View Geometry", eq. 6.9). Raises ValueError.
+        """
+        matrix = as_array(K)
+        check_intrinsics(matrix)
+        xp = np if isinstance(matrix, np.ndarray) else jnp
+        f_x, f_y = matrix[0, 0], matrix[1, 1]
+        shape = as_shape(shape)
+        height = shape[0] if isinstance(shape, tuple) and shape else 1  # a shape that is none is refused below
+        return cls(
+            eye,  # pyright: ignore[reportArgumentType]
+            target=target,
+            up=up,
+            fov=xp.rad2deg(2.0 * xp.arctan(0.5 * height / f_y)),
+            shape=shape,
+            local_viewer=local_viewer,
+            principal_point=matrix[:2, 2],
+            aspect=f_y / f_x,
+        )
 
     def check_together(self) -> None:
         check_camera(self)
         if is_concrete(self.fov) and not 0 < self.fov < 180:
             raise ValueError(f"Camera.fov must be above 0 and below 180 degrees; got {self.fov}. Give the full angle.")
+        if self.aspect is not None and is_concrete(self.aspect) and not self.aspect > 0:
+            raise ValueError(
+                f"Camera.aspect must be above 0; got {self.aspect}. Give the width of a pixel over its height."
+            )
 
     def projection(self) -> Projection:
         """Return rays from the eye, spread over the full vertical angle `fov`."""
         right, up, backward = axes(self)
         pixel = 2.0 * jnp.tan(jnp.deg2rad(self.fov) / 2.0) / self.shape[0]
+        across = pixel if self.aspect is None else pixel * self.aspect
+        middle = (self.shape[1] / 2.0, self.shape[0] / 2.0)
+        column, row = middle if self.principal_point is None else self.principal_point
         zero = right * 0.0
-        corner = -backward - right * (pixel * self.shape[1] / 2.0) + up * (pixel * self.shape[0] / 2.0)
+        corner = -backward - right * (across * column) + up * (pixel * row)
         eye = Vec3.of(self.eye)
         return Projection(
-            eye, zero, zero, corner, right * pixel, up * -pixel, eye, backward, jnp.asarray(1.0 * self.local_viewer)
+            eye, zero, zero, corner, right * across, up * -pixel, eye, backward, jnp.asarray(1.0 * self.local_viewer)
         )
 
 
@@ -160,6 +222,28 @@ def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
     backward = normalize(Vec3.of(camera.eye) - Vec3.of(camera.target))
     right = normalize(cross(Vec3.of(camera.up), backward))
     return right, cross(backward, right), backward
+
+
+def check_intrinsics(K: Any) -> None:
+    """Refuse what is no calibration matrix, or one with skew."""
+    if getattr(K, "shape", None) != (3, 3):
+        got = f"shape {K.shape}" if hasattr(K, "shape") else in_short(K)
+        raise ValueError(
+            f"K must be a matrix of 3 x 3 numbers; got {got}. Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]]."
+        )
+    if not is_concrete(K):
+        return
+    numbers = np.asarray(K)
+    if not (np.isfinite(numbers).all() and numbers[0, 0] > 0 and numbers[1, 1] > 0):
+        raise ValueError(
+            f"K must have focal lengths above 0, and finite numbers; got f_x {numbers[0, 0]:g} and f_y "
+            f"{numbers[1, 1]:g}. Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]] in pixels."
+        )
+    if numbers[0, 1] != 0 or numbers[1, 0] != 0 or not np.array_equal(numbers[2], (0, 0, 1)):
+        raise ValueError(
+            f"K must have no skew and end in (0, 0, 1); got skew {numbers[0, 1]:g} and the row {in_short(numbers[2])}. "
+            "Calibrate without skew, as OpenCV does."
+        )
 
 
 def check_camera(camera: AbstractCamera) -> None:

@@ -18,6 +18,7 @@ Array: TypeAlias = np.ndarray | jax.Array
 Scalar: TypeAlias = Float[Array, ""]
 Colour: TypeAlias = Float[Array, "3"]
 Vector: TypeAlias = Float[Array, "3"]
+Pair: TypeAlias = Float[Array, "2"]
 Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
 # A Colour, or a pattern (see patterns.py), or None; Any, so that a type checker takes it for what one knows it is.
 Coefficient: TypeAlias = Any
@@ -51,6 +52,11 @@ def as_scalar(value: Numbers | None) -> Any:
     return value if value is None else as_array(value)
 
 
+def as_pair(value: Numbers | None) -> Any:
+    """Make two numbers, a column and a row; None stays what it is."""
+    return value if value is None else as_array(value)
+
+
 def as_vector(value: Numbers) -> Any:
     """Make three numbers, x, y and z."""
     return as_array(value)
@@ -76,6 +82,7 @@ def as_coefficient(value: Numbers | Checked | None) -> Any:
 
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     as_scalar: (((),), "a number", "Give one number."),
+    as_pair: (((2,),), "a pair of numbers", "Give two numbers (column, row)."),
     as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
     as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
     as_coefficient: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),

@@ -136,3 +136,84 @@ def test_a_shape_that_is_none(cls, shape):
 def test_a_camera_that_sees_nothing(make, message):
     with pytest.raises(ValueError, match=f"^{escape(message)}$"):
         make()
+
+
+K = np.array([[310.5, 0, 161.3], [0, 298.2, 117.9], [0, 0, 1]])
+
+
+def test_a_calibration_matrix_puts_points_where_it_says():
+    """Beside a projection by hand, from a pose of its own."""
+    eye, target = np.array([1.0, 2, 3]), np.array([0.5, 1.5, -4])
+    camera = ds.Camera.from_intrinsics(K, shape=(240, 320), eye=eye, target=target)
+    with jax.enable_x64(True):
+        origin, direction = (np.asarray(part) for part in rays(camera))
+    backward = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross((0, 1, 0), backward)
+    right /= np.linalg.norm(right)
+    up = np.cross(backward, right)
+    p = origin + 7.0 * direction - eye
+    X, Y, Z = p @ right, p @ up, -(p @ backward)
+    row, column = np.indices((240, 320)) + 0.5
+    np.testing.assert_allclose(K[0, 2] + K[0, 0] * X / Z, column, atol=1e-9)
+    np.testing.assert_allclose(K[1, 2] - K[1, 1] * Y / Z, row, atol=1e-9)
+
+
+def test_a_calibration_matrix_of_a_plain_camera_is_that_camera():
+    plain = ds.Camera((0, 0, 4), target=(0, 0, 0), fov=40, shape=(24, 32))
+    f = 12 / np.tan(np.deg2rad(20))
+    same = ds.Camera.from_intrinsics(
+        [[f, 0, 16], [0, f, 12], [0, 0, 1]], shape=(24, 32), eye=(0, 0, 4), target=(0, 0, 0)
+    )
+    np.testing.assert_allclose(same.fov, 40)
+    for a, b in zip(rays(plain), rays(same), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def test_derivatives_by_a_calibration_matrix():
+    scene = ds.Scene(ds.Object(ds.Sphere((0.1, 0, -5)), ds.Material(k_d=0.7)), ds.PointLight((1, 1, 0)))
+    small = np.array([[60.0, 0, 16.4], [0, 61.0, 11.8], [0, 0, 1]])
+
+    def brightness(K):
+        return ds.render(scene, ds.Camera.from_intrinsics(K, shape=(24, 32)))[8:16, 12:20].sum()
+
+    with jax.enable_x64(True):
+        gradient = np.asarray(jax.jit(jax.grad(brightness))(jax.numpy.asarray(small)))
+        assert np.isfinite(gradient).all()
+        for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)):
+            step = np.zeros((3, 3))
+            step[i, j] = 1e-4
+            difference = (brightness(small + step) - brightness(small - step)) / 2e-4
+            np.testing.assert_allclose(gradient[i, j], difference, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (
+            np.eye(2),
+            "K must be a matrix of 3 x 3 numbers; got shape (2, 2). Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]].",
+        ),
+        (
+            [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]],
+            "K must have no skew and end in (0, 0, 1); got skew 0.5 and the row (0, 0, 1). Calibrate without skew, as "
+            "OpenCV does.",
+        ),
+        (
+            [[-1, 0, 0], [0, 1, 0], [0, 0, 1]],
+            "K must have focal lengths above 0, and finite numbers; got f_x -1 and f_y 1. Give [[f_x, 0, c_x], [0, "
+            "f_y, c_y], [0, 0, 1]] in pixels.",
+        ),
+    ],
+)
+def test_what_is_no_calibration_matrix(matrix, message):
+    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
+        ds.Camera.from_intrinsics(matrix, shape=(24, 32))
+
+
+def test_what_is_no_principal_point_or_aspect():
+    with pytest.raises(ValueError, match=r"Camera\.principal_point must be a pair of numbers; got shape \(3,\)\."):
+        ds.Camera((0, 0, 4), principal_point=(1, 2, 3))
+    with pytest.raises(ValueError, match=r"Camera\.aspect must be above 0; got 0\.0\."):
+        ds.Camera((0, 0, 4), aspect=0)
+    with pytest.raises(ValueError, match=r"Camera\.shape must be \(height, width\) in pixels"):
+        ds.Camera.from_intrinsics(K, shape=(0, 5))

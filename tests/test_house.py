@@ -25,6 +25,7 @@ LAYERS = (
     "inverse",
     "texels",
     "diagnosis",
+    "calibration",
     "exchange",
     "report",
     "cli __main__",
@@ -36,7 +37,7 @@ STRANGERS = {
     for light in ("lights", "measured_lights")
     for material in ("materials", "named_materials")
     for pair in ((light, material), (material, light))
-} | {("exchange", "diagnosis")}  # to write a file takes a refit at most
+} | {("exchange", "diagnosis"), ("exchange", "calibration")}  # to write a file takes a refit at most
 # Packages that one place alone knows.
 ONLY_IN = {
     "optimistix": "inverse",

@@ -28,6 +28,19 @@ def unknown_shape(folder: Path) -> Path:
     return folder
 
 
+def balls_under_lights(folder: Path) -> None:
+    """Write photographs of a mirror ball and of another one, under the same three lights, and their masks."""
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.4, shape=(72, 72), local_viewer=False)
+    lights = [ds.DirectionalLight(-l) for l in lights_about(3)]
+    materials = {"chrome": ds.Material(k_s=1.0, n_s=300), "gray": ds.Material(k_a=0.02, k_d=0.5, k_s=0.3, n_s=20)}
+    for name, material in materials.items():
+        (folder / name).mkdir()
+        scene = ds.Scene(ds.Object(ds.Sphere(), material), lights)
+        for i in range(3):
+            ds.write_image(folder / name / f"{i}.exr", np.asarray(ds.render(scene, camera, lit=i)))
+        ds.write_image(folder / name / "mask.png", np.asarray(ds.intersect(scene, camera).mask) * 1.0, srgb=False)
+
+
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert len(PROGRAMS) >= 4
@@ -41,6 +54,7 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
         ds.write_image(path, noisy)
         np.save(f"{i}.npy", noisy)
     names["folder"] = unknown_shape(tmp_path / "ball")
+    balls_under_lights(tmp_path)
     exec(PROGRAMS[1], names)
     exec(PROGRAMS[2], names)
     fit = names["fit"]

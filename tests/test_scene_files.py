@@ -47,6 +47,7 @@ SCENES = {
 CAMERAS = [
     ds.Camera((0.5, 1, 4), target=(0.1, 0, 0), up=(0, 0.1, 1), fov=35, shape=(12, 16), local_viewer=False),
     ds.OrthographicCamera((0.5, 1, 4), height=1 / 3, shape=(12, 16)),
+    ds.Camera.from_intrinsics([[20.5, 0, 7.7], [0, 21.1, 6.4], [0, 0, 1]], shape=(12, 16), eye=(0.5, 1, 4)),
 ]
 
 

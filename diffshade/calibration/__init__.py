@@ -1,0 +1,1 @@
+"""Calibration: camera, lights and intensities from photographs of a ball."""

@@ -1,0 +1,279 @@
+"""Balls: where a sphere is, from its outline in an image, and what is seen of it at every pixel."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from ..backend import jit_quickly
+from ..cameras import AbstractCamera, Camera, OrthographicCamera, Projection
+from ..surfaces import Sphere
+
+Mask = Bool[np.ndarray, "h w"]
+Numbers = Float[np.ndarray, " n"]
+Points = Float[np.ndarray, "n 3"]
+
+SECTORS = 12  # of an outline, left out one at a time for its errors
+SHORTEST = 24  # points of an outline
+TRIES = 300  # circles through three points of an edge
+DRAWN = 12.0**-0.5  # pixels: a mask is drawn to whole pixels, and its outline does not show by how much it is off
+LEAST = 0.4  # of an edge that must lie on a circle, and of the way round that it must go
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A sphere that was found in an image."""
+
+    camera: AbstractCamera
+    projection: Projection
+    sphere: Sphere
+    mask: Mask
+    """Pixels whose centres see the sphere, of those given."""
+    errors: Float[np.ndarray, "3"]
+    """Standard errors of the centre, to the right and upwards, and of the radius, as they are seen: scene units."""
+    pixel: float
+    """The width of a pixel at the ball, scene units."""
+
+    @property
+    def radius(self) -> float:
+        """The radius as it is seen, in pixels."""
+        return float(self.sphere.radius) / self.pixel
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The column and row at which the centre is seen, pixel centres at +.5."""
+        P, backward = self.projection, axes(self.projection)[2]
+        at = np.asarray(self.sphere.center)
+        corner, right, down = vector(P.origin), vector(P.origin_column), vector(P.origin_row)
+        if isinstance(self.camera, Camera):
+            to = at - vector(P.eye)
+            at = -to / (to @ backward)
+            corner, right, down = vector(P.direction), vector(P.direction_column), vector(P.direction_row)
+        return float((at - corner) @ right / (right @ right)), float((at - corner) @ down / (down @ down))
+
+    def moved(self, step: Float[np.ndarray, "3"]) -> Ball:
+        """Return the ball of an outline that lies more to the right, higher, and is wider, by a step."""
+        center = np.asarray(self.sphere.center) + step[:2] @ axes(self.projection)[:2]
+        return dataclasses.replace(self, sphere=Sphere(center, float(self.sphere.radius) + float(step[2])))
+
+    def seen(self, row: Numbers, column: Numbers) -> tuple[Points, Points, Points]:
+        """Return the sphere's points at rows and columns (pixel centres at +.5), the normals, and v there.
+
+        The nearest of |o + t d - c| = R; of a ray that misses, the point of the sphere that is nearest to it.
+        """
+        o, d = rays(self.projection, row, column)
+        center, radius = np.asarray(self.sphere.center), float(self.sphere.radius)
+        nearest = ((center - o) * d).sum(-1)
+        across = o + nearest[:, None] * d - center
+        half = np.sqrt(np.maximum(radius**2 - (across**2).sum(-1), 0.0))
+        n = across - half[:, None] * d
+        n = n / np.linalg.norm(n, axis=-1, keepdims=True)
+        p = center + radius * n
+        backward = np.broadcast_to(axes(self.projection)[2], n.shape)
+        v = vector(self.projection.eye) - p if self.camera.local_viewer else backward
+        return p, n, v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+    def normals(self) -> Float[np.ndarray, "h w 3"]:
+        """Return the ball's normals at every pixel of its mask, 0 elsewhere."""
+        row, column = np.nonzero(self.mask)
+        normals = np.zeros((*self.mask.shape, 3))
+        normals[self.mask] = self.seen(row + 0.5, column + 0.5)[1]
+        return normals
+
+
+_projection = jit_quickly(lambda camera: camera.projection())
+
+
+def project(camera: AbstractCamera) -> Projection:
+    """Return a camera as numbers, NumPy float64."""
+    with jax.enable_x64(True):
+        return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), _projection(camera))
+
+
+def vector(of: object) -> Float[np.ndarray, "3"]:
+    """Return the three numbers of a Vec3."""
+    return np.array(jax.tree.leaves(of))
+
+
+def axes(projection: Projection) -> Float[np.ndarray, "3 3"]:
+    """Return a camera's right, up and backward, as rows."""
+    right = vector(projection.origin_column) + vector(projection.direction_column)
+    down = vector(projection.origin_row) + vector(projection.direction_row)
+    return np.stack([right / np.linalg.norm(right), -down / np.linalg.norm(down), vector(projection.backward)])
+
+
+def rays(projection: Projection, row: Numbers, column: Numbers) -> tuple[Points, Points]:
+    """Return the origins and unit directions of rays through rows and columns, pixel centres at +.5."""
+    P, row, column = projection, row[:, None], column[:, None]
+    origin = vector(P.origin) + vector(P.origin_column) * column + vector(P.origin_row) * row
+    direction = vector(P.direction) + vector(P.direction_column) * column + vector(P.direction_row) * row
+    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def largest(mask: Mask) -> Mask:
+    """Return the largest connected piece of a mask."""
+    labels, count = ndimage.label(mask)  # pyright: ignore[reportGeneralTypeIssues]
+    return labels == 1 + np.bincount(labels.ravel())[1:].argmax() if count else mask
+
+
+def roundness(mask: Mask) -> float:
+    """Return how much of a mask's edge lies on one circle; 0 to 1."""
+    row, column = outline(mask)
+    if len(row) < SHORTEST:
+        return 0.0
+    return float(_near(np.column_stack([column, row, np.zeros(len(row))]), circle, 1.0).mean())
+
+
+def outline(mask: Mask) -> tuple[Numbers, Numbers]:
+    """Return the rows and columns of a mask's edge: halfway between a pixel inside and its neighbour outside.
+
+    Of its largest piece, with holes filled. The border of the image is no edge: a ball is cut off there.
+    """
+    inside = np.asarray(ndimage.binary_fill_holes(largest(mask)))
+    below, right = np.nonzero(inside[1:] != inside[:-1]), np.nonzero(inside[:, 1:] != inside[:, :-1])
+    return np.concatenate([below[0] + 1.0, right[0] + 0.5]), np.concatenate([below[1] + 0.5, right[1] + 1.0])
+
+
+def circle(p: Points, weight: Numbers) -> tuple[Float[np.ndarray, "3"], float, Numbers]:
+    """Return the circle nearest to points, as seen along z: its centre, radius, and how far each point is off.
+
+    x.x = 2 c.x + (R^2 - c.c) is linear in c and the bracket (Kasa 1976).
+    """
+    middle = p.mean(0)
+    x = (p - middle)[:, :2]
+    solution = _solve(np.column_stack([2.0 * x, np.ones(len(x))]), (x**2).sum(-1), weight)
+    center = np.array([*solution[:2], 0.0])
+    radius = float(np.sqrt(solution[2] + center @ center))
+    return center + middle, radius, np.linalg.norm(x - center[:2], axis=-1) - radius
+
+
+def cone(d: Points, weight: Numbers) -> tuple[Float[np.ndarray, "3"], float, Numbers]:
+    """Return the cone nearest to unit vectors d: its axis, half angle (radians), and how far each vector is off.
+
+    d.axis = cos angle, that is d.w = 1 with w = axis / cos angle.
+    """
+    w = _solve(d, np.ones(len(d)), weight)
+    length = float(np.linalg.norm(w))
+    angle = float(np.arccos(min(1.0 / length, 1.0)))
+    return w / length, angle, np.arccos(np.clip(d @ w / length, -1.0, 1.0)) - angle
+
+
+def _solve(A: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    some = weight > 0
+    return np.linalg.lstsq(A[some] * weight[some, None], b[some] * weight[some], rcond=None)[0]
+
+
+def _near(points: Points, find: Callable, pixel: float) -> Numbers:
+    """Return 1 for each point of the outline, else 0: where a shadow or something in front is the mask's edge.
+
+    Of 300 circles (or cones) through three of the points, that with most of them within a pixel, or 1 % of its radius,
+    less half of those that lie beyond it: what is of the ball is within it.
+    """
+    random, best, most = np.random.default_rng(0), np.zeros(len(points), bool), 0.0
+    extent = float(np.ptp(points[:, :2], axis=0).max())
+    for three in random.integers(len(points), size=(TRIES, 3)):
+        if len(set(three)) < 3:
+            continue
+        weight = np.zeros(len(points))
+        weight[three] = 1.0
+        with np.errstate(all="ignore"):
+            _, width, off = find(points, weight)
+        if not width <= extent:  # nearly a straight line
+            continue
+        reach = max(pixel, 0.01 * width)
+        near = np.abs(off) < reach
+        if (score := near.sum() - 0.5 * (off > reach).sum()) > most:
+            best, most = near, score
+    return best.astype(float)
+
+
+def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole: bool = False) -> Ball:
+    """Find the sphere of a radius (scene units) whose outline is the edge of a mask.
+
+    Seen from far away the outline is a circle. Without a camera one is made that is far away on +z, with the sphere
+    about the origin; how far the sphere is from a camera of parallel rays is not seen, and it is put where the camera's
+    target is. Through a pinhole the outline is an ellipse, and the rays to it a cone about the line to the centre,
+    which touches the sphere: its half angle has the sine radius / distance (Daucher, Dhome and Lapreste 1994, "Camera
+    calibration from spheres images", ECCV, LNCS 800). Circle and cone are found by linear least squares, twice, the
+    second time without what lies off; errors are by leaving out one of 12 sectors of the outline at a time, and at
+    least .29 pixels. `whole` says that pixels of the sphere outside the mask, in its own shadow, are the ball's too.
+
+    Raises ValueError for a mask that shows no ball.
+    """
+    row, column = outline(mask)
+    if len(row) < SHORTEST:
+        raise ValueError(f"the mask shows no ball: its edge has {len(row)} points. Give True (or white) on the ball.")
+    camera = _far_camera(row, column, mask.shape, radius) if camera is None else camera
+    projection = project(camera)
+    frame = axes(projection)
+    origin, direction = rays(projection, row, column)
+    near = isinstance(camera, Camera)
+    points, find = (direction @ frame.T, cone) if near else (origin @ frame.T, circle)
+    step = float(np.linalg.norm(vector(projection.direction_row if near else projection.origin_row)))  # of one pixel
+    weight = _near(points, find, step)
+    _check_some(weight)
+    center, width, _ = find(points, weight)
+    around = np.arctan2(*(points - center)[:, :2].T) / (2 * np.pi) + 0.5
+    sector = (around * SECTORS).astype(int) % SECTORS
+    _check_round(sector[weight > 0])
+    others = [find(points, weight * (sector != k)) for k in range(SECTORS) if weight[sector == k].any()]
+    spread = np.array([[*c[:2], w] for c, w, _ in others])
+    errors = np.sqrt((len(others) - 1) / len(others) * np.square(spread - spread.mean(0)).sum(0))
+    if near:
+        distance = radius / np.sin(width)
+        sphere = Sphere(vector(projection.eye) + distance * center @ frame, radius)
+        pixel = -distance * center[2] * step
+        errors = errors * distance
+    else:
+        depth = float(np.asarray(camera.target) @ frame[2])
+        sphere = Sphere(np.array([*center[:2], depth]) @ frame, width)
+        pixel = step
+    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, DRAWN * pixel), pixel)
+    return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
+
+
+def _far_camera(row: Numbers, column: Numbers, shape: tuple[int, ...], radius: float) -> OrthographicCamera:
+    """Return the camera far away on +z in whose picture the outline is a circle of the radius about the origin."""
+    points = np.column_stack([column, row, np.zeros(len(row))])
+    weight = _near(points, circle, 1.0)
+    _check_some(weight)
+    center, width, _ = circle(points, weight)
+    pixel = radius / width
+    x, y = (shape[1] / 2 - center[0]) * pixel, (center[1] - shape[0] / 2) * pixel
+    return OrthographicCamera(
+        (x, y, 4.0 * radius), target=(x, y, 0.0), height=shape[0] * pixel, shape=shape, local_viewer=False
+    )
+
+
+def _disc(ball: Ball) -> Mask:
+    """Return the pixels whose rays meet the sphere."""
+    row, column = (index.ravel() + 0.5 for index in np.indices(ball.mask.shape))
+    o, d = rays(ball.projection, row, column)
+    to = np.asarray(ball.sphere.center) - o
+    t = (to * d).sum(-1)
+    return (((to**2).sum(-1) - t**2 < float(ball.sphere.radius) ** 2) & (t > 0)).reshape(ball.mask.shape)
+
+
+def _check_some(weight: Numbers) -> None:
+    """Refuse an edge of which too little lies on any one circle."""
+    if np.mean(weight) < LEAST:
+        raise ValueError(
+            f"the mask shows no ball: {100 * np.mean(weight):.0f} % of its edge lies on a circle. Give a mask of the "
+            "ball alone."
+        )
+
+
+def _check_round(sector: np.ndarray) -> None:
+    """Refuse an outline that is too little of a circle."""
+    arc = len(set(sector.tolist())) / SECTORS
+    if arc < LEAST:
+        raise ValueError(
+            f"the mask shows too little of a ball: its outline goes {100 * arc:.0f} % of the way round. Give a mask of "
+            "the whole ball."
+        )

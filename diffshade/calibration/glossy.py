@@ -1,0 +1,123 @@
+"""Glossy balls: pose, light and material together, from one photograph on, and what cannot be known from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..cameras import Camera
+from ..diagnosis.clusters import Clusters, find_clusters
+from ..inverse.fitting import fit
+from ..inverse.outcome import Fit
+from ..inverse.views import View
+from ..lights import DirectionalLight
+from ..materials import Material
+from ..scenes import Object, Scene
+from .balls import Ball, axes
+from .laws import find_lamps
+from .matte import see
+from .outcome import Calibration, views_of
+from .photographs import Photographs
+
+FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
+SHAKEN = 2.0  # times the variance that independent noise explains, by which patches of a ball disagree
+HELD = 1e-3  # of its error, within which a pose is held
+
+
+def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calibration:
+    """Fit pose, light and material of a ball to its photographs.
+
+    The outline's pose, with its errors, is a prior of centre and radius. The search for the lights begins where a matte
+    ball's would be. The first light has intensity 1; of further photographs the intensity is fitted. Errors are by
+    patches of the ball where those disagree more than noise lets them; then the pose is the outline's.
+    """
+    tell("shading")
+    lamps = find_lamps(see(taken, ball)[2], "any")
+    scene = Scene(Object(ball.sphere, Material()), [DirectionalLight(-l) for l in lamps.direction])
+    views = [View(view.image, ball.camera, ball.mask, lit=view.lit) for view in views_of(taken, (ball,))]
+    priors = _pose(ball)
+    free = [
+        *FREE,
+        *(["radius"] if "radius" in priors else []),
+        *(f"lights.{i}.intensity" for i in range(1, len(views))),
+    ]
+    tell("pose, light and material")
+    found = fit(scene, views, free=free, priors=priors)
+    tell("errors")
+    clusters = _clusters(found)
+    errors = clusters.errors()
+    determined = found.determined
+    if clusters.shaken.any() and clusters.scatter > SHAKEN:
+        # what is left over is model error, of which the outline knows nothing: it alone tells the pose
+        tight = {name: (value, HELD * error) for name, (value, error) in priors.items()}
+        found = fit(found.scene, views, free=free, priors=tight, start="scene")
+        clusters = _clusters(found)
+        turned = float(np.linalg.norm(ball.errors[:2])) / float(ball.sphere.radius) / np.sqrt(3.0)
+        known = {name: error for name, (_, error) in priors.items()}
+        known |= {unknown.name: turned for unknown in found.unknowns if unknown.kind == "direction"}
+        errors = np.hypot(clusters.errors(), [known.get(name, 0.0) for name in found.names])
+        determined = found.determined | np.isin(found.names, list(priors))
+    if not isinstance(ball.camera, Camera):  # it does not see how far away things are
+        determined = determined & (np.array(found.names) != "center.z")
+    errors = np.where(determined, errors, np.inf)
+    paths = np.array([unknown.places[0][0] for unknown in found.unknowns])
+    turns = [errors[paths == f"lights.{i}.direction"] for i in range(len(views))]
+    directions = -np.array([np.asarray(light.direction) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+    notes = [note for note in found.notes if not note.startswith(("center", "1 view: no errors"))]
+    return Calibration(
+        ball="glossy",
+        names=taken.names,
+        balls=(ball,),
+        scene=found.scene,
+        views=found.views,
+        directions=directions,
+        errors=np.rad2deg(np.sqrt(np.square(turns).sum(-1))),
+        intensities=np.array([np.asarray(light.intensity) for light in found.scene.lights]),  # pyright: ignore[reportAttributeAccessIssue]
+        fit=found,
+        fit_errors=errors,
+        notes=(
+            *notes,
+            clusters.sentence([u.quantity for u in found.unknowns]),
+            *_unknowable(ball, len(views)),
+            *taken.notes,
+        ),
+    )
+
+
+def _clusters(found: Fit) -> Clusters:
+    with jax.enable_x64(True):
+        return find_clusters(found)
+
+
+def _pose(ball: Ball) -> dict[str, Any]:
+    """Return what the outline knows of the pose: the numbers and their errors."""
+    spread, priors = ball.errors.copy(), {}
+    if isinstance(ball.camera, Camera):  # a pinhole sees the radius over the distance: the radius is the unit
+        away = np.asarray(ball.sphere.center) - np.asarray(ball.camera.eye)
+        spread[2] *= np.linalg.norm(away) / float(ball.sphere.radius)
+    else:
+        priors["radius"] = (float(ball.sphere.radius), float(ball.errors[2]))
+    along = np.sqrt(np.square(spread[:, None] * axes(ball.projection)).sum(0))
+    for axis, x, error in zip("xyz", np.asarray(ball.sphere.center), along, strict=True):
+        priors[f"center.{axis}"] = (float(x), float(error))
+    return priors
+
+
+def _unknowable(ball: Ball, photographs: int) -> list[str]:
+    """Say what photographs of one ball cannot tell, however good they are."""
+    far = "" if isinstance(ball.camera, Camera) else " Its distance is not known without the camera's intrinsics."
+    one = photographs == 1
+    lobes = ["one photograph does not tell Phong's highlight from Blinn's, of about four times the n_s."]
+    return [
+        "k_d and k_s are known times the light's intensity, which was put at 1, and k_a times the ambient light's. "
+        "Photograph a card of known reflectance in the ball's place for the factor.",
+        f"lengths are in the unit in which the ball's radius is {float(ball.sphere.radius):.4g}.{far}",
+        "the light was taken to be one, and far away: over one ball the fading of a near lamp looks like a turned "
+        "light and another k_d, a second light on the same side like a part of the first, and light from all around "
+        "like k_a. Two mirror balls tell where a lamp is.",
+        *(lobes if one else []),
+        "which of the numbers hang on a few pixels, ds.examine(calibration.fit) tells.",
+    ]

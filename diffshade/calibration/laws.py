@@ -1,0 +1,194 @@
+"""Laws of shading: the light of each photograph, and a law that all share, from what they show of one matte ball."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Table = Float[np.ndarray, "photographs pixels"]
+Vectors = Float[np.ndarray, "photographs 3"]
+
+CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient where the noise is Gaussian
+LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many numbers of theirs the photographs share
+PRIOR = 0.3  # standard deviation of those numbers: it settles what one photograph alone cannot
+STEPS, SETTLED = 60, 8  # steps at most; after the second number the scale of the loss stays
+TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Shading:
+    """What photographs show of one ball at the same pixels, which are sorted by their patch of the ball."""
+
+    values: Table
+    """The mean of the channels; NaN where it is clipped."""
+    n: Float[np.ndarray, "pixels 3"]
+    n_v: Float[np.ndarray, " pixels"]
+    patch: Int[np.ndarray, " pixels"]
+
+
+@dataclass(frozen=True, eq=False)
+class Lamps:
+    """What lights a ball in each photograph: b = k_d I l, l towards the light."""
+
+    b: Vectors
+    covariance: Float[np.ndarray, "photographs 3 3"]
+    """Of b, by leaving out one patch of the ball at a time."""
+    shared: Float[np.ndarray, " m"]
+    """The ambient light over the median |b|, and what bends the law."""
+    residuals: Table
+    weights: Table
+    """What each pixel counts, by the loss: 0 where it is clipped."""
+    lit: Table
+    """What the light alone, without the ambient, gives each pixel."""
+
+    @property
+    def intensity(self) -> Float[np.ndarray, " photographs"]:
+        """k_d I of each photograph."""
+        return np.linalg.norm(self.b, axis=-1)
+
+    @property
+    def direction(self) -> Vectors:
+        """l of each photograph."""
+        return self.b / self.intensity[:, None]
+
+
+class Linear(NamedTuple):
+    """Residuals, and their derivatives by the numbers of each photograph and by the shared ones."""
+
+    residuals: np.ndarray
+    own: np.ndarray
+    shared: np.ndarray
+    lit: np.ndarray
+
+
+class Normal(NamedTuple):
+    """The normal equations: a block for each photograph, what ties it to the shared numbers, and theirs."""
+
+    own: np.ndarray
+    tie: np.ndarray
+    shared: np.ndarray
+    own_gradient: np.ndarray
+    shared_gradient: np.ndarray
+
+
+def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> Lamps:
+    """Find what lights a matte ball in each of its photographs, by least squares with a Cauchy loss.
+
+    I = a + |b| F(n.l, n.v) where n.l > 0, else a; l = b/|b|. The law "E4" is Lambert's, F = n.l and a = 0 (Woodham
+    1980, "Photometric method for determining surface orientation from multiple images"); "E1 and E4" has an ambient a
+    beside it, one for all photographs; "any" lets F bend with n.l and n.v, as a rough ball's or a camera's curve does,
+    alike in all photographs: F = u (1 + s_1 (1-u) + s_2 (1-u)^2 + s_3 (1-n.v) + s_4 (1-n.v)^2), u = n.l. The shared
+    numbers have a prior of 0 +- 0.3. Which pixels are in attached shadow follows from the l that is found.
+
+    Gauss-Newton with Levenberg's damping, where the photographs' own blocks are eliminated. With `directions`, the
+    lengths |b| alone are unknown.
+    """
+    known = np.isfinite(shading.values)
+    b = _lambert(shading)
+    ways = np.broadcast_to(np.eye(3), (len(b), 3, 3))
+    if directions is not None:
+        b = directions * np.linalg.norm(b, axis=-1, keepdims=True)
+        ways = directions[:, :, None]
+    s, unit = np.zeros(LAWS[law]), float(np.median(np.linalg.norm(b, axis=-1)))
+    damping, cost, scale, best = 1e-6, np.inf, 0.0, (b, s)
+    weights, normal = np.zeros(known.shape), None
+    for step in range(STEPS):
+        at = _linear(shading, b, s, unit, ways)
+        if step <= SETTLED:
+            scale, cost = max(1.4826 * float(np.median(np.abs(at.residuals[known]))), 1e-6 * unit), np.inf
+        ratio = (at.residuals / (CAUCHY * scale)) ** 2
+        now = float((CAUCHY * scale) ** 2 * np.log1p(ratio)[known].sum() + (scale / PRIOR) ** 2 * s @ s)
+        if now <= cost:
+            settled = cost - now <= TOLERANCE * now
+            best, cost, damping = (b, s), now, damping / 10.0
+            weights = np.where(known, 1.0 / (1.0 + ratio), 0.0)
+            normal = _with_prior(_normal(at, weights, slice(None)), s, scale)
+        else:
+            settled, damping = damping > 1e3, damping * 100.0
+        if settled or normal is None:
+            break
+        own, shared = _solve(normal, max(damping, 1e-9))
+        b, s = best[0] + np.einsum("ijk,ik->ij", ways, own), best[1] + shared
+    assert normal is not None  # the first cost is below infinity
+    b, s = best
+    at = _linear(shading, b, s, unit, ways)
+    ends = np.searchsorted(shading.patch, np.arange(shading.patch.max() + 2))
+    patches = [slice(first, last) for first, last in itertools.pairwise(ends) if last > first]
+    without = [_minus(normal, _normal(at, weights, patch)) for patch in patches]
+    moved = np.einsum("ijk,pik->pij", ways, np.array([_solve(of, 1e-9)[0] for of in without]))
+    # the cost bends with psi' = (1 - t^2) w^2, t = r / (2.385 sigma), where the normal equations have the weights w
+    t2 = (at.residuals / (CAUCHY * scale)) ** 2
+    moved = (moved - moved.mean(0)) * weights.sum() / ((1.0 - t2) * weights**2).sum()
+    covariance = (len(moved) - 1) / len(moved) * np.einsum("pij,pik->ijk", moved, moved)
+    return Lamps(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
+
+
+def _lambert(shading: Shading) -> Vectors:
+    """Return each photograph's b by Lambert's law, from the pixels in its brighter half, which it lights."""
+    found = []
+    for values in shading.values:
+        bright = np.isfinite(values) & (values >= np.nanmedian(values))
+        found.append(np.linalg.lstsq(shading.n[bright], values[bright], rcond=None)[0])
+    return np.array(found)
+
+
+def _linear(shading: Shading, b: Vectors, s: np.ndarray, unit: float, ways: np.ndarray) -> Linear:
+    length = np.linalg.norm(b, axis=-1)[:, None]
+    l = b / length
+    n_l = l @ shading.n.T
+    u = np.where(n_l > 0, n_l, 0.0)
+    F, slope, shared = u, np.where(n_l > 0, 1.0, 0.0), [np.full_like(u, unit)] if len(s) else []
+    if len(s) > 1:
+        rim = np.broadcast_to(1.0 - shading.n_v, u.shape)
+        shapes = (u * (1 - u), u * (1 - u) ** 2, u * rim, u * rim**2)
+        slopes = (1 - 2 * u, (1 - u) * (1 - 3 * u), rim, rim**2)
+        F = u + sum(k * shape for k, shape in zip(s[1:], shapes, strict=True))
+        slope = slope * (1.0 + sum(k * each for k, each in zip(s[1:], slopes, strict=True)))
+        shared += [length * shape for shape in shapes]
+    by_b = F[:, None] * l[:, :, None] + slope[:, None] * (shading.n.T - u[:, None] * l[:, :, None])
+    lit = length * F
+    ambient = s[0] * unit if len(s) else 0.0
+    residuals = np.where(np.isfinite(shading.values), ambient + lit - shading.values, 0.0)
+    return Linear(residuals, np.einsum("ijk,ijp->ikp", ways, by_b), np.array(shared).reshape(len(s), *u.shape), lit)
+
+
+def _normal(at: Linear, weights: Table, pixels: slice) -> Normal:
+    """Return the normal equations of some of the pixels."""
+    own, shared = at.own[..., pixels], at.shared[..., pixels]
+    weighted, r = own * weights[:, None, pixels], (weights * at.residuals)[:, pixels]
+    return Normal(
+        weighted @ own.swapaxes(1, 2),
+        np.einsum("ikp,mip->ikm", weighted, shared),
+        np.einsum("mip,ip,nip->mn", shared, weights[:, pixels], shared, optimize=True),
+        np.einsum("ikp,ip->ik", own, r),
+        np.einsum("mip,ip->m", shared, r),
+    )
+
+
+def _with_prior(normal: Normal, s: np.ndarray, scale: float) -> Normal:
+    strength = (scale / PRIOR) ** 2
+    return normal._replace(
+        shared=normal.shared + strength * np.eye(len(s)), shared_gradient=normal.shared_gradient + strength * s
+    )
+
+
+def _minus(whole: Normal, part: Normal) -> Normal:
+    return Normal(*(a - b for a, b in zip(whole, part, strict=True)))
+
+
+def _solve(normal: Normal, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the step of each photograph's numbers and of the shared ones."""
+    k = normal.own.shape[-1]
+    own = normal.own + damping * normal.own * np.eye(k) + 1e-300 * np.eye(k)
+    shared = normal.shared + damping * normal.shared * np.eye(len(normal.shared))
+    from_shared, from_own = (
+        np.linalg.solve(own, normal.tie),
+        np.linalg.solve(own, normal.own_gradient[..., None])[..., 0],
+    )
+    left = shared - np.einsum("ikm,ikn->mn", normal.tie, from_shared)
+    s = -np.linalg.solve(left, normal.shared_gradient - np.einsum("ikm,ik->m", normal.tie, from_own))
+    return -from_own - from_shared @ s, s

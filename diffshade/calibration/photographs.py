@@ -1,0 +1,154 @@
+"""Photographs of a ball as people have them: a folder, files or arrays; and the mask, which is read or found."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..gbuffers import as_mask
+from ..image_formats import FORMATS
+from ..images import read_image, read_mask
+from ..inverse.views import as_image
+from .balls import largest, roundness
+
+Mask = Bool[np.ndarray, "h w"]
+
+LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # of the brightest percent: where a ball may end and a background begin
+ROUND = 0.5  # of an edge, on a circle: it is a ball's
+
+
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """Photographs of one size, by one camera: linear radiance, their names, and the masks of the balls."""
+
+    names: tuple[str, ...]
+    images: tuple[Any, ...]
+    """(H, W, 1) or (H, W, 3) each, alpha left out."""
+    masks: tuple[Mask, ...]
+    found: bool
+    """Whether the mask was found in the photographs."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What is to be said of where the mask is from."""
+        said = "the ball was found in the photographs, by their brightness; a mask drawn by hand may be better."
+        return [said] if self.found else []
+
+    def grey(self, i: int) -> Float[np.ndarray, "h w"]:
+        """Return the mean of the channels of one photograph."""
+        return np.asarray(self.images[i][:], np.float64).mean(-1)
+
+    def clipped(self, i: int) -> Mask:
+        """Return where one photograph has a sample at 1, the top of a file's range, or beyond."""
+        image = np.asarray(self.images[i][:])
+        return np.asarray((image >= 1.0).any(-1)) if image.max() == 1.0 else np.zeros(image.shape[:2], bool)
+
+
+def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
+    """Read photographs and masks, in any of the forms that people have them in.
+
+    Raises FileNotFoundError; ValueError and TypeError in one sentence.
+    """
+    names, images, beside = _read(photographs, srgb, beside=mask is None)
+    shapes = [image.shape[:2] for image in images]
+    if len(set(shapes)) > 1:
+        other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
+        raise ValueError(
+            f"photographs must be of one size; got {names[0]} of {shapes[0]} and {names[other]} of {shapes[other]}. "
+            "Give those of one camera that did not move."
+        )
+    alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
+    images = [image[:][..., :-1] if image.shape[2] in (2, 4) else image for image in images]
+    for name, image in zip(names, images, strict=True):
+        if not np.issubdtype(image.dtype, np.floating):
+            raise ValueError(
+                f"{name} must be linear radiance in floats; got {image.dtype}. Read it with ds.read_image."
+            )
+    mask = beside if mask is None else mask
+    mask = alpha if mask is None else mask
+    if mask is not None:
+        given = mask if isinstance(mask, tuple | list) else (mask,)
+        return Photographs(tuple(names), tuple(images), tuple(_as_mask(m, shapes[0]) for m in given), found=False)
+    return Photographs(tuple(names), tuple(images), (_round_piece(images),), found=True)
+
+
+def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[str], list[Any], Path | None]:
+    """Return names and images, and the mask that lies beside them in a folder, if it is looked for."""
+    masks: list[Path] = []
+    if isinstance(photographs, str | Path) and Path(photographs).is_dir():
+        files, masks = _in_folder(Path(photographs))
+    elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
+        files = [photographs]
+    elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
+        files = list(photographs)
+    else:
+        raise TypeError(
+            f"photographs must be a folder, files or arrays; got {type(photographs).__name__}. Give for example "
+            "['0.png', '1.png']."
+        )
+    if not files:
+        raise ValueError("photographs must hold at least one; got none. Give a folder, files or arrays.")
+    names = [Path(file).name if isinstance(file, str | Path) else f"photograph {i}" for i, file in enumerate(files)]
+    images = [read_image(f, srgb=srgb) if isinstance(f, str | Path) else as_image(f) for f in files]
+    for name, image in zip(names, images, strict=True):
+        if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
+            raise ValueError(
+                f"{name} must be an image (H, W) or (H, W, C); got shape {image.shape}. Give one image each."
+            )
+    if beside and len(masks) > 1:
+        listed = ", ".join(sorted(file.name for file in masks))
+        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=.")
+    return names, images, masks[0] if beside and masks else None
+
+
+def _in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Return the images of a folder in the order that people count in, and its masks.
+
+    Those that its `filenames.txt` names, or else all but the mask.
+    """
+    images = [file for file in folder.iterdir() if file.suffix.lower() in FORMATS and not file.name.startswith(".")]
+    masks = [file for file in images if "mask" in file.stem.lower()]
+    if (listed := folder / "filenames.txt").is_file():
+        names = [line.strip() for line in listed.read_text(encoding="utf-8").splitlines() if line.strip()]
+        files = [folder / name for name in names]
+    else:
+        files = sorted(
+            (file for file in images if file not in masks and "normal" not in file.stem.lower()), key=_counted
+        )
+    if not files:
+        raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(FORMATS)}.")
+    return files, masks
+
+
+def _counted(file: Path) -> list[Any]:
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+
+
+def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:
+    found = read_mask(mask) if isinstance(mask, str | Path) else np.asarray(as_mask(mask))
+    if found.shape != shape:
+        raise ValueError(f"mask must have the photographs' shape {shape}; got {found.shape}. Resize it.")
+    return found
+
+
+def _round_piece(images: Sequence[Any]) -> Mask:
+    """Return the roundest bright piece of what any photograph shows.
+
+    Of the largest pieces above several thresholds, the one of whose edge most lies on a circle. Raises ValueError where
+    none is round.
+    """
+    most = np.max([np.asarray(image[:], np.float64).mean(-1) for image in images], 0)
+    pieces = [largest(most > level * float(np.quantile(most, 0.99))) for level in LEVELS]
+    best = max(pieces, key=roundness)
+    if roundness(best) < ROUND:
+        raise ValueError(
+            "no ball stands out from its background in these photographs: of the roundest bright piece "
+            f"{100 * roundness(best):.0f} % of the edge lies on a circle. Give its mask, mask='mask.png'."
+        )
+    return best

@@ -1,0 +1,456 @@
+"""Balls in photographs: where they are, and the lights that they tell, beside the truth and measured photographs."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from measured import measured
+
+import diffshade as ds
+from diffshade.calibration.balls import find_ball
+from diffshade.calibration.laws import Shading, find_lamps
+from diffshade.calibration.outcome import degrees
+from diffshade.cameras import AbstractCamera
+
+SHAPE = (120, 128)
+FAR = ds.OrthographicCamera((0.1, 0.05, 4), target=(0.1, 0.05, 0), height=2.6, shape=SHAPE, local_viewer=False)
+K = ((250.0, 0, 62.3), (0, 252.0, 59.1), (0, 0, 1))
+NEAR = ds.Camera.from_intrinsics(K, shape=SHAPE)
+DIRECTIONS = np.array([(0.5, 0.4, 0.8), (-0.3, 0.5, 0.9), (0.1, -0.3, 0.7), (-0.6, -0.1, 0.6)])
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=-1, keepdims=True)
+CHROME = ds.Material(k_s=1.0, n_s=400)
+
+
+def photographs(scene: ds.Scene, camera: AbstractCamera, *, noise: float = 0.0, bits: int | None = None) -> np.ndarray:
+    """Render one photograph a light, with noise, clipped and rounded as a file of so many bits."""
+    random = np.random.default_rng(0)
+    with jax.enable_x64(True):
+        images = np.array([ds.render(scene, camera, lit=i) for i in range(len(scene.lights))])
+    images = images + noise * random.standard_normal(images.shape)
+    return images if bits is None else np.rint(np.clip(images, 0, 1) * (2**bits - 1)) / (2**bits - 1)
+
+
+def silhouette(camera: AbstractCamera, *spheres: ds.Sphere) -> np.ndarray:
+    with jax.enable_x64(True):
+        return np.asarray(ds.intersect(ds.Scene([ds.Object(sphere) for sphere in spheres]), camera).mask)
+
+
+def disc(column: float, row: float, radius: float) -> np.ndarray:
+    rows, columns = np.indices(SHAPE) + 0.5
+    return np.hypot(columns - column, rows - row) < radius
+
+
+def lit_by(directions: np.ndarray, material: ds.Material, surface: ds.Sphere | None = None) -> ds.Scene:
+    return ds.Scene(ds.Object(surface or ds.Sphere(), material), [ds.DirectionalLight(-l) for l in directions])
+
+
+# Outlines
+
+
+def test_a_circle_is_found_to_a_small_part_of_a_pixel():
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        column, row, radius = 64 + random.uniform(-8, 8), 60 + random.uniform(-8, 8), random.uniform(25, 48)
+        ball = find_ball(disc(column, row, radius), None, 2.0)
+        np.testing.assert_allclose([*ball.middle, ball.radius], [column, row, radius], atol=0.1)
+        np.testing.assert_allclose(ball.sphere.center, 0, atol=1e-9)
+        np.testing.assert_allclose(ball.sphere.radius, 2.0)
+        assert np.mean(ball.mask != disc(column, row, radius)) < 1e-3
+
+
+def test_what_stands_before_or_beside_a_ball_moves_it_little():
+    mask = disc(64, 60, 40)
+    mask[95:, 55:75] = True  # a stand
+    mask[30:60, 90:] = False  # something in front
+    ball = find_ball(mask, None, 1.0)
+    np.testing.assert_allclose([*ball.middle, ball.radius], [64, 60, 40], atol=0.25)
+    assert not ball.mask[115, 60]
+
+
+@pytest.mark.parametrize("at", [(0.1, -0.05, -5), (0.9, 0.7, -4.5), (-0.6, -0.7, -6.1)])
+def test_through_a_pinhole_the_sphere_is_where_it_was(at):
+    """Off the axis its outline is an ellipse, about another point than its centre, and here the picture ends in one."""
+    camera = ds.Camera.from_intrinsics(K, shape=SHAPE, eye=(1, 2, 3), target=(1.2, 2.1, 0))
+    forward = np.array([0.2, 0.1, -3]) / np.linalg.norm([0.2, 0.1, -3])
+    right = np.cross(forward, (0, 1, 0))
+    right /= np.linalg.norm(right)
+    center = np.array([1, 2, 3]) + at[0] * right + at[1] * np.cross(right, forward) - at[2] * forward
+    ball = find_ball(silhouette(camera, ds.Sphere(center, 0.8)), camera, 0.8)
+    np.testing.assert_allclose(ball.sphere.center, center, atol=0.03)
+    step = ball.sphere.center - center
+    assert abs(step @ right) < 3 * ball.errors[0]
+    assert np.linalg.norm(step - (step @ forward) * forward) < 0.1 * ball.pixel
+
+
+def test_a_ball_is_found_without_a_mask_and_in_its_own_shadow():
+    image = photographs(lit_by(DIRECTIONS[3:], ds.Material(k_d=0.8)), FAR)[0] + 0.004
+    found = ds.calibrate(image, ball="matte")
+    pixel = 2.6 / SHAPE[0]
+    truth = (64 - 0.1 / pixel, 60 + 0.05 / pixel, 1 / pixel)
+    np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], truth, atol=1.2)
+    assert any("found in the photographs" in note for note in found.notes)
+    assert degrees(found.directions, DIRECTIONS[3:]) < 2
+
+
+# Mirrors
+
+
+def test_a_mirror_ball_far_away():
+    images = photographs(lit_by(DIRECTIONS, CHROME), FAR)
+    found = ds.calibrate(images, ball="mirror", mask=silhouette(FAR, ds.Sphere()))
+    angles = degrees(found.directions, DIRECTIONS)
+    assert angles.max() < 0.25
+    assert (angles < 3 * found.errors).all()
+    np.testing.assert_allclose(np.linalg.norm(found.directions, axis=-1), 1)
+    assert found.intensities is None
+    assert any("not how far" in note for note in found.notes)
+
+
+def test_two_mirror_balls_tell_where_the_lights_are():
+    places = np.array([(0.6, 1.0, -2.0), (-0.8, 0.3, -1.0), (0.2, -0.9, -1.5)])
+    balls = ds.Sphere((-0.55, -0.1, -5), 0.5), ds.Sphere((0.6, 0.2, -4.6), 0.4)
+    camera = ds.Camera.from_intrinsics(np.array(K) * [[4], [4], [1]], shape=(480, 512))
+    scene = ds.Scene([ds.Object(ball, CHROME) for ball in balls], [ds.PointLight(place, 1.0) for place in places])
+    masks = [silhouette(camera, ball) for ball in balls]
+    found = ds.calibrate(photographs(scene, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
+    assert found.positions is not None
+    assert found.position_errors is not None
+    off = np.abs(found.positions - places)
+    assert off.max() < 0.05
+    assert (off < 3 * found.position_errors).all()
+    np.testing.assert_allclose([light.position for light in found.scene.lights], found.positions)  # pyright: ignore
+    assert "position" in str(found)
+    distant = ds.Scene(scene.objects, ds.DirectionalLight(-DIRECTIONS[0]))
+    found = ds.calibrate(photographs(distant, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
+    assert isinstance(found.scene.lights[0], ds.DirectionalLight)
+    assert degrees(found.directions, DIRECTIONS[:1]) < 0.3
+    assert any("far away" in note for note in found.notes)
+
+
+# Matte balls
+
+
+def test_a_matte_ball_tells_directions_and_intensities_in_colour():
+    colours = np.array([(0.6, 0.5, 0.4), (0.7, 0.7, 0.7), (0.3, 0.5, 0.8), (0.9, 0.8, 0.7)])
+    lights = [ds.DirectionalLight(-l, colour) for l, colour in zip(DIRECTIONS, colours, strict=True)]
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_a=0.03, k_d=1.0)), lights)
+    images = photographs(scene, FAR, noise=0.01, bits=8)
+    found = ds.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    angles = degrees(found.directions, DIRECTIONS)
+    assert angles.max() < 0.3
+    assert (angles < 3 * found.errors).all()
+    assert found.intensities is not None
+    np.testing.assert_allclose(found.intensities, colours, rtol=0.02)
+    known = ds.calibrate(list(images), ball="matte", mask=silhouette(FAR, ds.Sphere()), directions=DIRECTIONS)
+    np.testing.assert_allclose(known.directions, DIRECTIONS)
+    assert known.intensities is not None
+    np.testing.assert_allclose(known.intensities, colours, rtol=0.02)
+
+
+def test_a_law_that_is_not_lamberts_and_clipped_pixels_turn_no_light():
+    """A rough ball, brighter at its rim, with a highlight, in photographs that are clipped."""
+    mask = disc(64, 60, 40)
+    n = find_ball(mask, None, 1.0).normals()
+    u = np.maximum(n @ DIRECTIONS.T, 0)
+    h = DIRECTIONS + np.array([0, 0, 1])
+    shine = 0.6 * np.maximum(n @ (h / np.linalg.norm(h, axis=-1, keepdims=True)).T, 0) ** 200
+    images = np.moveaxis(1.05 * (u**0.8 * (1 + 0.2 * (1 - n[..., 2:])) + shine), -1, 0).clip(0, 1)
+    found = ds.calibrate(images[..., None], ball="matte", mask=mask)
+    assert degrees(found.directions, DIRECTIONS).max() < 1.2
+    assert (degrees(found.directions, DIRECTIONS) < 2 * found.errors).all()
+    assert any("Lambert" in note for note in found.notes)
+
+
+def test_the_errors_by_patches_cover():
+    """Of noise alone: 60 balls of 3 photographs each; the mean square error is what is stated."""
+    random = np.random.default_rng(1)
+    n = find_ball(disc(64, 60, 30), None, 1.0).normals()[disc(64, 60, 30)]
+    n = n[n[:, 2] > 0.2]
+    cell = 10 * np.floor((n[:, 0] + 1) * 3) + np.floor((n[:, 1] + 1) * 3)
+    n = n[np.argsort(cell, kind="stable")]
+    patch = np.unique(np.sort(cell), return_inverse=True)[1]
+    ratio = []
+    for _ in range(60):
+        values = 0.1 + 0.7 * np.maximum(DIRECTIONS[:3] @ n.T, 0) + 0.02 * random.standard_normal((3, len(n)))
+        lamps = find_lamps(Shading(values, n, n[:, 2], patch), "any")
+        step = lamps.direction - DIRECTIONS[:3]
+        stated = np.trace(lamps.covariance, axis1=1, axis2=2) - np.einsum(
+            "ij,ijk,ik->i", lamps.direction, lamps.covariance, lamps.direction
+        )
+        ratio.append((step**2).sum(-1) / (stated / lamps.intensity**2))
+    assert 0.75 < np.mean(ratio) < 1.35
+
+
+def test_a_photograph_with_a_second_light_is_named():
+    images = photographs(lit_by(DIRECTIONS, ds.Material(k_d=0.6)), FAR, noise=0.003)
+    images[2] += 0.3 * photographs(lit_by(-DIRECTIONS[2:3] * [1, 1, -1], ds.Material(k_d=0.6)), FAR)[0]
+    images = np.concatenate([images, images[[0, 1, 3]] * 0.9])
+    found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["photograph 2"]
+
+
+# One photograph of a glossy ball
+
+TRUTH = ds.Material(k_a=0.06, k_d=(0.5, 0.35, 0.2), k_s=0.4, n_s=30)
+
+
+def test_one_photograph_of_a_glossy_ball():
+    """Pose, light and material of an 8-bit photograph with noise, and what it cannot tell."""
+    scene = lit_by(DIRECTIONS[:1], TRUTH)
+    image = photographs(scene, FAR, noise=0.004, bits=8)
+    found = ds.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
+    assert found.fit is not None
+    assert found.fit_errors is not None
+    assert degrees(found.directions, DIRECTIONS[:1]) < 3 * found.errors
+    assert found.errors < 0.2
+    pose = [name.split(".")[0] in ("center", "radius") for name in found.fit.names]  # in a frame of its own
+    off = np.abs(found.fit.values - found.fit.values_in(scene))[~np.array(pose)]
+    assert (off < 4 * found.fit_errors[~np.array(pose)]).all()
+    assert (found.fit_errors[~np.array(pose)] < 0.02 * np.maximum(np.abs(found.fit.values[~np.array(pose)]), 0.1)).all()
+    assert np.isinf(found.fit_errors[found.fit.names.index("center.z")])
+    for words in ("card of known reflectance", "far away", "Blinn", "intrinsics"):
+        assert any(words in note for note in found.notes)
+    assert "center.z    not determined" in str(found)
+    np.testing.assert_allclose(found.fit.material.n_s, 30, rtol=0.02)
+
+
+@pytest.mark.slow
+def test_glossy_balls_seen_from_near_by():
+    """Of 12 materials and lights through a pinhole, no number is far beyond its error."""
+    random, scores = np.random.default_rng(0), []
+    for _ in range(12):
+        l = np.array([*random.uniform(-0.6, 0.6, 2), 1.0])
+        material = ds.Material(
+            k_a=random.uniform(0, 0.1),
+            k_d=random.uniform(0.1, 0.6, 3),
+            k_s=random.uniform(0.1, 0.4),
+            n_s=random.uniform(5, 80),
+        )
+        sphere = ds.Sphere((random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), -5.5))
+        scene = lit_by(l[None] / np.linalg.norm(l), material, sphere)
+        image = photographs(scene, NEAR, noise=0.004, bits=8)
+        found = ds.calibrate(image, ball="glossy", mask=silhouette(NEAR, sphere), camera=NEAR)
+        assert found.fit is not None
+        assert found.fit_errors is not None
+        scores.append((found.fit.values - found.fit.values_in(scene)) / found.fit_errors)
+    scores = np.array(scores)
+    assert np.abs(scores).max() < 5
+    assert 0.6 < np.sqrt(np.mean(scores**2)) < 1.5
+
+
+# Measured photographs
+
+
+def test_the_chrome_ball_of_washington():
+    folder = measured("uw_spheres")
+    found = ds.calibrate(folder / "chrome", ball="mirror")
+    assert found.names[2] == "chrome.2.tga"
+    other = found.compare(folder / "lights_from_chrome_highlight.txt")
+    assert other.angles.max() < 0.8
+    assert other.disagrees == []
+    assert str(other).startswith("lights_from_chrome_highlight.txt agrees within two errors in every photograph")
+    assert found.compare(folder / "lights.txt").angles.max() > 8
+
+
+def test_the_gray_ball_of_washington():
+    """It stands by the chrome ball, but for one photograph, and against the published list in more than half."""
+    folder = measured("uw_spheres")
+    found = ds.calibrate(folder / "gray", ball="matte")
+    assert 0.8 < found.errors.min() < found.errors.max() < 2.2
+    published = found.compare(folder / "lights.txt")
+    assert {0, 1, 2, 8, 10} <= set(published.disagrees)
+    assert "gray.1.tga (6." in str(published)
+    chrome = found.compare(ds.calibrate(folder / "chrome", ball="mirror"), name="the chrome ball")
+    assert chrome.disagrees == [2]
+    assert chrome.angles.mean() < 2
+    assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["gray.2.tga"]
+    assert found.intensities is not None
+    np.testing.assert_allclose(found.intensities, found.intensities.mean(), rtol=0.08)  # the publisher equalised them
+
+
+def test_a_ball_without_its_mask_is_the_one_with_it():
+    folder = measured("uw_spheres") / "gray"
+    found = ds.calibrate([folder / f"gray.{i}.tga" for i in range(0, 12, 3)], ball="matte")
+    np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], [245, 145, 108.2], atol=2)
+
+
+def test_the_highlights_of_diligent_tell_its_lights():
+    """Another ball, lights and camera; its list has an error of its own."""
+    folder = measured("diligent_ball")
+    found = ds.calibrate(folder, ball="mirror")
+    angles = found.compare(folder / "light_directions.txt").angles
+    assert angles.mean() < 0.6
+    assert angles.max() < 1.3
+    inside = np.load(folder / "normal_gt.npy").any(-1) & found.views[0].mask
+    assert degrees(found.normals[inside], np.load(folder / "normal_gt.npy")[inside]).mean() < 0.3
+
+
+# Folders, files and arrays
+
+
+def test_from_a_folder_to_a_fit(tmp_path):
+    images = photographs(lit_by(DIRECTIONS, ds.Material(k_a=0.02, k_d=(0.6, 0.5, 0.4))), FAR, noise=0.002)
+    source = tmp_path / "shots"
+    source.mkdir()
+    for i, image in enumerate(images):
+        ds.write_image(source / f"shot{i + 8}.png", image, srgb=False, bits=16)
+    ds.write_image(source / "mask.png", silhouette(FAR, ds.Sphere()) * 1.0, srgb=False)
+    found = ds.calibrate(source, ball="matte")
+    assert found.names == ("shot8.png", "shot9.png", "shot10.png", "shot11.png")  # as people count
+    found.write(tmp_path / "out")
+    scene, views = ds.read_photographs(tmp_path / "out")
+    fit = ds.fit(scene, views, free=("k_a", "k_d"))
+    np.testing.assert_allclose(fit.material.k_d, 1.0, rtol=0.02)  # the ball is the unit
+    again = ds.calibrate(tmp_path / "out", ball="matte")
+    np.testing.assert_allclose(again.directions, found.directions, atol=1e-3)
+    back = ds.read_scene(tmp_path / "out" / "scene.toml")
+    np.testing.assert_array_equal([-l.direction for l in back.lights], found.directions)  # pyright: ignore
+    assert ds.read_camera(tmp_path / "out" / "scene.toml").shape == SHAPE
+    direct = ds.fit(found.scene, found.views, free=("k_a", "k_d"))
+    np.testing.assert_allclose(direct.material.k_d, 1.0, rtol=0.02)
+    assert "shot8.png" in str(found)
+    comparison = found.compare(found)
+    assert comparison.angles.max() == 0.0
+
+
+def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
+    sphere = ds.Sphere((0, 0, -5.5))
+    images = photographs(lit_by(DIRECTIONS[:2], ds.Material(k_d=2.0), sphere), NEAR)
+    found = ds.calibrate(images, ball="matte", mask=silhouette(NEAR, sphere), camera=NEAR)
+    assert degrees(found.directions, DIRECTIONS[:2]).max() < 0.2
+    found.write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["000.npy", "001.npy", "mask.png", "scene.toml"]
+    np.testing.assert_array_equal(ds.read_image(tmp_path / "001.npy"), images[1])
+
+
+MASK = disc(64, 60, 40)
+IMAGE = np.maximum(find_ball(MASK, None, 1.0).normals() @ DIRECTIONS[0], 0)
+SQUARE = np.zeros(SHAPE, bool)
+SQUARE[20:100, 30:110] = True
+BAD: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+    "another kind of ball": (
+        {"ball": "chrome"},
+        ValueError,
+        "ball must be one of 'mirror', 'matte', 'glossy'; got 'chrome'. Give what the ball is like.",
+    ),
+    "a square": (
+        {"mask": SQUARE},
+        ValueError,
+        "the mask shows no ball: ",
+    ),
+    "an empty mask": (
+        {"mask": np.zeros(SHAPE, bool)},
+        ValueError,
+        "the mask shows no ball: its edge has 0 points. Give True (or white) on the ball.",
+    ),
+    "half a ball": (
+        {"mask": disc(64, -30, 50)},
+        ValueError,
+        "the mask shows too little of a ball: its outline goes ",
+    ),
+    "a mask of another size": (
+        {"mask": np.ones((4, 5), bool)},
+        ValueError,
+        "mask must have the photographs' shape (120, 128); got (4, 5). Resize it.",
+    ),
+    "a camera of another size": (
+        {"camera": ds.Camera.from_intrinsics(K, shape=(4, 5))},
+        ValueError,
+        "camera.shape must be that of the photographs, (120, 128); got (4, 5). Resize them.",
+    ),
+    "no radius": (
+        {"radius": 0},
+        ValueError,
+        "radius must be a number above 0, or one a mask; got 0. Give scene units.",
+    ),
+    "nothing but a highlight": (
+        {"ball": "mirror"},
+        ValueError,
+        "photograph 0: the ball shows no highlight: ",
+    ),
+    "a mirror without a mask": (
+        {"ball": "mirror", "mask": None},
+        ValueError,
+        "a mirror ball shows the room, not its own outline. Give its mask, mask='mask.png'.",
+    ),
+    "two balls far away": (
+        {"ball": "mirror", "mask": (MASK, MASK)},
+        ValueError,
+        "2 masks are so many mirror balls seen by a camera whose intrinsics are known, ",
+    ),
+    "directions that do not match": (
+        {"directions": DIRECTIONS},
+        ValueError,
+        "directions must be one vector for each of the 1 photographs; got shape (4, 3). ",
+    ),
+    "directions for a mirror": (
+        {"ball": "mirror", "directions": DIRECTIONS[:1]},
+        ValueError,
+        "directions are for a matte ball, which then tells the intensities; got ball='mirror'.",
+    ),
+    "nothing bright": (
+        {"mask": None, "photographs": np.full((*SHAPE, 3), 0.5)},
+        ValueError,
+        "no ball stands out from its background in these photographs: ",
+    ),
+    "a black photograph": (
+        {"photographs": np.zeros(SHAPE)},
+        ValueError,
+        "photograph 0 is black, or clipped, all over the ball. Check the photograph and the mask.",
+    ),
+    "a ball that is lit evenly": (
+        {"photographs": MASK * 0.5},
+        ValueError,
+        "photograph 0 shows no light on the ball: it is as bright everywhere. Give photographs under one light each.",
+    ),
+    "no photograph": (
+        {"photographs": []},
+        ValueError,
+        "photographs must hold at least one; got none. Give a folder, files or arrays.",
+    ),
+    "what is none": ({"photographs": 3}, TypeError, "photographs must be a folder, files or arrays; got int. "),
+    "integers": (
+        {"photographs": np.ones(SHAPE, np.uint8)},
+        ValueError,
+        "photograph 0 must be linear radiance in floats; got uint8. Read it with ds.read_image.",
+    ),
+    "sizes that differ": (
+        {"photographs": [np.ones(SHAPE), np.ones((4, 5))]},
+        ValueError,
+        "photographs must be of one size; got photograph 0 of (120, 128) and photograph 1 of (4, 5). ",
+    ),
+    "a file that is not there": ({"photographs": "no.png"}, FileNotFoundError, "cannot read no.png: "),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_is_said_in_one_sentence(case):
+    change, error, message = BAD[case]
+    options = {"photographs": IMAGE, "ball": "matte", "mask": MASK} | change
+    with pytest.raises(error, match=f"^{re.escape(message)}[^\n]*$"):
+        ds.calibrate(options.pop("photographs"), **options)
+
+
+def test_folders_that_cannot_be(tmp_path):
+    with pytest.raises(ValueError, match=r"holds no photograph\. Give a folder with images"):
+        ds.calibrate(tmp_path, ball="matte")
+    for name in ("a.png", "mask.png", "mask2.png"):
+        ds.write_image(tmp_path / name, IMAGE)
+    with pytest.raises(ValueError, match=r"holds several masks, mask\.png, mask2\.png\. Say which with mask="):
+        ds.calibrate(tmp_path, ball="matte")
+    (tmp_path / "filenames.txt").write_text("a.png\n")
+    assert ds.calibrate(tmp_path, ball="matte", mask=tmp_path / "mask.png").names == ("a.png",)
+
+
+def test_lists_that_cannot_be_compared(tmp_path):
+    found = ds.calibrate(IMAGE * 0.9, ball="matte", mask=MASK)
+    with pytest.raises(ValueError, match=r"one unit vector for each of the 1 photographs; got shape \(4, 3\)"):
+        found.compare(DIRECTIONS)
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*no\.txt\. Give a text of three numbers a line"):
+        found.compare(Path("no.txt"))
+    (tmp_path / "list.txt").write_text("1\n0 0\n")
+    with pytest.raises(ValueError, match=r"list\.txt must hold three numbers a line"):
+        found.compare(tmp_path / "list.txt")
