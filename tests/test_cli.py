@@ -269,6 +269,7 @@ def test_the_dome_surrounds_what_the_camera_sees(photographed, tmp_path):
 
 
 def test_texels(typed, folder):
+    (folder / "normal_gt.npy").unlink()
     done = typed("texels", folder, "-o", "maps", "--suffix", ".png", "--json")
     assert done.status == 0
     told = json.loads(done.out)
@@ -276,9 +277,7 @@ def test_texels(typed, folder):
     assert told["medians"]["k_d"] == pytest.approx([0.4, 0.3, 0.2], rel=0.05)
     assert Path("maps/k_d.npy").is_file()
     assert Path("maps/k_d.png").is_file()
-    (folder / "normal_gt.npy").unlink()
-    again = json.loads(typed("texels", folder, "-o", "more", "--loss", "cauchy", "--json").out)
-    assert "normal" in again["medians"]
+    assert told["medians"]["normal"][2] > 0.5  # of which no file told
 
 
 def test_materials_are_converted(typed):
@@ -382,7 +381,7 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
     with subprocess.Popen(
         [*PROGRAM, "figures", "lecture"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
-        while running.poll() is None and not list((tmp_path / "lecture").glob("*.png")):  # at work
+        while running.poll() is None and not list((tmp_path / "lecture").glob("[0-9]*.png")):  # at work
             time.sleep(0.05)
         running.send_signal(signal.SIGINT)
         out, err = running.communicate(timeout=120)
@@ -414,13 +413,13 @@ def test_without_a_command_it_shows_its_help():
 def test_from_photographs_of_a_ball_alone_to_a_page_and_materials(typed, tmp_path):
     """A folder of photographs, and nothing known but that it is a ball: the README's commands."""
     ball = ds.Object(ds.Sphere(), ds.Material(k_d=(0.5, 0.4, 0.3), k_s=0.2, n_s=15))
-    camera = ds.OrthographicCamera((0, 0, 4), shape=(64, 64), local_viewer=False)
-    around = np.deg2rad(60.0 * np.arange(6))
-    towards = np.stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(6, np.sqrt(0.75))], -1)
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(48, 48), local_viewer=False)
+    around = np.deg2rad(120.0 * np.arange(3))
+    towards = np.stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(3, np.sqrt(0.75))], -1)
     scene = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards], ambient=0.0)
     (tmp_path / "photographs").mkdir()
     noise = np.random.default_rng(0)
-    for i in range(6):
+    for i in range(3):
         image = np.asarray(ds.render(scene, camera, lit=i))
         ds.write_image(tmp_path / "photographs" / f"{i}.exr", image + 0.002 * noise.standard_normal(image.shape))
     done = typed("calibrate", "photographs", "--ball", "glossy", "-o", "ready", "--json")

@@ -27,8 +27,8 @@ def dome(fit: Fit) -> list[Shot]:
     from ..diagnosis.regions import centre_of
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
-    backward = _unit(camera.eye - camera.target)
-    right = _unit(np.cross(camera.up, backward))
+    backward = _unit(np.asarray(camera.eye) - np.asarray(camera.target))
+    right = _unit(np.cross(np.asarray(camera.up), backward))
     up = np.cross(backward, right)
     if isinstance(light, ds.DirectionalLight):
         return [
