@@ -5,13 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from textured import lights_about, textured_ball
 
 import diffshade as ds
+from diffshade.cli import diffshade
 
 README = Path(__file__).parents[1] / "README.md"
-TEXT = README.read_text(encoding="utf-8").replace("shape=(256, 256)", "shape=(48, 48)")
+TEXT = README.read_text(encoding="utf-8").replace("(256, 256", "(48, 48")
 PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+FIRST_FIT = next(i for i, program in enumerate(PROGRAMS) if "photographs" in program)
+COMMANDS = re.findall(r"^diffshade (.+)$", TEXT, re.MULTILINE)
 
 
 def unknown_shape(folder: Path) -> Path:
@@ -41,11 +45,24 @@ def balls_under_lights(folder: Path) -> None:
         ds.write_image(folder / name / "mask.png", np.asarray(ds.intersect(scene, camera).mask) * 1.0, srgb=False)
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_commands_are_what_the_command_line_takes(command):
+    """What they do is in test_cli.py."""
+    name, *words = command.split()
+    assert diffshade.commands[name].make_context(name, words).params
+
+
+def test_the_table_names_every_command():
+    assert re.findall(r"^\| `diffshade (\w+)`", TEXT, re.MULTILINE) == list(diffshade.commands)
+
+
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert len(PROGRAMS) >= 4
     names: dict[str, Any] = {"photographs": ["0.exr", "1.exr"]}
-    exec(PROGRAMS[0], names)
+    for program in PROGRAMS[:FIRST_FIT]:
+        exec(program, names)
+    assert np.isfinite(names["value"])
     scene, camera = names["scene"], names["camera"]
     random = np.random.default_rng(0)
     for i, path in enumerate(names["photographs"]):
@@ -55,14 +72,14 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
         np.save(f"{i}.npy", noisy)
     names["folder"] = unknown_shape(tmp_path / "ball")
     balls_under_lights(tmp_path)
-    exec(PROGRAMS[1], names)
-    exec(PROGRAMS[2], names)
+    exec(PROGRAMS[FIRST_FIT], names)
+    exec(PROGRAMS[FIRST_FIT + 1], names)
     fit = names["fit"]
     assert isinstance(fit, ds.Fit)
     assert fit.determined.all()
     off = (fit.values - fit.values_in(scene)) / fit.plain_errors  # pyright: ignore[reportArgumentType]
     assert np.abs(off).max() < 5
-    for program in PROGRAMS[3:]:
+    for program in PROGRAMS[FIRST_FIT + 2 :]:
         exec(program, names)
     assert names["fit"].converged  # pyright: ignore[reportAttributeAccessIssue]
     assert Path("sphere.png").is_file()
