@@ -114,8 +114,8 @@ def _dark(taken: Photographs, ball: Ball) -> list[str]:
     if share < 0.01:
         return []
     return [
-        f"{100 * share:.0f} % of the ball's samples are 0: noise that is cut off there makes k_a too large, by up to what "
-        "the noise is. Give the fit View(noise=..., floor=0) and clipped='tobit'."
+        f"{100 * share:.0f} % of the ball's samples are 0: noise that is cut off there makes k_a too large, by up to "
+        "what the noise is. Give the fit View(noise=..., floor=0) and clipped='tobit'."
     ]
 
 
