@@ -56,7 +56,7 @@ def calibrate(
     Errors: root mean square, degrees. Of a mirror, from how the highlight's middle depends on its brightness and from
     the outline, known to .29 pixels at best; of a matte ball, from the outline, by leaving out one of about 32 patches
     of it at a time, and from how far other laws of shading turn the light; of a glossy one, of the fit. What a mask
-    that is drawn wrongly would change is in a note. On two measured balls the directions by their shading were 1.7 and
+    that is drawn wrongly would change is in a note. On two measured balls the directions by their shading were 1.6 and
     1.8 degrees off those by a highlight, in the mean; where both can be had, believe the mirror.
 
     Raises ValueError, TypeError, FileNotFoundError: one sentence and the remedy.

@@ -66,7 +66,8 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
     paths = np.array([unknown.places[0][0] for unknown in found.unknowns])
     turns = [errors[paths == f"lights.{i}.direction"] for i in range(len(views))]
     directions = -np.array([np.asarray(light.direction) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
-    notes = [note for note in found.notes if not note.startswith(("center", "1 view: no errors"))]
+    # of the pose the outline knows, and the errors are by patches
+    notes = [note for note in found.notes if not note.startswith("center") and "no errors by jackknife" not in note]
     return Calibration(
         ball="glossy",
         names=taken.names,
@@ -81,6 +82,7 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
         notes=(
             *notes,
             clusters.sentence([u.quantity for u in found.unknowns]),
+            *_dark(taken, ball),
             *_unknowable(ball, len(views)),
             *taken.notes,
         ),
@@ -104,6 +106,17 @@ def _pose(ball: Ball) -> dict[str, Any]:
     for axis, x, error in zip("xyz", np.asarray(ball.sphere.center), along, strict=True):
         priors[f"center.{axis}"] = (float(x), float(error))
     return priors
+
+
+def _dark(taken: Photographs, ball: Ball) -> list[str]:
+    """Say that shadows are cut off at 0, where noise then only brightens them."""
+    share = np.mean([np.mean(np.asarray(image[:])[ball.mask] <= 0.0) for image in taken.images])
+    if share < 0.01:
+        return []
+    return [
+        f"{100 * share:.0f} % of the ball's samples are 0: noise that is cut off there makes k_a too large, by up to "
+        "what the noise is. Give the fit View(noise=..., floor=0) and clipped='tobit'."
+    ]
 
 
 def _unknowable(ball: Ball, photographs: int) -> list[str]:
