@@ -34,5 +34,11 @@ def showing(title: str) -> Iterator[Callable[[str], None]]:
             appear.cancel()
 
 
+def share_and_time(done: int, of: int, seconds: float) -> str:
+    """Return in words how much is done of all, and how long the rest will take."""
+    left = f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+    return f"{done / of:.0%}, about {left} left"
+
+
 def silent(words: str) -> None:
     """Take words and show nothing."""

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from ..backend import UNFUSED
-from ..progress import silent
+from ..progress import share_and_time, silent
 from .blocks import Block, Piece, cores, in_order, padded_length
 from .checkpoints import Checkpoint
 from .hosts import Lanes, on_lanes, zeros
@@ -211,7 +211,7 @@ def resumed(
         now = time.monotonic()
         if now - shown > 0.2:
             shown, left = now, (now - begun) / (done - first) * (number - done)
-            tell(f"{done / number:.0%}, {left:.0f} s left")
+            tell(share_and_time(done, number, left))
     return total
 
 

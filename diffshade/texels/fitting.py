@@ -25,7 +25,7 @@ from ..inverse.hosts import Lanes
 from ..inverse.losses import LOSSES
 from ..inverse.parameters import RANGES
 from ..inverse.views import View, is_grey
-from ..progress import showing, silent
+from ..progress import share_and_time, showing, silent
 from ..rendering import select
 from ..scenes import Scene, check_positions, check_shapes
 from .descent import GRID
@@ -182,8 +182,7 @@ class _Run:
             work(tile)
             finish(t)
             left = (time.monotonic() - begun) / (k + 1) * (len(todo) - k - 1)
-            share = 100.0 * (len(self.own) - len(todo) + k + 1) / len(self.own)
-            self.tell(f"{verb} {share:.0f} %, about {_minutes(left)} left")
+            self.tell(f"{verb} {share_and_time(len(self.own) - len(todo) + k + 1, len(self.own), left)}")
 
     def _on_devices(self, work: Callable[[Any], Any], blocks: Sequence[Any]) -> list[Any]:
         """Return what each block gives, in order: on all cores, or each on the next device of the mesh."""
@@ -324,10 +323,6 @@ class _Run:
             whole = self._map(name)
             with np.errstate(over="ignore"):  # an error too large for float32 is infinite there
                 whole.reshape(-1, whole.shape[2])[tile.pixels] = value.T
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _known(scene: Scene, free: tuple[str, ...], channels: int) -> Known:
