@@ -116,7 +116,8 @@ def write_good(folder: Path) -> None:
     for kind in ("obj", "ply", "stl", "glb", "off"):
         box.export(folder / f"a.{kind}")
     box.export(folder / "b.ply", encoding="ascii")
-    for name, data in box.scene().export(file_type="gltf").items():
+    gltf: Any = box.scene().export(file_type="gltf")
+    for name, data in gltf.items():
         (folder / name.replace("model", "a")).write_bytes(data)
 
 

@@ -91,7 +91,7 @@ def fuzz(name, folder, examples, *, start=0):
         deadline=None,
         database=None,
         phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
     )
     @given(mutated(base))
     def run(data):
