@@ -10,9 +10,10 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 try:
-    import atheris
+    atheris: Any = importlib.import_module("atheris")
 except ImportError:
     sys.exit("fuzzing led by coverage needs the package atheris. Install it: pip install 'diffshade[fuzz]'.")
 
