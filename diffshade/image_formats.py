@@ -2,13 +2,11 @@
 
 Pillow reads and writes whatever has 8 bits; OpenCV the rest, since Pillow drops the low byte of 16-bit RGB without a
 word, and OpenCV premultiplies the alpha of 8-bit TIFF and gives grey + alpha as RGBA. A file is checked before it is
-decoded: the decoders accept some files that are cut off, and report others on the terminal.
+decoded (`image_headers`).
 """
 
 import io
-import struct
 import threading
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -16,6 +14,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from .image_headers import NPY_HEADER, UnsupportedError, check_exr, check_pixels, check_png, check_tiff
 
 _OPENCV_LOG = threading.Lock()
 
@@ -37,13 +37,8 @@ def format_of(path: Path) -> Format:
         raise ValueError(f"{path} has the suffix '{path.suffix}', which is no known image. Use {known}.") from None
 
 
-class UnsupportedError(ValueError):
-    """The file is sound, but of a kind that is not read. The message goes on after the name of the file."""
-
-
 def _decode_png(path: Path, data: bytes) -> np.ndarray:
-    _check_png(data)
-    depth, colour_type = data[24:26]
+    depth, colour_type = check_png(data)
     if depth < 16:
         return _decode_with_pillow("PNG", path, data)
     pixels = _decode_with_opencv(path)
@@ -51,7 +46,7 @@ def _decode_png(path: Path, data: bytes) -> np.ndarray:
 
 
 def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
-    tags = _check_tiff(data)
+    tags = check_tiff(data)
     bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
     if bits <= 8:
         return _decode_with_pillow("TIFF", path, data)
@@ -67,7 +62,7 @@ def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
 def _decode_exr(path: Path, data: bytes) -> np.ndarray:
     import OpenEXR
 
-    _check_exr(data)
+    check_exr(data)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         header, channels = file.header(), file.channels()
         if not np.array_equal(header["dataWindow"], header["displayWindow"]):
@@ -81,7 +76,8 @@ def _decode_exr(path: Path, data: bytes) -> np.ndarray:
 def _decode_npy(path: Path, data: bytes) -> np.ndarray:
     if data.startswith(b"\x93NUMPY") and b"'descr': '|O'" in data[:128]:
         raise UnsupportedError("holds Python objects. Save an array of numbers.")
-    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    # A map is refused, before memory is taken, where the file is too short for the shape it declares.
+    return np.lib.format.open_memmap(path, "r", max_header_size=NPY_HEADER)
 
 
 def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
@@ -90,6 +86,7 @@ def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
 
     try:
         with Image.open(io.BytesIO(data), formats=(name,)) as image:
+            check_pixels(name, image.size, data)
             mode, alpha = image.mode, "A" if image.has_transparency_data else ""
     except Image.DecompressionBombError:
         raise UnsupportedError("has more than 178 million pixels. Save it smaller, or with 16 bits.") from None
@@ -119,61 +116,6 @@ def _quiet_opencv() -> Iterator[None]:
             yield
         finally:
             log.setLogLevel(level)
-
-
-def _check_png(data: bytes) -> None:
-    """Raise where a chunk is cut off or does not have its checksum (PNG specification, section 5)."""
-    at, kind = 8, b""
-    while kind != b"IEND":
-        length, kind = struct.unpack_from(">I4s", data, at)
-        (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
-        if zlib.crc32(data[at + 4 : at + 8 + length]) != checksum:
-            raise ValueError
-        at += 12 + length
-
-
-def _check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
-    """Give the whole-number tags (TIFF 6.0, section 2); raise where pixels are cut off or cannot be inflated."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
-    (directory,) = struct.unpack_from(f"{order}I", data, 4)
-    (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
-    end = directory + 2 + 12 * n_tags
-    tags = {}
-    for entry in range(directory + 2, end, 12):
-        tag, kind, count, place = struct.unpack_from(f"{order}HHII", data, entry)
-        if kind in (3, 4):
-            numbers = struct.Struct(f"{order}{count}{'H' if kind == 3 else 'I'}")
-            tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
-    if struct.unpack_from(f"{order}I", data, end) != (0,):
-        raise UnsupportedError("has more than one page. Save each to a file of its own.")
-    offsets, sizes = (tags[273], tags[279]) if 273 in tags else (tags[324], tags[325])  # of strips, of tiles
-    for offset, size in zip(offsets, sizes, strict=True):
-        if offset + size > len(data):
-            raise ValueError
-        if tags.get(259) in ((8,), (32946,)):
-            zlib.decompress(data[offset : offset + size])  # OpenCV ignores the checksum and gives what it can
-    return tags
-
-
-def _check_exr(data: bytes) -> None:
-    """Raise where pixels are cut off (OpenEXR File Layout); the library would only print that they are."""
-    magic, flags = struct.unpack_from("<4sI", data)
-    if magic != b"v/1\x01":
-        raise ValueError
-    if flags & 0x1800:
-        raise UnsupportedError("has several parts, or deep pixels. Save it as one flat part.")
-    table = 8
-    while data[table]:  # an attribute is name, type, size, value; an empty name ends them
-        size = data.index(0, data.index(0, table) + 1) + 1
-        table = size + 4 + struct.unpack_from("<I", data, size)[0]
-    table += 1
-    at, nearest, furthest = table, len(data), 0
-    while at < nearest:  # the table holds the offset of every chunk of pixels, and the nearest chunk follows it
-        (offset,) = struct.unpack_from("<Q", data, at)
-        at, nearest, furthest = at + 8, min(nearest, offset), max(furthest, offset)
-    pixels = furthest + (20 if flags & 0x200 else 8)  # a tile's coordinates or a line's, and last the size in bytes
-    if not at <= nearest < len(data) or pixels + struct.unpack_from("<I", data, pixels - 4)[0] > len(data):
-        raise ValueError
 
 
 def save(path: Path, pixels: np.ndarray) -> None:

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float64
 
 from .fields import Numbers
 from .files import replacing
-from .image_formats import UnsupportedError, format_of, save
+from .image_formats import format_of, save
+from .image_headers import UnsupportedError
 
 _LOGGER = logging.getLogger("diffshade")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import threading
 import weakref
@@ -13,9 +14,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
 from .images import as_fractions, check_exists, decoded
 
 TILE = 1 << 16  # pixels that are read at once
+BAND = 1 << 31  # bytes of the pieces that a file is stored in, across the image
 Rows = Callable[[int, int], Any]
 
 
@@ -88,10 +91,11 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
 
     Its rows, `image[r0:r1]`, are what `read_image` gives, with the same rules for integers and `srgb`; floats keep
     their precision. Formats: .npy and uncompressed .tif, mapped from disk; other .tif and .zarr (an array (H, W) or
-    (H, W, C)), read by their own tiles, for which it takes `pip install 'diffshade[zarr]'` (a .tif always needs it).
+    (H, W, C)), read by their own tiles, of which those across the image may take 2 GiB, for which it takes
+    `pip install 'diffshade[zarr]'` (a .tif always needs it).
 
     Raises FileNotFoundError; ValueError for a suffix, layout or type of number that is not supported; OSError for a
-    file that is damaged; ImportError without the packages.
+    file that is damaged, when it is opened or when its rows are read; ImportError without the packages.
     """
     path = Path(path)
     check_exists(path, folder=path.suffix.lower() == ".zarr")
@@ -103,11 +107,11 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
         )
     try:
         rows, shape, dtype = opened(path)
-    except (ImportError, MemoryError, PermissionError, _UnsupportedError) as error:
+    except (ImportError, MemoryError, PermissionError, UnsupportedError) as error:
         if isinstance(error, ModuleNotFoundError):
             message = f"cannot open {path} without the package {error.name}. Install it: pip install 'diffshade[zarr]'."
             raise ImportError(message) from None
-        if isinstance(error, _UnsupportedError):
+        if isinstance(error, UnsupportedError):
             raise ValueError(f"cannot open {path}: it {error}") from None
         raise
     except Exception:  # as a decoder, a reader raises anything for a file that is not sound
@@ -119,24 +123,26 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
         )
 
     def read(first: int, last: int) -> np.ndarray:
-        stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
+        try:
+            stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
+        except MemoryError:
+            raise
+        except Exception as error:  # as above: pixels are damaged, or packed in a way that takes another package
+            said = " ".join(f"{error}".split())
+            raise OSError(f"cannot read {path}: {said}. Make it again, without compression or predictor.") from None
         fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
         return decoded(path, fractions, dtype, srgb)
 
     return LazyImage(read, shape, read(0, 0).dtype)
 
 
-class _UnsupportedError(ValueError):
-    """The file is sound, but of a kind that is not read by rows. The message goes on after the name of the file."""
-
-
 Opened = tuple[Rows, tuple[int, ...], np.dtype]
 
 
 def _open_npy(path: Path) -> Opened:
-    whole = np.load(path, mmap_mode="r", allow_pickle=False)
+    whole = np.load(path, "r", allow_pickle=False, max_header_size=NPY_HEADER)
     if not isinstance(whole, np.memmap):
-        raise _UnsupportedError("is no single array. Save one array with np.save.")
+        raise UnsupportedError("is no single array. Save one array with np.save.")
     return _mapped(path, whole)
 
 
@@ -162,11 +168,14 @@ def _open_tiff(path: Path) -> Opened:
     with tifffile.TiffFile(path) as file:
         page, series = file.pages.first, file.series[0]
         if series.axes not in ("YX", "YXS") or page.photometric not in (1, 2):
-            raise _UnsupportedError(
+            raise UnsupportedError(
                 f"is a TIFF with axes {series.axes} and Photometric {page.photometric:d}. Save one picture, grey, RGB "
                 "or RGBA, the channels of a pixel side by side."
             )
         shape, dtype, plain = series.shape, series.dtype, page.is_memmappable
+        if not plain:  # of a strip or tile that is empty, every pixel is 0
+            piece = math.prod(page.chunks) * dtype.itemsize
+            check_holds(piece, max(page.databytecounts), TIFF_EXPANSION.get(page.compression, ANY_EXPANSION))
     if plain:
         return _mapped(path, tifffile.memmap(path, mode="r"))
     import zarr
@@ -188,6 +197,11 @@ def _open_zarr(path: Path) -> Opened:
 def _by_bands(array: Any) -> Rows:
     """Read whole rows of chunks and keep the last: a chunk is decoded once while the rows go by, not once a slice."""
     step, height = int(array.chunks[0]), int(array.shape[0])
+    if (size := min(step, height) * math.prod(array.shape[1:]) * array.dtype.itemsize) > BAND:
+        raise UnsupportedError(
+            f"is stored in pieces of {step} rows, {size} bytes, which are read at once. Save it in pieces of fewer "
+            "rows."
+        )
     kept: dict[int, np.ndarray] = {}
     lock = threading.Lock()
 

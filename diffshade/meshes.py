@@ -33,11 +33,19 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
             f"reading a mesh needs trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
         ) from None
     try:
-        mesh: Any = trimesh.load_mesh(path)
+        mesh: Any = trimesh.load_mesh(path, skip_materials=True)
     except Exception as error:  # each of trimesh's readers raises its own
-        raise ValueError(f"{path} is no mesh that trimesh can read: {error}. Export it as OBJ, PLY or GLB.") from None
+        said = " ".join(f"{error}".split())
+        raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
     if not len(getattr(mesh, "faces", ())):
         raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
+    corners, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if (
+        corners.shape[1:] != (3,)
+        or not 0 <= faces.min() <= faces.max() < len(corners)
+        or not np.isfinite(corners).all()
+    ):
+        raise ValueError(f"{path} has triangles with a corner that is no point of three numbers. Export it again.")
     with jax.enable_x64(True):
         rays = [np.asarray(a) for a in _rays(camera)]
     hits: Any = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)

@@ -148,8 +148,22 @@ def _value(key: str, value: Any, where: str) -> Any:
     name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
     if not isinstance(name, str) or name not in types:
         raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}")
+    if isinstance(value, dict) and "type" not in value:
+        _check_default(value, types, where)
     table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
     return _build(types[name], table, where)
+
+
+def _check_default(table: dict[str, Any], types: dict[str, type], where: str) -> None:
+    """Say which type is meant where a table names none, and its keys are those of another than the default."""
+    keys = {name: {field.name for field in dataclasses.fields(cls)} for name, cls in types.items()}
+    default, *others = keys
+    strange = [key for key in table if key not in keys[default]]
+    meant = [name for name in others if keys[name].issuperset(table)]
+    if strange and meant:
+        raise ValueError(
+            f"{where} without a type is a {default}, which has no key '{strange[0]}'. Write type = \"{meant[0]}\"."
+        )
 
 
 def _table(module: eqx.Module) -> dict[str, Any]:

@@ -1,6 +1,8 @@
 """Strict settings for every test; the library itself changes no JAX configuration."""
 
 import os
+import shutil
+import tempfile
 from pathlib import Path
 
 import jax
@@ -13,6 +15,23 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 install_import_hook("diffshade", "beartype.beartype")
+
+PROGRAMS = "DIFFSHADE_TEST_PROGRAMS"
+
+
+def pytest_configure(config):
+    """Let the processes of one run share what they compile: most of the time of the tests is the compiler's."""
+    if PROGRAMS not in os.environ:
+        os.environ[PROGRAMS] = config.programs = tempfile.mkdtemp(prefix="diffshade-programs-")
+    jax.config.update("jax_compilation_cache_dir", os.environ[PROGRAMS])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+def pytest_unconfigure(config):
+    if hasattr(config, "programs"):  # the process that made the folder; the others read its name
+        shutil.rmtree(config.programs, ignore_errors=True)
+        del os.environ[PROGRAMS]
+
 
 MAPS = Path("/proc/self/maps")
 MOST_MAPS = 30_000

@@ -7,13 +7,12 @@ seconds, and writes OUT.npz: the answer, and by how many bytes the process's own
 from __future__ import annotations
 
 import sys
-import threading
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 import synthetic
+from memory import watched
 
 import diffshade as ds
 from diffshade.inverse import checkpoints
@@ -49,32 +48,13 @@ def fit(size: int, **options: Any) -> ds.Fit:
     return ds.fit(synthetic.standard_scene(), views(size), free=("k_d", "k_s", "n_s"), **options)
 
 
-def own_memory() -> int:
-    """Return the bytes of memory that are this process's own and in no file."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return 1024 * int(next(line for line in status.splitlines() if line.startswith("RssAnon")).split()[1])
-
-
 def main() -> None:
     """Fit, and watch the memory meanwhile."""
     size, memory, checkpoint, out = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3], sys.argv[4]
     checkpoints.SECONDS = float(sys.argv[5])
     jax.block_until_ready(jax.numpy.zeros(3))
-    before, peak, done = own_memory(), 0, threading.Event()
-
-    def watch() -> None:
-        nonlocal peak
-        while not done.wait(0.01):
-            peak = max(peak, own_memory())
-
-    watching = threading.Thread(target=watch)
-    watching.start()
-    try:
-        found = fit(size, memory=memory, checkpoint=checkpoint)
-    finally:
-        done.set()
-        watching.join()
-    np.savez(out, values=found.values, errors=found.plain_errors, pixels=found.counts.pixels, grown=peak - before)
+    grown, found = watched(lambda: fit(size, memory=memory, checkpoint=checkpoint))
+    np.savez(out, values=found.values, errors=found.plain_errors, pixels=found.counts.pixels, grown=grown)
 
 
 if __name__ == "__main__":

@@ -98,12 +98,9 @@ assert not xla_bridge.backends_are_initialized()
     assert done.returncode == 0, done.stderr
 
 
-def test_a_compiler_that_does_not_know_the_quick_options_compiles_as_usual(monkeypatch):
-    assert backend._quickly() == backend.QUICKLY
-    backend._quickly.cache_clear()
-    monkeypatch.setattr(backend, "QUICKLY", {"xla_cpu_no_such_option": 1})
-    try:
-        assert backend._quickly() is None
-        assert backend.jit_quickly(lambda x: x + 1.0)(1.0) == 2.0
-    finally:
-        backend._quickly.cache_clear()
+def test_a_compiler_that_does_not_know_the_quick_options_compiles_as_usual():
+    for options in (backend.QUICKLY, backend.SOONER):
+        assert backend._if_known(tuple(options.items())) == options
+    unknown = {"xla_cpu_no_such_option": 1}
+    assert backend._if_known(tuple(unknown.items())) is None
+    assert backend.jit_quickly(lambda x: x + 1.0, options=unknown)(1.0) == 2.0

@@ -14,7 +14,7 @@ FILES = sorted(ROOT.rglob("*.py"))
 # Each row may import from the rows above it and from its own. What a folder holds counts as the folder.
 LAYERS = (
     "backend fields files progress",
-    "image_formats images lazy_images",
+    "image_formats image_headers images lazy_images",
     "vectors",
     "attenuation cameras fresnel patterns surfaces gbuffers meshes",
     "lights measured_lights materials named_materials",

@@ -834,7 +834,7 @@ def test_arrays_that_are_no_images(tmp_path):
 
 def test_a_picture_too_large_for_pillow(file):
     head = png_chunk(b"IHDR", struct.pack(">IIBBBBB", 20000, 10000, 8, 0, 0, 0, 0))
-    data = b"\x89PNG\r\n\x1a\n" + head + png_chunk(b"IDAT", b"") + png_chunk(b"IEND", b"")
+    data = b"\x89PNG\r\n\x1a\n" + head + png_chunk(b"IDAT", bytes(200_000)) + png_chunk(b"IEND", b"")
     with pytest.raises(
         ValueError, match=r"a\.png: it has more than 178 million pixels\. Save it smaller, or with 16 bits"
     ):

@@ -4,6 +4,7 @@ import dataclasses
 from unittest import mock
 
 import imageio.v3 as iio
+import jax
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import diffshade as ds
+from diffshade import backend, rendering
 from diffshade.report.lecture import FIGURES, draw_figure
 from diffshade.report.lecture import pictures as pictures_module
 
@@ -18,10 +20,14 @@ NAMES = tuple(FIGURES)
 PALE = ("terms", "diffuse_over_theta")  # a line drawing, and a white tile
 
 
+QUICK_RENDER = jax.jit(rendering._image, compiler_options=backend.QUICKLY)
+
+
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
-    """One ray a pixel: faster, and the programs compiled for one test serve the others."""
+    """One ray a pixel, compiled without optimisation: faster, and the programs of one test serve the others."""
     monkeypatch.setattr(pictures_module, "RAYS", 1)
+    monkeypatch.setattr(rendering, "_render", QUICK_RENDER)
 
 
 def texts(figure):

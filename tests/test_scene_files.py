@@ -381,6 +381,21 @@ def test_a_bad_scene_is_one_sentence_that_says_where(write, old, new, message):
         ds.read_scene(path)
 
 
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("direction = [0, -1, 0]", "has no key 'direction'. Write type = \"DirectionalLight\"."),
+        ("position = [0, 3, 0]\ndirection = [0, -1, 0]", "has no key 'direction'. Write type = \"SpotLight\"."),
+        ("corner = [0, 3, 0]\nedge_u = [1, 0, 0]", "has no key 'corner'. Write type = \"AreaLight\"."),
+    ],
+)
+def test_a_light_without_a_type_that_is_no_point_light_says_which_it_may_be(tmp_path, keys, message):
+    path = tmp_path / "scene.toml"
+    path.write_text(f'[[objects]]\nsurface = "Sphere"\n[[lights]]\n{keys}\n', encoding="utf-8")
+    with refusal(f"{path}: lights[0] without a type is a PointLight, which {message}"):
+        ds.read_scene(path)
+
+
 BAD_CAMERAS = {
     "a misspelt key": ("fov", "fow", ": camera has no key 'fow'. Did you mean 'fov'?"),
     "a misspelt type": (

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 import diffshade as ds
 
 sys.path.insert(0, str(Path(__file__).parent))
+from memory import watched
 from textured import lights_about
 
 
@@ -54,29 +54,6 @@ def problem(height: int, width: int, count: int, share: float) -> tuple[ds.Scene
     return scene, [ds.View(Photograph(l, (height, width)), camera, mask, lit=(i,)) for i, l in enumerate(lights)]
 
 
-def anonymous() -> int:
-    """Return the bytes of this process that are no pages of files."""
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    return 1024 * int(next(line.split()[1] for line in status.splitlines() if line.startswith("RssAnon")))
-
-
-def watched(run: object) -> tuple[int, object]:
-    """Return by how many bytes this process grew at most during a run, and what the run returned."""
-    before, most, over = anonymous(), 0, threading.Event()
-
-    def watch() -> None:
-        nonlocal most
-        while not over.wait(0.005):
-            most = max(most, anonymous())
-
-    thread = threading.Thread(target=watch)
-    thread.start()
-    found = run()  # type: ignore[operator]
-    over.set()
-    thread.join()
-    return most - before, found
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("folder")
@@ -101,7 +78,7 @@ def main() -> None:
     grown, maps = watched(lambda: ds.fit_texels(scene, views, out=given.folder, memory=given.memory, mesh=mesh))
     size = sum(4 * np.prod(view.image.shape) for view in views)
     print(f"grown {grown} of {size}, {time.monotonic() - begun:.1f} s", flush=True)
-    print(f"determined {int(maps.determined.sum())}", flush=True)  # type: ignore[attr-defined]
+    print(f"determined {int(maps.determined.sum())}", flush=True)
     sys.stdout.flush()
     if given.processes > 1:
         os._exit(0)

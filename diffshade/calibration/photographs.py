@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 from ..gbuffers import as_mask
 from ..image_formats import FORMATS
 from ..images import read_image, read_mask
+from ..inverse.photographs import photograph_names
 from ..inverse.views import as_image
 from .balls import largest, roundness
 
@@ -114,9 +115,8 @@ def _in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
     """
     images = [file for file in folder.iterdir() if file.suffix.lower() in FORMATS and not file.name.startswith(".")]
     masks = [file for file in images if "mask" in file.stem.lower()]
-    if (listed := folder / "filenames.txt").is_file():
-        names = [line.strip() for line in listed.read_text(encoding="utf-8").splitlines() if line.strip()]
-        files = [folder / name for name in names]
+    if (folder / "filenames.txt").is_file():
+        files = [folder / name for name in photograph_names(folder)]
     else:
         files = sorted(
             (file for file in images if file not in masks and "normal" not in file.stem.lower()), key=_counted

@@ -23,12 +23,13 @@ NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
-    The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph a line; `light_directions.txt`,
-    three numbers a line, *towards* the light, x right, y up, z to the camera; `light_intensities.txt`, R G B a line, or
-    one number; `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row
-    by row). The photographs are linear and the camera is far away on +z. Light i is on in photograph i alone. Those in
-    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory. `normals`: whether
-    to read them; without, every normal is (0, 0, 1), for `fit_texels` to find.
+    The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
+    lead out of it, a name not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z to
+    the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
+    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The photographs are linear and the camera is
+    far away on +z. Light i is on in photograph i alone. Those in .npy and .zarr are opened without being read, as by
+    `open_image`: they may be larger than memory. `normals`: whether to read them; without, every normal is (0, 0, 1),
+    for `fit_texels` to find.
 
     Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
     """
@@ -53,10 +54,16 @@ def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene
 
 
 def photograph_names(folder: Path) -> list[str]:
-    """Return the names of a folder's photographs."""
+    """Return the names that a folder's `filenames.txt` gives its photographs; refuse one that leads out of it."""
     names = [line.strip() for line in _text(folder / "filenames.txt").splitlines() if line.strip()]
     if not names:
         raise ValueError(f"{folder / 'filenames.txt'} names no photograph. Write one file name a line.")
+    for name in names:
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise ValueError(
+                f"{folder / 'filenames.txt'} must name photographs in its own folder; got '{name}'. Copy or link it "
+                "there."
+            )
     return names
 
 
@@ -113,15 +120,17 @@ def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]
         )
     try:
         if path.suffix == ".npy":
-            normals = np.load(path, allow_pickle=False)
+            normals = np.lib.format.open_memmap(path, "r")
         elif path.suffix == ".mat":
             from scipy.io import loadmat
 
-            normals = loadmat(path)["Normal_gt"]
+            normals = loadmat(path, variable_names=["Normal_gt"])["Normal_gt"]
         else:
             normals = np.loadtxt(path).reshape(*shape, 3)
+        normals = np.asarray(normals, np.float64)
     except Exception as error:  # an empty or damaged file makes these readers raise anything
-        raise ValueError(f"{path} holds no normals of shape {(*shape, 3)}: {error}. Write them again.") from None
+        said = " ".join(f"{error}".split())
+        raise ValueError(f"{path} holds no normals of shape {(*shape, 3)}: {said}. Write them again.") from None
     if normals.shape != (*shape, 3):
         raise ValueError(f"{path} must have the mask's shape {(*shape, 3)}; got {normals.shape}. Crop both alike.")
-    return np.asarray(normals, np.float64)
+    return normals

@@ -21,7 +21,7 @@ from .blocks import Block, Observed, Piece
 from .gram import Gram
 from .losses import Likelihood
 from .parameters import Setup, Slots, without_gbuffers
-from .views import View, is_grey, lights_on
+from .views import View, is_grey, lights_on, noises, switches
 
 
 class Counts(eqx.Module):
@@ -146,14 +146,13 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
 def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
     """Gather all that predictions depend on but the unknowns and the pixels."""
     numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
-    noises = [view.noise for view in views]
     return Problem(
         Setup(stack_scene(without_gbuffers(scene)), *numbers),
         slots,
         jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
-        None if None in noises else jax.tree.map(lambda *leaves: np.stack(leaves), *noises),
+        noises(views),
     )
 
 
@@ -192,11 +191,6 @@ def projection_of(camera: AbstractCamera) -> Projection:
 
 def _lit(scene: Scene, views: Sequence[View]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
     """Return for each kind of light which of its lights are on in each view, padded to the same number."""
-    switches = []
-    for members in light_kinds(scene.lights):
-        on = [[members.index(i) for i in lights_on(scene, v) if i in members] for v in views]
-        most = max(map(len, on))
-        index = np.array([row + [0] * (most - len(row)) for row in on]).reshape(len(views), most)
-        weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in on]).reshape(len(views), most)
-        switches.append((index.astype(int), weight))
-    return tuple(switches)
+    kinds = light_kinds(scene.lights)
+    on = [[[of.index(i) for i in lights_on(scene, view) if i in of] for view in views] for of in kinds]
+    return tuple(switches(rows) for rows in on)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..backend import SOONER, jit_quickly
 from ..fields import Array, check_kind
 from .blocks import Block, on_all_cores, total
 from .outcome import Fit
@@ -113,7 +115,7 @@ def _soft_hessian(soft: Any, theta: Array) -> Array:
     return jax.hessian(lambda q: soft.gram(q).cost)(theta)
 
 
-@jax.jit
+@partial(jit_quickly, options=SOONER)
 def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
 
@@ -134,7 +136,7 @@ def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Ar
     return jax.lax.scan(add, jnp.zeros((z.shape[0], z.shape[0])), chunk)[0]
 
 
-@jax.jit
+@partial(jit_quickly, options=SOONER)
 def _by_sample(theta: Array, form: Any, chunk: Block) -> Array:
     """Return the derivative of the gradient of the cost by each sample: (blocks, p, channels, pixels)."""
 

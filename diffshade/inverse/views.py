@@ -208,6 +208,20 @@ def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
     return tuple(range(len(scene.lights))) if view.lit is None else view.lit
 
 
+def switches(rows: Sequence[Sequence[int]]) -> tuple[Int[np.ndarray, "views _"], Float[np.ndarray, "views _"]]:
+    """Return what is on in each view as an index, padded to the same number, and 1 for each, or 0 for padding."""
+    most = max(map(len, rows))
+    index = np.array([[*row, *[0] * (most - len(row))] for row in rows], int).reshape(len(rows), most)
+    weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in rows]).reshape(len(rows), most)
+    return index, weight
+
+
+def noises(views: Sequence[View]) -> Any:
+    """Return the `Noise` of each view, stacked; None where it is not known."""
+    of = [view.noise for view in views]
+    return None if None in of else jax.tree.map(lambda *leaves: np.stack(leaves), *of)
+
+
 def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     """Return what a view's photograph of a scene would be, exposure * radiance + black, unclipped, in its channels."""
     image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 
 from ..fields import Array
 from ..inverse.features import DARK
-from ..inverse.views import View, is_grey, lights_on
+from ..inverse.views import View, is_grey, lights_on, noises, switches
 from ..lights import AreaLight
 from ..materials import AbstractLobe
 from ..reflection import emitters
@@ -53,13 +53,9 @@ def rig_of(scene: Scene, views: Sequence[View]) -> Rig:
         on = [[members.index(i) for i in lights_on(scene, view) if i in members] for view in views]
         each = int(np.prod(stack.samples)) if isinstance(stack, AreaLight) else 1
         rows = [[i * each + k for i in row for k in range(each)] for row in on]
-        most = max(map(len, rows))
-        if not most:
-            continue
-        stacks.append(emitters(stack))
-        index = np.array([row + [0] * (most - len(row)) for row in rows])
-        lit.append((index, np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in rows])))
-    noises = [view.noise for view in views]
+        if any(rows):
+            stacks.append(emitters(stack))
+            lit.append(switches(rows))
     intensities = np.concatenate([np.reshape(stack.intensity, (-1, 3)) for stack in stacks] or [np.zeros((1, 3))])
     return Rig(
         tuple(stacks),
@@ -67,7 +63,7 @@ def rig_of(scene: Scene, views: Sequence[View]) -> Rig:
         np.array([float(view.exposure) for view in views]),
         np.array([float(view.black) for view in views]),
         np.mean(scene.ambient, keepdims=True) if grey else np.asarray(scene.ambient),
-        None if None in noises else jax.tree.map(lambda *leaves: np.stack(leaves), *noises),
+        noises(views),
         scene.objects[0].material.lobe,
         grey_images=grey,
         grey_lights=bool((intensities == intensities[:, :1]).all()),

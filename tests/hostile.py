@@ -1,0 +1,150 @@
+"""Files of strangers: a good one for each reader, and what every answer to a bad one must be."""
+
+import builtins
+import io
+import math
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+from lamp_files import VERTICAL, beam, ies, ldt
+from PIL import Image
+
+import diffshade as ds
+
+PLAIN = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40)
+CAMERA = ds.Camera((0.2, 0.3, 3), fov=35, shape=(6, 7))
+SECONDS = 20  # for any file of these sizes
+SCENE = """ambient = 0.5
+[camera]
+eye = [0, 0, 4]
+[atmosphere]
+type = "Fog"
+density = 0.1
+[[objects]]
+surface = "Sphere"
+material = { k_a = 0.1, k_d = [0.7, 0.2, 0.1], lobe = "Blinn", k_s = { a = 0.1, b = 0.9 } }
+[[lights]]
+type = "MeasuredLight"
+position = [0, 2, 0]
+direction = [0, -1, 0]
+profile = { vertical = [0, 45, 90], horizontal = [0], values = [[1, 0.5, 0]] }
+attenuation = { quadratic = 1.0 }
+"""
+
+
+def first_rows(path: Path) -> None:
+    """Open an image and read a band of it, unless it is large: pieces that a file leaves out are 0."""
+    image = ds.open_image(path)
+    if math.prod(image.shape) < 1e6:
+        image[0 : min(image.shape[0], 9)]
+
+
+def _folder(path: Path) -> None:
+    ds.read_photographs(path.parent)
+
+
+def _mesh(path: Path) -> None:
+    ds.read_mesh(path, CAMERA)
+
+
+TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
+    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js"), (ds.read_material,)),
+    ".c": (ds.read_material, ds.read_lights),
+    **dict.fromkeys((".ies", ".ldt"), (ds.read_lamp,)),
+    ".toml": (ds.read_scene, ds.read_camera),
+}
+# A file in the folder that `write_good` writes, and what reads it, or the folder it is in.
+OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
+    **dict.fromkeys(("8.png", "16.png", "p.png", "a.jpg", "p.jpg", "a.tga", "32.tif"), (ds.read_image,)),
+    **dict.fromkeys(("32.exr", "16.exr"), (ds.read_image, ds.read_mask)),
+    **dict.fromkeys(("a.npy", "8.tif", "16.tif", "tiles.tif"), (ds.read_image, first_rows)),
+    **dict.fromkeys(("a.zarr/zarr.json", "b.zarr/.zarray", "b.zarr/0.0"), (lambda path: first_rows(path.parent),)),
+    **dict.fromkeys(("ball/filenames.txt", "ball/light_directions.txt", "ball/normal_gt.npy"), (_folder,)),
+    **dict.fromkeys(("mat/Normal_gt.mat", "text/normal.txt"), (_folder,)),
+    **dict.fromkeys(("a.obj", "a.ply", "b.ply", "a.stl", "a.glb", "a.gltf", "a.off"), (_mesh,)),
+}
+
+
+def good_texts(folder: Path) -> dict[str, bytes]:
+    """Return a file of each text format that is read."""
+    row, C = beam(0, VERTICAL)[None], np.arange(0, 91, 22.5)
+    files = {".toml": SCENE, ".ies": ies([0], row), ".ldt": ldt(4, 16, beam(C[:, None], VERTICAL, about=(0, 90)))}
+    for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js"):
+        lights = ds.SpotLight((0, 0, 1), (0, 0, -1)) if suffix == ".c" else ()
+        files[suffix] = ds.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
+    return {suffix: text.encode() for suffix, text in files.items()}
+
+
+def write_good(folder: Path) -> None:
+    """Write a small good file of each name of `OTHERS`, and what it needs beside it."""
+    import tifffile
+    import trimesh
+    import zarr
+
+    image = np.random.default_rng(0).random((6, 7, 3))
+    eight = (255 * image).astype(np.uint8)
+    for name, bits in {"8.png": 8, "16.png": 16, "a.tga": 8, "8.tif": 8, "16.tif": 16, "32.tif": 32}.items():
+        ds.write_image(folder / name, image, bits=bits)
+    for name, bits in {"32.exr": 32, "16.exr": 16}.items():
+        ds.write_image(folder / name, image[..., :1], bits=bits)
+    np.save(folder / "a.npy", image.astype(np.float32))
+    Image.fromarray(eight).quantize(8).save(folder / "p.png")
+    for name, more in {"a.jpg": {}, "p.jpg": {"progressive": True, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}}.items():
+        Image.fromarray(eight).save(folder / name, **more)
+    tifffile.imwrite(folder / "tiles.tif", eight, tile=(16, 16), compression="zlib", photometric="rgb")
+    zarr.create_array(folder / "a.zarr", data=eight, chunks=(4, 7, 3))
+    zarr.create_array(folder / "b.zarr", data=eight[..., 0], chunks=(6, 7), zarr_format=2)
+    normal = np.broadcast_to((0.0, 0.6, 0.8), (6, 7, 3))
+    for name in ("ball", "mat", "text"):
+        (folder / name).mkdir()
+        for of in "01":
+            ds.write_image(folder / name / f"{of}.png", image, bits=16)
+        ds.write_image(folder / name / "mask.png", np.ones((6, 7)))
+        (folder / name / "filenames.txt").write_text("0.png\n1.png\n")
+        (folder / name / "light_directions.txt").write_text("0 0 1\n0 0.6 0.8\n")
+        (folder / name / "light_intensities.txt").write_text("1\n1\n")
+    np.save(folder / "ball" / "normal_gt.npy", normal)
+    scipy.io.savemat(folder / "mat" / "Normal_gt.mat", {"Normal_gt": normal}, do_compression=True)
+    np.savetxt(folder / "text" / "normal.txt", normal.reshape(-1, 3), "%.1f")
+    box = trimesh.creation.box((1, 1, 1))
+    for kind in ("obj", "ply", "stl", "glb", "off"):
+        box.export(folder / f"a.{kind}")
+    box.export(folder / "b.ply", encoding="ascii")
+    gltf: Any = box.scene().export(file_type="gltf")
+    for name, data in gltf.items():
+        (folder / name.replace("model", "a")).write_bytes(data)
+
+
+def check_reading(readers: tuple[Callable[[Path], Any], ...], path: Path, data: bytes) -> None:
+    """Read a file: a result, or one sentence of ValueError or OSError, soon."""
+    path.write_bytes(data)
+    for read in readers:
+        began, said = time.perf_counter(), "a result"
+        try:
+            with warnings.catch_warnings(action="ignore"):
+                read(path)
+        except (ValueError, OSError) as error:
+            said = str(error)
+        assert said
+        assert "\n" not in said
+        assert len(said) < 2000 + 2 * len(data)
+        assert time.perf_counter() - began < SECONDS
+
+
+def watch_opening(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list to which the name of each file is added that Python opens in this test."""
+    opened, real = [], io.open
+
+    def watched(file, *args, **options):
+        opened.append(f"{file}")
+        return real(file, *args, **options)
+
+    monkeypatch.setattr(builtins, "open", watched)
+    monkeypatch.setattr(io, "open", watched)
+    return opened
