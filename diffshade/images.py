@@ -61,7 +61,7 @@ def write_image(
     bits that is not supported; and what `diffshade.files.replacing` raises.
     """
     path = Path(path)
-    dtype = _dtype_to_write(path, bits)
+    dtype = dtype_to_write(path, bits)
     pixels = _as_pixels(path, image)
     _check_can_hold(path, dtype, pixels)
     if dtype.kind == "u":
@@ -163,7 +163,8 @@ def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
 # Writing
 
 
-def _dtype_to_write(path: Path, bits: int | None) -> np.dtype:
+def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
+    """Return the type of number that a file's format holds in so many bits; refuse what it does not hold."""
     name, _, types = format_of(path)
     dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
     if bits is not None and bits not in dtypes:

@@ -208,7 +208,8 @@ def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole
     """
     row, column = outline(mask)
     if len(row) < SHORTEST:
-        raise ValueError(f"the mask shows no ball: its edge has {len(row)} points. Give True (or white) on the ball.")
+        what = "covers the whole picture" if mask.all() else f"shows no ball: its edge has {len(row)} points"
+        raise ValueError(f"the mask {what}. Give True (or white) on the ball alone.")
     camera = _far_camera(row, column, mask.shape, radius) if camera is None else camera
     projection = project(camera)
     frame = axes(projection)

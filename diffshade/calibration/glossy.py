@@ -19,7 +19,7 @@ from ..scenes import Object, Scene
 from .balls import Ball, axes
 from .laws import find_lamps
 from .matte import see
-from .outcome import Calibration, views_of
+from .outcome import Calibration, degrees, views_of
 from .photographs import Photographs
 
 FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
@@ -49,7 +49,7 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
     tell("errors")
     clusters = _clusters(found)
     errors = clusters.errors()
-    determined = found.determined
+    determined, misled = found.determined, np.zeros(len(views))
     if clusters.shaken.any() and clusters.scatter > SHAKEN:
         # what is left over is model error, of which the outline knows nothing: it alone tells the pose
         tight = {name: (value, HELD * error) for name, (value, error) in priors.items()}
@@ -60,12 +60,12 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
         known |= {unknown.name: turned for unknown in found.unknowns if unknown.kind == "direction"}
         errors = np.hypot(clusters.errors(), [known.get(name, 0.0) for name in found.names])
         determined = found.determined | np.isin(found.names, list(priors))
+        misled = degrees(lamps.direction, _directions(found.scene))
     if not isinstance(ball.camera, Camera):  # it does not see how far away things are
         determined = determined & (np.array(found.names) != "center.z")
     errors = np.where(determined, errors, np.inf)
     paths = np.array([unknown.places[0][0] for unknown in found.unknowns])
     turns = [errors[paths == f"lights.{i}.direction"] for i in range(len(views))]
-    directions = -np.array([np.asarray(light.direction) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
     # of the pose the outline knows, and the errors are by patches
     notes = [note for note in found.notes if not note.startswith("center") and "no errors by jackknife" not in note]
     return Calibration(
@@ -74,19 +74,35 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
         balls=(ball,),
         scene=found.scene,
         views=found.views,
-        directions=directions,
-        errors=np.rad2deg(np.sqrt(np.square(turns).sum(-1))),
+        directions=_directions(found.scene),
+        errors=np.hypot(np.rad2deg(np.sqrt(np.square(turns).sum(-1))), misled),
         intensities=np.array([np.asarray(light.intensity) for light in found.scene.lights]),  # pyright: ignore[reportAttributeAccessIssue]
         fit=found,
         fit_errors=errors,
         notes=(
             *notes,
+            *_misled(misled),
             clusters.sentence([u.quantity for u in found.unknowns]),
             *_dark(taken, ball),
             *_unknowable(ball, len(views)),
             *taken.notes,
         ),
     )
+
+
+def _directions(scene: Scene) -> np.ndarray:
+    """Return the unit vectors towards the lights."""
+    return -np.array([np.asarray(light.direction) for light in scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _misled(misled: np.ndarray) -> list[str]:
+    """Say by how much the shading by itself, whatever its law, turns the lights."""
+    if not misled.any():
+        return []
+    return [
+        f"this material does not explain the ball, whose shading alone turns the directions by {misled.max():.2g} "
+        "degrees at most, which is in their errors."
+    ]
 
 
 def _clusters(found: Fit) -> Clusters:

@@ -29,30 +29,35 @@ class Glint:
     direction: Vector
     error: float
     """Root mean square error of the direction, degrees."""
+    beside: float
+    """How much light the next highlight of the ball holds, in parts of this one's."""
 
 
 def find_glint(picture: Picture, ball: Ball) -> Glint:
     """Find the light that a mirror ball shows: l = 2 (n.v) n - v at its highlight (Debevec 1998, SIGGRAPH, fig. 6).
 
-    `picture`: the mean of the channels. The highlight is the piece that holds most light of the pixels of at least a
-    quarter, a half and three quarters of the brightest one, and l the mean of its pixels' own; of the three the mean is
-    taken, and how they differ is in the error, with what the ball's outline leaves open and the rounding of the
-    highlight's edge to pixels. Raises ValueError where nothing is a highlight.
+    `picture`: the mean of the channels. The highlight is the piece that holds most light of the pixels of at least half
+    of the brightest one, and l the mean of its pixels' own; of the pixels about it of at least a quarter, a half and
+    three quarters of its own brightest the mean is taken, and how they differ is in the error, with what the ball's
+    outline leaves open and the rounding of the highlight's edge to pixels. Raises ValueError where nothing is one.
     """
     row, column = np.nonzero(ball.mask)
     _, n, v = ball.seen(row + 0.5, column + 0.5)
     inside = np.zeros_like(ball.mask)
     inside[row, column] = (n * v).sum(-1) > RIM
     light = np.where(inside, picture, 0.0)
-    half = _brightest_piece(light, 0.5)
+    if not light.any():
+        raise ValueError("the ball is black all over. Check the photograph and the mask.")
+    half, beside = _brightest_piece(light)
     covered = half.sum() / max(inside.sum(), 1)
-    if not light.any() or covered > LARGEST:
+    if covered > LARGEST:
         raise ValueError(
             f"the ball shows no highlight: what is at least half as bright as its brightest pixel covers "
             f"{100 * covered:.2g} % of it. Give photographs of a mirror ball in the dark, or ball='matte'."
         )
 
-    highlights = [_brightest_piece(light, level) for level in LEVELS]
+    peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
+    highlights = [_piece_about(light, level, peak) for level in LEVELS]
     highlights = [piece for piece in highlights if piece.sum() <= LARGEST * inside.sum()]
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
@@ -70,13 +75,22 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     here = reflected(ball, half)[1]
     moved = [reflected(ball.moved(step), half)[1] - here for step in np.diag(ball.errors)]
     digits = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / half.sum()  # a pixel is 2/R of a direction, in each of two ways
-    return Glint(point, direction, float(np.rad2deg(np.sqrt(spread + np.square(moved).sum() + digits))))
+    error = float(np.rad2deg(np.sqrt(spread + np.square(moved).sum() + digits)))
+    return Glint(point, direction, error, beside)
 
 
-def _brightest_piece(light: Picture, level: float) -> np.ndarray:
-    """Return the connected piece that holds most light, of the pixels of at least this part of the brightest."""
-    labels, count = ndimage.label(light >= level * light.max(), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
-    return labels == 1 + np.argmax(ndimage.sum_labels(light, labels, np.arange(1, count + 1)))
+def _brightest_piece(light: Picture) -> tuple[np.ndarray, float]:
+    """Return the piece that holds most light, of the pixels of at least half the brightest, and the next one's part."""
+    labels, count = ndimage.label(light >= 0.5 * light.max(), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    held = ndimage.sum_labels(light, labels, np.arange(1, count + 1))
+    first = int(np.argmax(held))
+    return labels == 1 + first, float(np.delete(held, first).max(initial=0.0) / held[first])
+
+
+def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.ndarray:
+    """Return the connected piece about a pixel, of those of at least this part of its brightness."""
+    labels, _ = ndimage.label(light >= level * light[peak], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+    return labels == labels[peak]
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

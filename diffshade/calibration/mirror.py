@@ -15,6 +15,8 @@ from .highlights import find_glint, find_position
 from .outcome import Calibration, views_of
 from .photographs import Photographs
 
+SECOND = 0.3  # of the light of a highlight, that another one is said to be there
+
 
 def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], tell: Callable[[str], None]) -> Calibration:
     """Find the light of each photograph from its highlight on one mirror ball or several."""
@@ -31,6 +33,11 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], tell: Callable[[str]
         "the errors.",
         "how bright a highlight is was not looked at: the intensities are put at 1. A matte ball tells them.",
     ]
+    if several := [name for name, of in zip(taken.names, glints, strict=True) if max(g.beside for g in of) > SECOND]:
+        notes.append(
+            f"{listing(several)} {'shows' if len(several) == 1 else 'show'} more than one highlight, of which the "
+            "brightest was taken: put the other lamps out, or leave their reflections out of the mask."
+        )
     objects = [Object(ball.sphere, Material(k_d=1.0)) for ball in balls]
     directions = np.array([np.mean([g.direction for g in of], 0) for of in glints])
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
@@ -38,7 +45,10 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], tell: Callable[[str]
     positions = position_errors = None
     lights = [DirectionalLight(-l) for l in directions]
     if len(balls) == 1:
-        notes.append("one ball tells the way to a light, not how far it is. Photograph two balls for its position.")
+        notes.append(
+            "one ball tells the way to a light, not how far it is, and tells it from the highlight: of a lamp 10 radii "
+            "away it is up to 6 degrees another one from the ball's middle. Photograph two balls for its position."
+        )
     else:
         found = [find_position(of) for of in glints]
         positions, position_errors = np.array([x for x, _ in found]), np.array([error for _, error in found])

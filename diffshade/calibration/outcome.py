@@ -22,6 +22,8 @@ from .photographs import Photographs
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
+LAYOUT = ("filenames.txt", "light_directions.txt", "light_intensities.txt", "normal_gt.npy")
+DIM = 0.1  # of the range of a file, below which 16 bits would round a photograph
 CLEAR = 2.0  # standard errors, beyond which two directions disagree
 
 
@@ -99,27 +101,34 @@ class Calibration:
         `filenames.txt`, the photographs (linear, 16 bits; .npy where they pass 1), `mask.png`, `light_directions.txt`
         (towards the light), `light_intensities.txt` and the ball's `normal_gt.npy`; `scene.toml` has ball, lights and
         camera. For a camera near by, which that layout does not know, only the photographs, the mask and `scene.toml`.
-        The folder is made. Raises ValueError for several balls seen from near by, OSError.
+        The folder is made. Raises ValueError for several balls seen from near by, FileExistsError for a folder of
+        other things, such as the photographs themselves, and OSError.
         """
-        folder = Path(folder)
+        folder = check_folder(folder)
         folder.mkdir(parents=True, exist_ok=True)
+        for name in LAYOUT:  # of another calibration
+            (folder / name).unlink(missing_ok=True)
         names = []
         for i, view in enumerate(self.views):
             image = np.asarray(view.image[:], np.float64)
-            names.append(f"{i:03d}.{'png' if image.min() >= 0.0 and image.max() <= 1.0 else 'npy'}")
+            names.append(f"{i:03d}.{'png' if image.min() >= 0.0 and DIM <= image.max() <= 1.0 else 'npy'}")
             write_image(folder / names[-1], image, srgb=False, **({"bits": 16} if names[-1].endswith("png") else {}))
         write_image(
             folder / "mask.png", np.logical_or.reduce([ball.mask for ball in self.balls])[..., None] * 1.0, srgb=False
         )
         write_scene(folder / "scene.toml", self.scene, camera=self.camera)
-        if not isinstance(self.camera, OrthographicCamera):
-            return
+        if isinstance(self.camera, OrthographicCamera):
+            self._write_layout(folder)
+        with replacing(folder / "filenames.txt") as temporary:  # the last, which says that all is there
+            temporary.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+
+    def _write_layout(self, folder: Path) -> None:
+        """Write what DiLiGenT's layout has of the lights and the ball."""
         intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
         normals = self.normals
         texts = {
             "light_directions.txt": "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in self.directions),
             "light_intensities.txt": "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in intensities),
-            "filenames.txt": "".join(f"{name}\n" for name in names),
         }
         with replacing(folder / "normal_gt.npy") as temporary:
             np.save(temporary, normals)
@@ -188,6 +197,17 @@ class Comparison:
         others = len(self.photographs) - len(where)
         rest = f", and agrees within two errors in the other {others}" if others else ""
         return f"{self.name} disagrees in {listing(where)}{rest}; {mean}."
+
+
+def check_folder(folder: str | Path) -> Path:
+    """Return a folder to write to: a new or an empty one, or that of another calibration."""
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"cannot write to {folder}: it is no folder. Give the name of a new one.")
+    there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    if there and not {"scene.toml", "filenames.txt"} <= set(there):
+        raise FileExistsError(f"{folder} holds other files, such as {there[0]}. Give the name of a new folder.")
+    return folder
 
 
 def views_of(taken: Photographs, balls: tuple[Ball, ...]) -> tuple[View, ...]:

@@ -73,10 +73,21 @@ def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
             )
     mask = beside if mask is None else mask
     mask = alpha if mask is None else mask
-    if mask is not None:
-        given = mask if isinstance(mask, tuple | list) else (mask,)
-        return Photographs(tuple(names), tuple(images), tuple(_as_mask(m, shapes[0]) for m in given), found=False)
-    return Photographs(tuple(names), tuple(images), (_round_piece(images),), found=True)
+    given = mask if isinstance(mask, tuple | list) else (mask,)
+    masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in given)
+    for name, image in zip(names, images, strict=True):
+        _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
+    return Photographs(tuple(names), tuple(images), masks, found=mask is None)
+
+
+def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
+    bad = mask & ~np.isfinite(image).all(-1)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise ValueError(
+            f"{name} must be finite; got {image[row, column].tolist()} at row {row}, column {column}. Mend the file, "
+            "or leave the pixel out of the mask."
+        )
 
 
 def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[str], list[Any], Path | None]:
@@ -143,7 +154,7 @@ def _round_piece(images: Sequence[Any]) -> Mask:
     Of the largest pieces above several thresholds, the one of whose edge most lies on a circle. Raises ValueError where
     none is round.
     """
-    most = np.max([np.asarray(image[:], np.float64).mean(-1) for image in images], 0)
+    most = np.max([np.nan_to_num(np.asarray(image[:], np.float64).mean(-1), posinf=0.0) for image in images], 0)
     pieces = [largest(most > level * float(np.quantile(most, 0.99))) for level in LEVELS]
     best = max(pieces, key=roundness)
     if roundness(best) < ROUND:

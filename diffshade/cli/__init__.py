@@ -8,7 +8,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import signal
 import sys
+import threading
+import warnings
 from collections.abc import Sequence
 
 import click
@@ -53,6 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logging.basicConfig(format="diffshade: %(message)s", level=logging.WARNING)
     for noisy in ("jax", "matplotlib"):
         logging.getLogger(noisy).setLevel(logging.ERROR)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    sys.unraisablehook = _not_lost
     try:
         diffshade.main(arguments, prog_name="diffshade", standalone_mode=False)
         sys.stdout.flush()
@@ -64,8 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "diffshade"
         status = _refused(_sentence(error.format_message()), error.exit_code, f"See '{where} --help'.")
     except (click.Abort, KeyboardInterrupt):
-        status = _refused("stopped; what was being written is as it was before.", STOPPED)
-    except BrokenPipeError:  # of a reader that has enough, such as head
+        _refused("stopped; what was being written is as it was before.", STOPPED)
+        sys.stdout.flush()
+        os._exit(STOPPED)  # at once: threads at work in XLA do not bear the interpreter's own end
+    except (BrokenPipeError, SystemExit):  # of a reader that has enough, such as head: click ends so too
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
@@ -77,6 +85,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _refused(sentence: str, status: int, remedy: str = "") -> int:
     click.echo(f"diffshade: {sentence} {remedy}".rstrip(), err=True)
     return status
+
+
+def _not_lost(found: sys.UnraisableHookArgs) -> None:
+    """Let a Ctrl-C through that fell into a callback of the garbage collector, whose errors Python drops."""
+    if issubclass(found.exc_type, KeyboardInterrupt):
+        again = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(found)
 
 
 def _sentence(message: str) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..diagnosis.planning import Shot
     from ..inverse.outcome import Fit
     from ..lights import AbstractLight
@@ -22,6 +22,8 @@ def dome(fit: Fit) -> list[Shot]:
 
     A light at infinity comes from 25 directions, a point light from 9, each at 3 distances from what the camera sees.
     """
+    import numpy as np
+
     import diffshade as ds
 
     from ..diagnosis.regions import centre_of
@@ -49,13 +51,17 @@ def dome(fit: Fit) -> list[Shot]:
 
 def place_of(light: AbstractLight) -> str:
     """Return where a light is, or whence it comes, as a name for it."""
+    import numpy as np
+
     place = getattr(light, "position", getattr(light, "corner", None))
     towards = -np.asarray(getattr(light, "direction", 0.0)) if place is None else np.asarray(place)
     numbers = [f"{round(float(number), 3) + 0.0:g}" for number in np.ravel(towards)]
-    return f"{'from' if place is None else 'at'} {', '.join(numbers)}"
+    return f"light {'from' if place is None else 'at'} {', '.join(numbers)}"
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
+    import numpy as np
+
     return v / np.linalg.norm(v)
 
 
@@ -63,6 +69,8 @@ def _directions(
     rings: tuple[tuple[float, int], ...], right: np.ndarray, up: np.ndarray, backward: np.ndarray
 ) -> list[tuple[str, np.ndarray]]:
     """Return names and unit directions towards the lights."""
+    import numpy as np
+
     found = [("at the camera", backward)]
     for off, count in rings:
         for k in range(0, 8, 8 // count):

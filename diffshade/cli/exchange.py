@@ -26,10 +26,7 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bo
     """
     import diffshade as ds
 
-    check_out(wanted)
+    check_out(wanted, [given])
     material = ds.read_material(given, name=name)
-    for path in wanted:
-        if path.resolve() == given.resolve():
-            raise ValueError(f"{path} is what is read. Give another name to write to.")
     written = [put_material(path, material, name=name or word_of(given)) for path in wanted]
     answer("\n".join(map(str, written)), {"written": written}, as_json=as_json)

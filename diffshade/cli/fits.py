@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +14,11 @@ from .sources import LOBE, MODEL, ROOM, VIEWS, Asked, Source, asked, by_name, wi
 from .terminal import FILE, Names, answer, as_json, asks
 
 if TYPE_CHECKING:
+    from ..diagnosis.examination import Examination
     from ..diagnosis.model_choice import ModelChoice
     from ..inverse.outcome import Fit
 
 MODELS = ("phong", "blinn", "matte")
-ONLY_GLOSSY = ("k_s", "n_s")
 
 
 @click.command(**asks, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
@@ -32,7 +33,7 @@ def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: b
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
-    check_out(out)
+    check_out(out, [typed.source, *typed.photos])
     source = typed.read()
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
@@ -65,7 +66,7 @@ def report(typed: Asked, out: Path, quick: bool, as_json: bool) -> None:
         more |= {"choice": choice} if choice else {}
         more |= {"plan": ds.plan(found, shots, progress=True)} if shots else {}
     ds.write_report(out, found, titles=[Path(name).name for name in source.names], progress=True, **more)
-    data = {**_fit_data(found, source), "notes": more.get("examination", found).notes, "page": out}
+    data = {**_fit_data(found, source, more.get("examination")), "page": out}
     answer(f"{more.get('examination', found)}\n{out}: open it in a browser", data, as_json=as_json)
 
 
@@ -129,19 +130,41 @@ def _models(typed: Asked, source: Source, names: tuple[str, ...], known: Fit | N
 
     import diffshade as ds
 
+    matte = _without_highlight(typed) if "matte" in names else typed
     fits = {}
     for name in names:
-        scene = source.scene if name == "matte" else with_lobe(source.scene, name)
-        free = typed.free
         if name == "matte":
-            scene = eqx.tree_at(
-                lambda s: [item.material.k_s for item in s.objects], scene, [np.zeros(3)] * len(scene.objects)
+            objects = len(source.scene.objects)
+            none = eqx.tree_at(
+                lambda s: [item.material.k_s for item in s.objects], source.scene, [np.zeros(3)] * objects
             )
-            free = tuple(one for one in free if one.split(".")[-1] not in ONLY_GLOSSY)
+            fits[name] = matte.fit(source, none)
+            continue
+        scene = with_lobe(source.scene, name)
         same = known is not None and _lobes(known.scene) == _lobes(scene)
-        fits[name] = known if known is not None and same else typed.fit(source, scene, free=free)
+        fits[name] = known if known is not None and same else typed.fit(source, scene)
     with by_name(source.names):
         return ds.compare(fits, progress=True)
+
+
+def _without_highlight(typed: Asked) -> Asked:
+    """Return what was typed without k_s and n_s."""
+
+    def glossy(name: str) -> bool:
+        return bool({"k_s", "n_s"} & set(name.split(".")))
+
+    for name in typed.free:
+        if not glossy(name) and name.split(".")[-1] in ("material", "objects", *map(str, range(100))):
+            raise ValueError(
+                f"--model matte leaves k_s and n_s out of what is free; got --free {name}. Name them one by one."
+            )
+    free, tied, grey = (tuple(n for n in names if not glossy(n)) for names in (typed.free, typed.tied, typed.grey))
+    if not free:
+        raise ValueError(
+            f"--model matte has nothing free but k_s and n_s; got --free {','.join(typed.free)}. Free k_d too."
+        )
+    bounds = tuple(bound for bound in typed.bounds if not glossy(bound[0]))
+    return dataclasses.replace(typed, free=free, tied=tied, grey=grey, bounds=bounds)
 
 
 def _lobes(scene: Any) -> list[type]:
@@ -155,19 +178,27 @@ def _put(path: Path, found: Fit, source: Source, given: Path) -> Any:
     if path.suffix.lower() == ".toml" and source.folder is None:
         ds.write_scene(path, found.scene, camera=found.views[0].camera)
         return path
-    return put_material(path, found.material, about=f"a ball of the material that was fitted to {given}.")
+    written = put_material(path, found.material, about=f"a ball of the material that was fitted to {given}.")
+    return f"{written}: a ball of this material, under a lamp of its own" if written == path else written
 
 
-def _fit_data(found: Fit, source: Source) -> dict[str, Any]:
+def _fit_data(found: Fit, source: Source, examination: Examination | None = None) -> dict[str, Any]:
+    """Return what a fit found, and what became of it by an examination."""
+    determined = found.determined if examination is None else examination.determined
+    errors = found.errors if examination is None else examination.errors
+    intervals = [{}] * len(found.unknowns)
+    if examination is not None:
+        intervals = [{"68%": a, "95%": b} for a, b in zip(examination.likely, examination.sure, strict=True)]
     return {
         "photographs": source.names,
         "parameters": [
             {
                 "name": unknown.name,
-                "value": found.values[j] if found.determined[j] else None,
-                "error": None if found.errors is None else found.errors[j],
+                "value": found.values[j] if determined[j] else None,
+                "error": errors[j] if errors is not None and determined[j] else None,
                 "plain_error": found.plain_errors[j],
-                "determined": bool(found.determined[j]),
+                **intervals[j],
+                "determined": bool(determined[j]),
                 "at_bound": bool(found.at_bound[j]),
             }
             for j, unknown in enumerate(found.unknowns)
@@ -178,5 +209,5 @@ def _fit_data(found: Fit, source: Source) -> dict[str, Any]:
         "condition": found.condition,
         "pixels": found.counts.pixels,
         "samples": found.counts.samples,
-        "notes": found.notes,
+        "notes": (examination or found).notes,
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .sources import ENCODING
-from .terminal import FILE, One, answer, as_json, asks
+from .terminal import FILE, FOLDER, One, answer, as_json, asks
 
 BALLS = ("mirror", "matte", "glossy")
 
@@ -21,9 +21,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--radius", type=float, default=1.0, help="Of the ball, in scene units  [default: 1]")
 @click.option("--directions", type=FILE, help="Towards the lights, known; finds how bright they are")
 @click.option("--against", type=FILE, help="Say where these directions disagree")
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER", help="Photos and lights, for fit, report, texels"
-)
+@click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Photos and lights, for fit, report, texels")
 @as_json
 def calibrate(
     photos: tuple[Path, ...],
@@ -43,15 +41,19 @@ def calibrate(
     """
     import diffshade as ds
 
-    from ..calibration.outcome import read_directions
+    from ..calibration.outcome import check_folder, read_directions
 
+    if out is not None:
+        check_folder(out)
+    if against is not None:
+        read_directions(against)
     found = ds.calibrate(
         photos[0] if len(photos) == 1 else photos,
         ball=ball,
         mask=mask if len(mask) > 1 else mask[0] if mask else None,
         camera=None if camera is None else ds.read_camera(camera),
         radius=radius,
-        directions=None if directions is None else read_directions(directions),
+        directions=directions,
         srgb=srgb,
         progress=True,
     )

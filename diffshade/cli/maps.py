@@ -54,7 +54,10 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
         )
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}
-    medians = {name: np.median(value[maps.known], axis=0) for name, value in maps.values.items() if maps.known.any()}
+    medians = {
+        name: np.median(value[maps.trusted(name)], axis=0) if maps.trusted(name).any() else None
+        for name, value in maps.values.items()
+    }
     answer(
         "\n".join([f"{maps}", f"{out}: the maps"]),
         {"folder": out, "status": status, "medians": medians, "written": written},

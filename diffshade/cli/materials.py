@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 STARTER = """\
 # A scene for diffshade: {about}
 # Lengths are in units of your own, angles in degrees, colours linear: three numbers (R, G, B), or one for grey.
-# Render it with: diffshade render {file}
+# Render it with: diffshade render {quoted}
 
 ambient = 1.0      # the light that comes from everywhere
 background = 0.0   # what a ray sees that meets nothing
@@ -34,7 +35,7 @@ surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
 [[lights]]         # type: PointLight, DirectionalLight, SpotLight or AreaLight
 type = "PointLight"
 position = [2, 3, 4]
-intensity = 1.0
+intensity = 0.6
 # 1 / (constant + linear d + quadratic d^2) of the distance d
 attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0 }}
 """
@@ -56,7 +57,7 @@ def starter(file: Path, material: Material, about: str) -> str:
 
     usual, table = material_table(Material()), material_table(material)
     lines = [f"{key} = {_inline(value)}" for key, value in table.items() if key in SAID or value != usual.get(key)]
-    return STARTER.format(file=file.name, about=about, material="\n".join(lines))
+    return STARTER.format(quoted=shlex.quote(file.name), about=about, material="\n".join(lines))
 
 
 def _inline(value: Any) -> str:
@@ -68,14 +69,17 @@ def _inline(value: Any) -> str:
     return json.dumps(value)
 
 
-def check_out(paths: Iterable[Path]) -> None:
-    """Refuse, before any work, what cannot be written or is no material's file."""
+def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
+    """Refuse, before any work, what cannot be written, is no material's file, or is what is read."""
     from ..exchange.material_files import check_format
     from ..files import writable
 
+    read = {path.resolve() for path in given}
     for path in paths:
         if path.suffix.lower() != ".toml":
-            check_format(path)
+            check_format(path, also=(".toml",))
+        if path.resolve() in read:
+            raise ValueError(f"{path} is what is read. Give another name to write to.")
         writable(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -46,7 +47,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
     )
     about = "a ball under a lamp." if material is None else f"a ball of {Path(material).name} under a lamp."
     put_material(scene, chosen, about=about)
-    answer(f"{scene}: now diffshade render {scene}", {"scene": scene}, as_json=as_json)
+    answer(f"{scene}: now diffshade render {shlex.quote(str(scene))}", {"scene": scene}, as_json=as_json)
 
 
 @click.command(**asks, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
@@ -75,9 +76,15 @@ def render(
 
     import diffshade as ds
 
+    from ..files import writable
+    from ..images import dtype_to_write
     from ..progress import showing
 
     out = out or scene.with_suffix(".png")
+    dtype_to_write(out, bits)
+    writable(out)
+    if not 0 < exposure < float("inf"):
+        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for radiance as it is.")
     on = None if lit is None else [_index(word) for word in lit]
     with showing("render"):
         world, camera = ds.read_scene(scene), ds.read_camera(scene)

@@ -112,6 +112,11 @@ class Asked:
                 raise ValueError(
                     f"{name} and a folder of photographs do not go together. Give a scene file, or leave it out."
                 )
+        if (near := self.source / "scene.toml").is_file() and not (self.source / "light_directions.txt").is_file():
+            # as calibrate writes what a camera near by took
+            photos = tuple(self.source / name for name in photograph_names(self.source))
+            mask = self.mask or self.source / "mask.png"
+            return replace(self, source=near, photos=photos, mask=mask, srgb=False)._of_scene()
         scene, views = read_photographs(self.source, normals=has_normals(self.source) if normals is None else normals)
         changes: dict[str, Any] = {} if self.mask is None else {"mask": read_mask(self.mask)}
         if self.noise is not None:
@@ -125,8 +130,11 @@ class Asked:
 
         from ..inverse.photographs import read_photograph
 
-        if not self.source.exists() and not self.source.suffix:
-            raise FileNotFoundError(f"there is no {self.source}. Give a scene file (.toml) or a folder of photographs.")
+        if self.source.suffix.lower() != ".toml":
+            there = "is neither" if self.source.exists() else "is not there"
+            raise ValueError(
+                f"SOURCE is a scene (.toml) or a folder of photographs; {self.source} {there}. Give one of them."
+            )
         scene, camera = ds.read_scene(self.source), ds.read_camera(self.source)
         if not self.photos:
             raise ValueError(f"{self.source} needs photographs to be fitted to; got none. Give their files after it.")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 from click.shell_completion import CompletionItem
 
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -25,7 +25,10 @@ class Names(click.ParamType):
     name = "names"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        return value if isinstance(value, tuple) else tuple(word for part in value.split(",") if (word := part.strip()))
+        if isinstance(value, tuple):
+            return value
+        names = tuple(word for part in value.split(",") if (word := part.strip()))
+        return names or self.fail(f"names are typed with commas between them; got '{value}'.", param, ctx)
 
 
 class One(click.ParamType):
@@ -93,6 +96,8 @@ class Size(click.ParamType):
         try:
             width, height = (int(number) for number in value.lower().split("x"))
         except ValueError:
+            width, height = 0, 0
+        if width < 1 or height < 1:
             self.fail(
                 f"a size is typed as WIDTHxHEIGHT in pixels; got '{value}'. Give for example 640x480.", param, ctx
             )
@@ -115,10 +120,10 @@ def plain(value: Any) -> Any:
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+    if (as_list := getattr(value, "tolist", None)) is not None:  # of NumPy
+        return plain(as_list())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, float):
-        return value if np.isfinite(value) else None
+        return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -81,9 +81,11 @@ class Clusters:
                 f"{self.scatter:.2g} times the variance), so the errors are for independent noise."
             )
         names = list(dict.fromkeys(q for q, here in zip(quantities, self.shaken, strict=True) if here))
+        # of what shakes alone the scatter of all together tells nothing
+        much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
         what = (
-            f"the {self.what} disagree about {listing(names)} more than independent noise lets them (their optima "
-            f"scatter by {self.scatter:.3g} times the variance), so these errors are by leaving out one at a time"
+            f"the {self.what} disagree about {listing(names)} more than independent noise lets them{much}, so these "
+            "errors are by leaving out one at a time"
         )
         few = f"; {self.count} are few for that" if self.count < 2 * FEWEST and "patches" in self.what else ""
         return f"{what}{few}; what they all share, such as texture or wrong normals, is not in them."

@@ -94,12 +94,12 @@ def write_material(
     return Exported(path, draft.rms, draft.largest, draft.notes)
 
 
-def check_format(path: Path) -> str:
-    """Return the suffix of a material's file, in lower case; refuse one that is not written."""
+def check_format(path: Path, *, also: tuple[str, ...] = ()) -> str:
+    """Return the suffix of a material's file, in lower case; refuse one that is not written, nor `also` is."""
     suffix = path.suffix.lower()
     if suffix not in (".mtl", *WRITERS):
         raise ValueError(
-            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS])}."
+            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS, *also])}."
         )
     return suffix
 

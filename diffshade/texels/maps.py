@@ -61,6 +61,10 @@ class TexelMaps:
         """Where everything is known but, where no highlight was seen, what makes one: k_d, k_a and the normal are."""
         return (self.status == DETERMINED) | (self.status == NO_HIGHLIGHT)
 
+    def trusted(self, name: str) -> Bool[np.ndarray, "h w"]:
+        """Return where a map's numbers are known: k_s and n_s where a highlight was seen."""
+        return self.determined if name in ("k_s", "n_s") else self.known
+
     def shade(
         self, lights: Sequence[AbstractLight] | AbstractLight | None = None, *, lit: Sequence[int] | int | None = None
     ) -> Float[np.ndarray, "h w 3"]:
@@ -101,8 +105,7 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                where = self.determined if name in ("k_s", "n_s") else self.known
-                scales[name] = 1.0 if name == "normal" else float(np.max(value[where], initial=1.0))
+                scales[name] = 1.0 if name == "normal" else float(np.max(value[self.trusted(name)], initial=1.0))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
@@ -139,7 +142,7 @@ class TexelMaps:
                 lines.append(f"  {name:<18} {number:>11,}  {100 * number / inside:.1f} %")
         lines.append(f"{'map':<10} {'5 %':>10} {'median':>10} {'95 %':>10} {'error':>10}")
         for name, value in self.values.items():
-            where = self.determined if name in ("k_s", "n_s") else self.known
+            where = self.trusted(name)
             if name == "normal" or not where.any():
                 continue
             for c in range(value.shape[2]):
