@@ -105,8 +105,8 @@ def test_where_a_bound_binds_they_cover_at_least_as_much(bound):
         scene = standard_scene(ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.5, 0.0), 50))
     clean = photographs(scene)
     views = 1 if bound == "one view" else None
-    inside = covered(scene, lambda seed: noisy(clean, 0.01, seed), range(60), views).mean(0)
-    error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / 60)
+    inside = covered(scene, lambda seed: noisy(clean, 0.01, seed), range(40), views).mean(0)
+    error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / 40)
     assert np.all(inside.min(1) >= np.array([0.65, 0.93]) - 2.5 * error)
     assert np.all(inside.mean(1) >= [0.62, 0.91])
 
