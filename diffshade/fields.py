@@ -209,5 +209,5 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     options = sorted(set(options))
     lower = {option.lower(): option for option in options}
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
-    short = ", ".join(option for option in options if "." not in option)
+    short = ", ".join(option for option in options if "." not in option and "*" not in option)
     return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."

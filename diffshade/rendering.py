@@ -21,6 +21,7 @@ from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
 MANY = 6  # transparent objects, over which the compiler takes longer than it saves
+MOST_PIXELS = 2**31  # with more XLA ends the process
 
 
 def render(
@@ -43,6 +44,11 @@ def render(
     check((scene, camera))
     check_shapes(scene, camera)
     check_positions(scene, camera)
+    if (pixels := camera.shape[0] * camera.shape[1]) >= MOST_PIXELS:
+        raise ValueError(
+            f"a picture of {camera.shape[1]} x {camera.shape[0]} has {pixels:,} pixels, more than XLA can count. "
+            "Render parts of it."
+        )
     check_backend()
     stacked = stack_scene(scene if lit is None else eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
     program = _render_unfused if _takes_long(stacked, camera) else _render

@@ -21,7 +21,7 @@ K = ((250.0, 0, 62.3), (0, 252.0, 59.1), (0, 0, 1))
 NEAR = ds.Camera.from_intrinsics(K, shape=SHAPE)
 DIRECTIONS = np.array([(0.5, 0.4, 0.8), (-0.3, 0.5, 0.9), (0.1, -0.3, 0.7), (-0.6, -0.1, 0.6)])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=-1, keepdims=True)
-CHROME = ds.Material(k_s=1.0, n_s=400)
+CHROME, MATTE = ds.Material(k_s=1.0, n_s=400), ds.Material(k_d=0.8)
 
 
 def photographs(scene: ds.Scene, camera: AbstractCamera, *, noise: float = 0.0, bits: int | None = None) -> np.ndarray:
@@ -331,15 +331,80 @@ def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
     found = ds.calibrate(images, ball="matte", mask=silhouette(NEAR, sphere), camera=NEAR)
     assert degrees(found.directions, DIRECTIONS[:2]).max() < 0.2
     found.write(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["000.npy", "001.npy", "mask.png", "scene.toml"]
+    names = ["000.npy", "001.npy", "filenames.txt", "mask.png", "scene.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
     np.testing.assert_array_equal(ds.read_image(tmp_path / "001.npy"), images[1])
+
+
+def test_a_folder_holds_one_calibration_and_nothing_else(tmp_path):
+    folder, other = tmp_path / "one", tmp_path / "other"
+    images = photographs(lit_by(DIRECTIONS[:3], MATTE), FAR)
+    far = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    far.write(folder)
+    near = ds.calibrate(images[:2], ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR)
+    near.write(folder)  # of the other layout: nothing of the first is left to be read for its lights
+    assert not (folder / "light_directions.txt").exists()
+    assert (folder / "filenames.txt").read_text().split() == ["000.png", "001.png"]
+    other.mkdir()
+    (other / "000.png").write_bytes(b"the only copy")
+    with pytest.raises(FileExistsError, match=re.escape("holds other files, such as 000.png")):
+        far.write(other)
+    assert (other / "000.png").read_bytes() == b"the only copy"
+
+
+def test_what_is_taken_for_granted_of_the_camera_is_said():
+    images = photographs(lit_by(DIRECTIONS[:2], MATTE), FAR)
+    found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
+    assert any("taken to be far away" in note for note in found.notes)
+    assert not any(
+        "far away:" in note
+        for note in ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=NEAR).notes
+    )
+    height, width = SHAPE
+    whole = ds.Camera.from_intrinsics([[4000, 0, 2000], [0, 4000, 1500], [0, 0, 1]], shape=(height, width))
+    notes = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()), camera=whole).notes
+    assert any("K looks like that of photographs of another size" in note for note in notes)
+
+
+def test_of_two_highlights_the_brightest_is_taken_and_the_other_said():
+    normals = find_ball(MASK, None, 1.0).normals()
+
+    def glint(l: np.ndarray, level: float) -> np.ndarray:
+        h = l + np.array([0.0, 0.0, 1.0])
+        h /= np.linalg.norm(h)
+        return level * np.exp(-(1.0 - normals @ h) * 4000.0) * MASK
+
+    one, other = np.array([0.48, 0.0, 0.877]), np.array([-0.4, 0.3, 0.866])
+    found = ds.calibrate(glint(one, 0.9) + glint(other, 0.85), ball="mirror", mask=MASK)
+    assert degrees(found.directions, (one / np.linalg.norm(one))[None]).max() < 1.0
+    assert found.errors.max() < 2.0
+    assert any("more than one highlight" in note for note in found.notes)
+    alone = ds.calibrate(glint(one, 0.9), ball="mirror", mask=MASK)
+    assert not any("more than one highlight" in note for note in alone.notes)
 
 
 MASK = disc(64, 60, 40)
 IMAGE = np.maximum(find_ball(MASK, None, 1.0).normals() @ DIRECTIONS[0], 0)
 SQUARE = np.zeros(SHAPE, bool)
 SQUARE[20:100, 30:110] = True
+BROKEN = IMAGE.copy()
+BROKEN[64, 60] = np.nan
 BAD: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+    "a pixel that is not finite": (
+        {"photographs": BROKEN},
+        ValueError,
+        "photograph 0 must be finite; got [nan] at row 64, column 60. Mend the file, or leave the pixel out of the",
+    ),
+    "a mask of everything": (
+        {"mask": np.ones(SHAPE, bool)},
+        ValueError,
+        "the mask covers the whole picture. Give True (or white) on the ball alone.",
+    ),
+    "a direction that is not finite": (
+        {"directions": [[np.inf, 0, 1]]},
+        ValueError,
+        "directions must be finite and not zero; got [inf, 0.0, 1.0] for photograph 0. Give (x, y, z) towards",
+    ),
     "another kind of ball": (
         {"ball": "chrome"},
         ValueError,
@@ -353,7 +418,7 @@ BAD: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "an empty mask": (
         {"mask": np.zeros(SHAPE, bool)},
         ValueError,
-        "the mask shows no ball: its edge has 0 points. Give True (or white) on the ball.",
+        "the mask shows no ball: its edge has 0 points. Give True (or white) on the ball alone.",
     ),
     "half a ball": (
         {"mask": disc(64, -30, 50)},

@@ -248,10 +248,25 @@ def test_models_are_compared(typed, folder):
     assert "two or more" in typed("compare", folder, "--model", "matte").refusal
 
 
+def test_a_matte_model_takes_what_is_said_of_the_highlight_away(typed, folder):
+    words = ["--grey", "k_s", "--bounds", "n_s=1:100", "--model", "phong,matte", "--json"]
+    assert json.loads(typed("compare", folder, *words).out)["best"] == "phong"
+
+
+def test_a_page_and_its_json_agree(typed, photographed):
+    told = json.loads(typed("report", *photographed, "-o", "ball.html", "--json").out)
+    page = Path("ball.html").read_text(encoding="utf-8")
+    for parameter in told["parameters"]:
+        low, high = parameter["95%"]
+        assert low <= parameter["value"] <= high
+        assert parameter["name"] in page
+    assert told["page"] == "ball.html"
+
+
 def test_the_next_photograph(typed, photographed):
     told = json.loads(typed("plan", *photographed, "--aim", "n_s", "--lights", "ball.toml", "--json").out)
     assert len(told["order"]) == 3
-    assert told["order"][0].startswith("at ")
+    assert told["order"][0].startswith("light at ")
     now, best = (dict(zip(told["unknowns"], row, strict=True)) for row in (told["now"], told["errors"][0]))
     assert best["objects.0.material.n_s"] < now["objects.0.material.n_s"] if "objects.0.material.n_s" in now else True
     assert told["errors"][0] < told["now"] or told["gain"][0] > 0
@@ -278,6 +293,7 @@ def test_texels(typed, folder):
     assert Path("maps/k_d.npy").is_file()
     assert Path("maps/k_d.png").is_file()
     assert told["medians"]["normal"][2] > 0.5  # of which no file told
+    assert told["medians"]["n_s"][0] == pytest.approx(20, rel=0.2)  # where a highlight was seen
 
 
 def test_materials_are_converted(typed):
@@ -326,13 +342,30 @@ BAD = {
     "a negative n_s": (["render", "negative.toml"], "Material.n_s must be at least 0"),
     "a misspelt key": (["render", "misspelt.toml"], "has no key 'backgrund'. Did you mean 'background'?"),
     "no photographs": (["fit", "ball.toml"], "ball.toml needs photographs"),
-    "no source": (["fit", "nowhere"], "there is no nowhere"),
+    "no source": (["fit", "nowhere"], "nowhere is not there"),
     "a page of another kind": (["report", "ball.toml", "0.exr", "--lit", "0", "-o", "page.pdf"], "Use .html."),
     "a folder that is missing": (["render", "ball.toml", "-o", "nowhere/ball.exr"], "there is no folder"),
     "noise of nothing": (["fit", "ball.toml", "0.exr", "--lit", "0", "--noise", "0"], "--noise must be above 0"),
     "no memory": (["fit", "ball.toml", "0.exr", "--lit", "0", "--memory", "0"], "--memory must be above 0"),
+    "a photograph for a scene": (["fit", "0.exr", "1.exr"], "0.exr is neither"),
+    "a picture larger than any": (["render", "ball.toml", "--size", "100000x100000"], "10,000,000,000 pixels"),
+    "an exposure below 0": (["render", "ball.toml", "--exposure", "-1"], "--exposure must be above 0"),
+    "an exposure that is not finite": (["render", "ball.toml", "--exposure", "inf"], "--exposure must be above 0"),
+    "bits that no PNG has": (["render", "ball.toml", "--bits", "9"], "9"),
+    "the scene for the picture": (["fit", "ball.toml", "0.exr", "--lit", "0", "-o", "ball.toml"], "is what is read"),
+    "nothing free": (["fit", "ball.toml", "0.exr", "--free", ","], "names are typed with commas"),
+    "the photographs' own folder": (["calibrate", ".", "--ball", "matte", "-o", "."], "holds other files"),
+    "a file for a folder": (["calibrate", "0.exr", "--ball", "matte", "-o", "1.exr"], "1.exr"),
+    "a group for a matte model": (
+        ["compare", "ball.toml", "0.exr", "--lit", "0", "--model", "phong,matte", "--free", "material"],
+        "got --free material",
+    ),
+    "nothing for a matte model": (
+        ["compare", "ball.toml", "0.exr", "--lit", "0", "--model", "phong,matte", "--free", "n_s"],
+        "nothing free but k_s and n_s",
+    ),
     "a size of one number": (["render", "ball.toml", "--size", "64"], "640x480"),
-    "a size of nothing": (["render", "ball.toml", "--size", "0x3"], "Camera.shape must be"),
+    "a size of nothing": (["render", "ball.toml", "--size", "0x3"], "640x480"),
     "bounds of one number": (["fit", "ball.toml", "0.exr", "--bounds", "k_s=1"], "k_s=0:1"),
     "lights that are no numbers": (["fit", "ball.toml", "0.exr", "--lit", "left"], "each, all"),
     "an unknown loss": (["fit", "ball.toml", "0.exr", "--loss", "hubber"], "Did you mean 'huber'?"),
@@ -397,6 +430,13 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
 
 def test_it_ends_quietly_where_nobody_reads_on(tmp_path):
     command = " ".join(PROGRAM) + " --help | head -1; echo ${PIPESTATUS[0]}"
+    shut = subprocess.run(
+        ["bash", "-c", " ".join(PROGRAM) + " new ball.toml | true; exit ${PIPESTATUS[0]}"],
+        capture_output=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert (shut.returncode, shut.stderr) == (0, b"")
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.splitlines() == ["Usage: diffshade [OPTIONS] COMMAND [ARGS]...", "0"]
     assert done.stderr == ""
