@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ..backend import jit_quickly
 from ..fields import Array
 from ..lights import SpotLight
+from ..progress import Tell
 from ..scenes import Scene
 from .blocks import Block
 from .descent import box_step
@@ -24,6 +25,7 @@ from .parameters import Unknown, coordinates
 from .solvers import Box, Task, linear_step, look, minimise
 
 EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
+SEARCHING = "searching for a start"
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
@@ -195,6 +197,7 @@ def search(
     coarse: Sequence[Block],
     chunks: Sequence[Block],
     squares: float,
+    tell: Tell,
 ) -> Theta:
     """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
 
@@ -215,8 +218,10 @@ def search(
 
     kinds = [kind for kind, _ in _groups(unknowns)]
     found: list[tuple[float, Theta]] = [] if kinds else [first]
-    for _ in range(2 if len(kinds) > 1 else min(len(kinds), 1)):
+    rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
+    for k in range(rounds):
         for group in range(len(kinds)):
+            tell(SEARCHING, 0.5 * (k * len(kinds) + group) / (rounds * len(kinds)))
             found += tried(group, found[0][1] if found else first[1])
             found.sort(key=lambda pair: pair[0])
     followed = _distinct(found or [first])[:BEST]
@@ -225,7 +230,10 @@ def search(
         for group in (g for g, kind in enumerate(kinds) if kind in MATERIAL):
             as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
         followed = _distinct([*followed, as_told, (np.inf, begin)])
-    ends = [minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6) for _, theta in followed]
+    ends = []
+    for k, (_, theta) in enumerate(followed):
+        tell(SEARCHING, 0.5 + 0.5 * k / len(followed))
+        ends.append(minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6))
     return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
 
 

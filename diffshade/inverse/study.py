@@ -134,9 +134,8 @@ class Study:
 
     def begin(self, *, from_scene: bool, tell: Tell) -> np.ndarray:
         """Search on a part of the pixels, and settle weights and scale there."""
-        tell("searching for a start")
         begin = coordinates(np.array([u.start for u in self.unknowns]), self.unknowns)
-        theta = begin if from_scene else self.search()
+        theta = begin if from_scene else self.search(tell)
         if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
             theta = self.settle(theta)
         return theta
@@ -190,7 +189,7 @@ class Study:
         )
         return theta
 
-    def search(self) -> np.ndarray:
+    def search(self, tell: Tell) -> np.ndarray:
         """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
         sharp = self.form
         wide = with_wide_edges(self.scene, self.unknowns)
@@ -198,7 +197,7 @@ class Study:
             problem = prepare(wide, self.views, slots_of(wide, self.views, self.unknowns))
             self.form = eqx.tree_at(lambda f: f.problem, sharp, jax.device_put(problem))
         coarse = self.few() if is_local(self.unknowns) else self.measured
-        theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares)
+        theta = search(self.unknowns, self.scene, self.task(), coarse, self.measured, self.squares, tell)
         self.form = sharp
         return theta
 
