@@ -169,7 +169,7 @@ SCENES = {
             [POINT],
             atmosphere=ds.Fog(0.1, I_dc=(0.5, 0.6, 0.7), radial=True),
         ),
-        ds.Camera(**EYE, fov=40),
+        ds.Camera(**EYE, fov=40, principal_point=(15.3, 12.4), aspect=1.05),
     ),
     "a turned glass box before a wall": (
         ds.Scene(
@@ -466,7 +466,10 @@ EQUATIONS = {
     "RadialAttenuation": dict.fromkeys(("constant", "linear", "quadratic"), "E2"),
     "DepthCueing": dict.fromkeys(("z_f", "z_b", "s_f", "s_b", "I_dc"), "E14"),
     "Fog": dict.fromkeys(("density", "I_dc"), "E14"),
-    "Camera": {**dict.fromkeys(("eye", "target"), "E8"), "up": "", "fov": ""},
+    "Camera": {
+        **dict.fromkeys(("eye", "target"), "E8"),
+        **dict.fromkeys(("up", "fov", "principal_point", "aspect"), ""),
+    },
     "OrthographicCamera": {**dict.fromkeys(("eye", "target"), "E8"), "up": "", "height": ""},
 }
 # The image is a step function of these, whose derivative is 0.

@@ -58,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         logging.getLogger(noisy).setLevel(logging.ERROR)
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    sys.unraisablehook = _not_lost
+    sys.unraisablehook = _without_stops
+    before = signal.signal(signal.SIGINT, _stop)
     try:
         diffshade.main(arguments, prog_name="diffshade", standalone_mode=False)
         sys.stdout.flush()
@@ -79,6 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         status = 0
     except (OSError, ValueError, TypeError, ArithmeticError, RuntimeError, ImportError, MemoryError) as error:
         status = _refused(_sentence(str(error) or type(error).__name__), 1)
+    finally:
+        signal.signal(signal.SIGINT, before)
     sys.exit(status)
 
 
@@ -87,13 +90,17 @@ def _refused(sentence: str, status: int, remedy: str = "") -> int:
     return status
 
 
-def _not_lost(found: sys.UnraisableHookArgs) -> None:
-    """Let a Ctrl-C through that fell into a callback of the garbage collector, whose errors Python drops."""
-    if issubclass(found.exc_type, KeyboardInterrupt):
-        again = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
-        again.daemon = True
-        again.start()
-    else:
+def _stop(signum: int, frame: object) -> None:
+    """Raise KeyboardInterrupt, and again until it is heard: what falls into a callback of C code is dropped there."""
+    again = threading.Timer(1.0, signal.raise_signal, (signum,))
+    again.daemon = True
+    again.start()
+    raise KeyboardInterrupt
+
+
+def _without_stops(found: sys.UnraisableHookArgs) -> None:
+    """Say what Python could not raise, but for a Ctrl-C, which comes again."""
+    if not issubclass(found.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(found)
 
 
