@@ -12,10 +12,25 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import HealthCheck, Phase, seed, settings
 from lamp_files import VERTICAL, beam, ies, ldt
 from PIL import Image
 
 import diffshade as ds
+
+
+def of_strangers(examples, start):
+    """Run a test on so many generated files, the same ones each time; a file is not made smaller where one fails."""
+    return lambda run: seed(start)(
+        settings(
+            max_examples=examples,
+            deadline=None,
+            database=None,
+            phases=[Phase.generate],
+            suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
+        )(run)
+    )
+
 
 PLAIN = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40)
 CAMERA = ds.Camera((0.2, 0.3, 3), fov=35, shape=(6, 7))

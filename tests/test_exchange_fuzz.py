@@ -11,8 +11,8 @@ import tracemalloc
 
 import pytest
 import tomli_w
-from hostile import SCENE, TEXTS, check_reading, good_texts, watch_opening
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hostile import SCENE, TEXTS, check_reading, good_texts, of_strangers, watch_opening
+from hypothesis import given
 from hypothesis import strategies as st
 
 import diffshade as ds
@@ -86,14 +86,7 @@ def edited():
 def fuzz(suffix, base, folder, examples, *, start=0):
     path = folder / f"fuzz{suffix}"
 
-    @seed(start)
-    @settings(
-        max_examples=examples,
-        deadline=None,
-        database=None,
-        phases=[Phase.generate],
-        suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
-    )
+    @of_strangers(examples, start)
     @given(contents(suffix, base))
     def run(data):
         check_reading(TEXTS[suffix], path, data)

@@ -16,8 +16,8 @@ import zlib
 
 import numpy as np
 import pytest
-from hostile import CAMERA, OTHERS, check_reading, first_rows, watch_opening, write_good
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hostile import CAMERA, OTHERS, check_reading, first_rows, of_strangers, watch_opening, write_good
+from hypothesis import given
 from hypothesis import strategies as st
 from memory import CLEAR, forget_the_peak, peak
 from PIL import Image
@@ -85,14 +85,7 @@ def fuzz(name, folder, examples, *, start=0):
     path = folder / name
     base = path.read_bytes()
 
-    @seed(start)
-    @settings(
-        max_examples=examples,
-        deadline=None,
-        database=None,
-        phases=[Phase.generate],
-        suppress_health_check=(HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example),
-    )
+    @of_strangers(examples, start)
     @given(mutated(base))
     def run(data):
         before = forget_the_peak() if CLEAR.exists() else 0

@@ -26,23 +26,22 @@ def dome(fit: Fit) -> list[Shot]:
 
     import diffshade as ds
 
+    from ..calibration.balls import axes, project
     from ..diagnosis.regions import centre_of
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
-    backward = _unit(np.asarray(camera.eye) - np.asarray(camera.target))
-    right = _unit(np.cross(np.asarray(camera.up), backward))
-    up = np.cross(backward, right)
+    frame = axes(project(camera))
     if isinstance(light, ds.DirectionalLight):
         return [
             ds.Shot(light=ds.DirectionalLight(-towards, light.intensity), name=name)
-            for name, towards in _directions(DISTANT, right, up, backward)
+            for name, towards in _directions(DISTANT, frame)
         ]
     if not isinstance(light, ds.PointLight):
         return []
     centre = centre_of(fit.scene.objects, camera)
     own = [np.linalg.norm(other.position - centre) for other in fit.scene.lights if isinstance(other, ds.PointLight)]
     shots = []
-    for name, towards in _directions(NEAR, right, up, backward):
+    for name, towards in _directions(NEAR, frame):
         for far in np.median(own) * np.array(DISTANCES):
             lamp = ds.PointLight(centre + far * towards, light.intensity, light.attenuation)
             shots.append(ds.Shot(light=lamp, name=f"{name}, {far:.3g} away"))
@@ -59,18 +58,11 @@ def place_of(light: AbstractLight) -> str:
     return f"light {'from' if place is None else 'at'} {', '.join(numbers)}"
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
+def _directions(rings: tuple[tuple[float, int], ...], frame: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return names and unit directions towards the lights, of a camera whose axes are right, up and backward."""
     import numpy as np
 
-    return v / np.linalg.norm(v)
-
-
-def _directions(
-    rings: tuple[tuple[float, int], ...], right: np.ndarray, up: np.ndarray, backward: np.ndarray
-) -> list[tuple[str, np.ndarray]]:
-    """Return names and unit directions towards the lights."""
-    import numpy as np
-
+    right, up, backward = frame
     found = [("at the camera", backward)]
     for off, count in rings:
         for k in range(0, 8, 8 // count):

@@ -94,7 +94,7 @@ class Asked:
             return ds.fit(
                 source.scene if scene is None else scene,
                 source.views,
-                free=options.pop("free", self.free),
+                free=self.free,
                 tied=self.tied,
                 bounds=dict(self.bounds),
                 constraints=[ds.Grey(name) for name in self.grey],
