@@ -45,8 +45,7 @@ def calibrate(
 
     if out is not None:
         check_folder(out)
-    if against is not None:
-        read_directions(against)
+    listed = None if against is None else read_directions(against)
     found = ds.calibrate(
         photos[0] if len(photos) == 1 else photos,
         ball=ball,
@@ -57,7 +56,7 @@ def calibrate(
         srgb=srgb,
         progress=True,
     )
-    compared = None if against is None else found.compare(against)
+    compared = None if listed is None or against is None else found.compare(listed, name=against.name)
     if out is not None:
         found.write(out)
     said = [f"{found}", *([f"{compared}"] if compared else []), *([f"{out}: photographs and lights"] if out else [])]
