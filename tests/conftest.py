@@ -1,4 +1,8 @@
-"""Strict settings for every test; the library itself changes no JAX configuration."""
+"""Strict settings for every test, and its tier; the library itself changes no JAX configuration.
+
+Three tiers: the default one, which must stay quick; `-m thorough`, which `.ci/run` runs after it; `-m slow`, studies of
+minutes to hours. What stands in `studies/` is thorough unless it is marked slow.
+"""
 
 import os
 import shutil
@@ -7,15 +11,18 @@ from pathlib import Path
 
 import jax
 import pytest
-from jaxtyping import install_import_hook
 
-# test_flag_off.py runs the fit, script and message tests again with the flag off, as most users have it
+# studies/test_settings.py runs tests again as most users have JAX, with the flag off, and with all types checked
 jax.config.update("jax_enable_x64", os.environ.get("DIFFSHADE_TEST_X64", "1") == "1")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-install_import_hook("diffshade", "beartype.beartype")
+if os.environ.get("DIFFSHADE_TEST_TYPES") == "1":
+    from jaxtyping import install_import_hook
 
+    install_import_hook("diffshade", "beartype.beartype")
+
+STUDIES = Path(__file__).with_name("studies")
 PROGRAMS = "DIFFSHADE_TEST_PROGRAMS"
 
 
@@ -33,11 +40,16 @@ def pytest_unconfigure(config):
         del os.environ[PROGRAMS]
 
 
+def pytest_itemcollected(item):
+    if STUDIES in item.path.parents and not item.get_closest_marker("slow"):
+        item.add_marker("thorough")
+
+
 MAPS = Path("/proc/self/maps")
 MOST_MAPS = 30_000
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def few_programs():
     """Forget compiled programs before they are too many: each holds memory maps, of which Linux allows 65,530."""
     yield

@@ -1,4 +1,4 @@
-"""Renders by other programs, tests/references/*.npz: the one place that knows their format.
+"""Renders by other programs, tests/support/references/*.npz: the one place that knows their format.
 
 The format is described in the README of the references. `gl_`, `pov_` and `vtk_` hold points, normals, a mask and the
 colours that OpenGL, POV-Ray or VTK gave them, with the scene in JSON; `refraction_` holds where bent rays end.

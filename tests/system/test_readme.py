@@ -11,7 +11,7 @@ from textured import lights_about, textured_ball
 import diffshade as ds
 from diffshade.cli import diffshade
 
-README = Path(__file__).parents[1] / "README.md"
+README = Path(__file__).parents[2] / "README.md"
 TEXT = README.read_text(encoding="utf-8").replace("(256, 256", "(48, 48")
 PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 FIRST_FIT = next(i for i, program in enumerate(PROGRAMS) if "photographs" in program)

@@ -1,6 +1,6 @@
-"""What is differentiable, and where it is not smooth: the checks of tests/test_gradients_of_the_whole_model.py.
+"""What is differentiable, and where it is not smooth: the checks of tests/model/test_gradients_of_the_whole_model.py.
 
-`python tests/derivatives.py` runs them and writes tests/DERIVATIVES.md.
+`python tests/support/derivatives.py` runs them and writes tests/support/DERIVATIVES.md.
 """
 
 import argparse
@@ -494,8 +494,8 @@ REMARKS = {
 }
 HEADING = """# What is differentiable
 
-Written by `python tests/derivatives.py` from the checks of `tests/test_gradients_of_the_whole_model.py` and
-`tests/test_gradients.py`; float64.
+Written by `python tests/support/derivatives.py` from the checks of `tests/model/test_gradients_of_the_whole_model.py` and
+`tests/model/test_gradients.py`; float64.
 
 `error`: the largest difference of the forward and the reverse derivative from central finite differences, of any
 element in any of {scenes} scenes, relative to the largest element of the derivative (or to {small}), rounded up to a

@@ -7,7 +7,7 @@ import nbclient
 import nbformat
 import pytest
 
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 # the notebooks in which dragging teaches
 SLIDERS = ("01_light_and_matter", "05_attenuation", "06_transparency", "07_texel_maps")
 

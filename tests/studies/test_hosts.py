@@ -13,8 +13,9 @@ import synthetic
 
 import diffshade as ds
 
-HERE = Path(__file__).parent
-SCRIPT = HERE.parent / "fitting" / "fit_on_hosts.py"
+SUPPORT = Path(__file__).parents[1] / "support"
+ROOT = SUPPORT.parents[1]
+SCRIPT = ROOT / "fitting" / "fit_on_hosts.py"
 
 ON_EIGHT = """
 import sys
@@ -28,7 +29,7 @@ np.savez(sys.argv[2], *(fit.values for fit in fits), *(fit.plain_errors for fit 
 
 
 def test_eight_devices_give_the_answer_of_one(tmp_path):
-    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=8", "PYTHONPATH": f"{HERE}{os.pathsep}{HERE.parent}"}
+    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=8", "PYTHONPATH": f"{SUPPORT}{os.pathsep}{ROOT}"}
     command = [sys.executable, "-W", "error", "-c", ON_EIGHT, tmp_path / "checkpoint", tmp_path / "out.npz"]
     done = subprocess.run(command, env={**os.environ, **flags}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -65,7 +66,7 @@ def begin(folder: Path, *arguments: object) -> subprocess.Popen:
     command += ["--memory", "1e6", *arguments]
     return subprocess.Popen(
         [str(word) for word in command],
-        env={**os.environ, "PYTHONPATH": str(HERE.parent)},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -9,7 +9,7 @@ import pytest
 
 import diffshade as ds
 
-HERE = Path(__file__).parents[1] / "data_synthetic"
+HERE = Path(__file__).parents[2] / "data_synthetic"
 SCENES = sorted(path.stem for path in (HERE / "scenes").glob("*.toml"))
 
 

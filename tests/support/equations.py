@@ -1,4 +1,4 @@
-"""The largest error of every equation E1-E14 against all that it is compared with: `python tests/equations.py`.
+"""The largest error of every equation E1-E14 against all that it is compared with: `python tests/support/equations.py`.
 
 Pictures are those of the oracle's scenes and of the references by other programs; a picture counts for every equation
 that it needs. Numbers that can be worked out by hand are the closed forms.

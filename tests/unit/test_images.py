@@ -898,6 +898,6 @@ def test_threads_read_the_same_and_opencvs_log_level_stays(tmp_path):
 
 def test_importing_the_module_imports_no_decoder():
     code = "import sys, diffshade.images; print({'imageio', 'PIL', 'cv2', 'OpenEXR'} & set(sys.modules))"
-    folder = Path(__file__).parents[1]
+    folder = Path(__file__).parents[2]
     result = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "set()"

@@ -11,7 +11,7 @@ from measured import measured
 
 import diffshade as ds
 
-SCRIPTS = Path(__file__).parents[1] / "fitting"
+SCRIPTS = Path(__file__).parents[2] / "fitting"
 
 
 def run(script, *arguments, cwd):

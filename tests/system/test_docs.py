@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from browser import chromium
-from test_house import PUBLIC
 
 import diffshade as ds
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
+PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 
 
 class Page(HTMLParser):

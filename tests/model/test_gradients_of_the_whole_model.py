@@ -1,4 +1,4 @@
-"""Derivatives of the whole model, and the table of what is differentiable, tests/DERIVATIVES.md."""
+"""Derivatives of the whole model, and the table of what is differentiable, tests/support/DERIVATIVES.md."""
 
 import pytest
 from derivatives import (
@@ -42,4 +42,4 @@ def test_every_numeric_field_has_a_row():
 
 
 def test_the_table_is_that_of_the_checks():
-    assert TABLE.read_text(encoding="utf-8") == table(committed_orders()), "run python tests/derivatives.py"
+    assert TABLE.read_text(encoding="utf-8") == table(committed_orders()), "run python tests/support/derivatives.py"

@@ -16,7 +16,8 @@ from diffshade.inverse.fitting import check_scale
 from diffshade.inverse.tiles import Tiles
 from diffshade.inverse.views import find_samples
 
-HERE = Path(__file__).parent
+SUPPORT = Path(__file__).parents[1] / "support"
+
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(90, 90))
 
 
@@ -109,7 +110,7 @@ def test_arguments_are_checked(tmp_path):
         with pytest.raises(kind, match=message):
             check_scale(*values)
     with pytest.raises(ValueError, match=r"tests is no checkpoint\. Give checkpoint the name"):
-        ds.fit(scene, views, free=("k_d",), checkpoint=HERE)
+        ds.fit(scene, views, free=("k_d",), checkpoint=SUPPORT)
     folder = tmp_path / "run"
     fit = ds.fit(scene, views, free=("k_d",), checkpoint=folder)
     again = ds.fit(scene, views, free=("k_d",), checkpoint=folder)
@@ -123,7 +124,7 @@ def test_arguments_are_checked(tmp_path):
 
 def start(size, folder, memory=1e6, seconds=0.05):
     """Start a fit as a process of its own."""
-    command = [sys.executable, "-W", "error", HERE / "generated.py", size, memory]
+    command = [sys.executable, "-W", "error", SUPPORT / "generated.py", size, memory]
     command = [*map(str, command), str(folder / "checkpoint"), str(folder / "out.npz"), str(seconds)]
     return subprocess.Popen(command, env={**os.environ}, stderr=subprocess.PIPE, text=True)
 

@@ -19,7 +19,7 @@ from textured import textured_ball
 
 import diffshade as ds
 
-SCRIPT = Path(__file__).with_name("texel_run.py")
+SCRIPT = Path(__file__).parents[1] / "support" / "texel_run.py"
 
 
 def start(folder: Path, height: int, width: int, count: int, share: float, *more: str, **env: str) -> subprocess.Popen:
