@@ -4,47 +4,16 @@ import re
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
+from balls import DIRECTIONS, FAR, NEAR, SHAPE, K, disc, lit_by, photographs, silhouette
 from measured import measured
 
 import diffshade as ds
 from diffshade.calibration.balls import find_ball
-from diffshade.calibration.laws import Shading, find_lamps
 from diffshade.calibration.outcome import degrees
-from diffshade.cameras import AbstractCamera
 
-SHAPE = (120, 128)
-FAR = ds.OrthographicCamera((0.1, 0.05, 4), target=(0.1, 0.05, 0), height=2.6, shape=SHAPE, local_viewer=False)
-K = ((250.0, 0, 62.3), (0, 252.0, 59.1), (0, 0, 1))
-NEAR = ds.Camera.from_intrinsics(K, shape=SHAPE)
-DIRECTIONS = np.array([(0.5, 0.4, 0.8), (-0.3, 0.5, 0.9), (0.1, -0.3, 0.7), (-0.6, -0.1, 0.6)])
-DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=-1, keepdims=True)
 CHROME, MATTE = ds.Material(k_s=1.0, n_s=400), ds.Material(k_d=0.8)
-
-
-def photographs(scene: ds.Scene, camera: AbstractCamera, *, noise: float = 0.0, bits: int | None = None) -> np.ndarray:
-    """Render one photograph a light, with noise, clipped and rounded as a file of so many bits."""
-    random = np.random.default_rng(0)
-    with jax.enable_x64(True):
-        images = np.array([ds.render(scene, camera, lit=i) for i in range(len(scene.lights))])
-    images = images + noise * random.standard_normal(images.shape)
-    return images if bits is None else np.rint(np.clip(images, 0, 1) * (2**bits - 1)) / (2**bits - 1)
-
-
-def silhouette(camera: AbstractCamera, *spheres: ds.Sphere) -> np.ndarray:
-    with jax.enable_x64(True):
-        return np.asarray(ds.intersect(ds.Scene([ds.Object(sphere) for sphere in spheres]), camera).mask)
-
-
-def disc(column: float, row: float, radius: float) -> np.ndarray:
-    rows, columns = np.indices(SHAPE) + 0.5
-    return np.hypot(columns - column, rows - row) < radius
-
-
-def lit_by(directions: np.ndarray, material: ds.Material, surface: ds.Sphere | None = None) -> ds.Scene:
-    return ds.Scene(ds.Object(surface or ds.Sphere(), material), [ds.DirectionalLight(-l) for l in directions])
 
 
 # Outlines
@@ -52,7 +21,7 @@ def lit_by(directions: np.ndarray, material: ds.Material, surface: ds.Sphere | N
 
 def test_a_circle_is_found_to_a_small_part_of_a_pixel():
     random = np.random.default_rng(0)
-    for _ in range(20):
+    for _ in range(6):
         column, row, radius = 64 + random.uniform(-8, 8), 60 + random.uniform(-8, 8), random.uniform(25, 48)
         ball = find_ball(disc(column, row, radius), None, 2.0)
         np.testing.assert_allclose([*ball.middle, ball.radius], [column, row, radius], atol=0.1)
@@ -112,7 +81,7 @@ def test_a_mirror_ball_far_away():
 def test_two_mirror_balls_tell_where_the_lights_are():
     places = np.array([(0.6, 1.0, -2.0), (-0.8, 0.3, -1.0), (0.2, -0.9, -1.5)])
     balls = ds.Sphere((-0.55, -0.1, -5), 0.5), ds.Sphere((0.6, 0.2, -4.6), 0.4)
-    camera = ds.Camera.from_intrinsics(np.array(K) * [[4], [4], [1]], shape=(480, 512))
+    camera = ds.Camera.from_intrinsics(np.array(K) * [[3], [3], [1]], shape=(360, 384))
     scene = ds.Scene([ds.Object(ball, CHROME) for ball in balls], [ds.PointLight(place, 1.0) for place in places])
     masks = [silhouette(camera, ball) for ball in balls]
     found = ds.calibrate(photographs(scene, camera), ball="mirror", mask=masks, camera=camera, radius=(0.5, 0.4))
@@ -164,90 +133,12 @@ def test_a_law_that_is_not_lamberts_and_clipped_pixels_turn_no_light():
     assert any("Lambert" in note for note in found.notes)
 
 
-def test_the_errors_by_patches_cover():
-    """Of noise alone: 60 balls of 3 photographs each; the mean square error is what is stated."""
-    random = np.random.default_rng(1)
-    n = find_ball(disc(64, 60, 30), None, 1.0).normals()[disc(64, 60, 30)]
-    n = n[n[:, 2] > 0.2]
-    cell = 10 * np.floor((n[:, 0] + 1) * 3) + np.floor((n[:, 1] + 1) * 3)
-    n = n[np.argsort(cell, kind="stable")]
-    patch = np.unique(np.sort(cell), return_inverse=True)[1]
-    ratio = []
-    for _ in range(60):
-        values = 0.1 + 0.7 * np.maximum(DIRECTIONS[:3] @ n.T, 0) + 0.02 * random.standard_normal((3, len(n)))
-        lamps = find_lamps(Shading(values, n, n[:, 2], patch), "any")
-        step = lamps.direction - DIRECTIONS[:3]
-        stated = np.trace(lamps.covariance, axis1=1, axis2=2) - np.einsum(
-            "ij,ijk,ik->i", lamps.direction, lamps.covariance, lamps.direction
-        )
-        ratio.append((step**2).sum(-1) / (stated / lamps.intensity**2))
-    assert 0.75 < np.mean(ratio) < 1.35
-
-
 def test_a_photograph_with_a_second_light_is_named():
     images = photographs(lit_by(DIRECTIONS, ds.Material(k_d=0.6)), FAR, noise=0.003)
     images[2] += 0.3 * photographs(lit_by(-DIRECTIONS[2:3] * [1, 1, -1], ds.Material(k_d=0.6)), FAR)[0]
     images = np.concatenate([images, images[[0, 1, 3]] * 0.9])
     found = ds.calibrate(images, ball="matte", mask=silhouette(FAR, ds.Sphere()))
     assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["photograph 2"]
-
-
-# One photograph of a glossy ball
-
-TRUTH = ds.Material(k_a=0.06, k_d=(0.5, 0.35, 0.2), k_s=0.4, n_s=30)
-
-
-def test_one_photograph_of_a_glossy_ball():
-    """Pose, light and material of an 8-bit photograph with noise, and what it cannot tell."""
-    scene = lit_by(DIRECTIONS[:1], TRUTH)
-    image = photographs(scene, FAR, noise=0.004, bits=8)
-    found = ds.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
-    assert found.fit is not None
-    assert found.fit_errors is not None
-    assert degrees(found.directions, DIRECTIONS[:1]) < 3 * found.errors
-    assert found.errors < 0.2
-    pose = [name.split(".")[0] in ("center", "radius") for name in found.fit.names]  # in a frame of its own
-    off = np.abs(found.fit.values - found.fit.values_in(scene))[~np.array(pose)]
-    assert (off < 4 * found.fit_errors[~np.array(pose)]).all()
-    assert (found.fit_errors[~np.array(pose)] < 0.02 * np.maximum(np.abs(found.fit.values[~np.array(pose)]), 0.1)).all()
-    assert np.isinf(found.fit_errors[found.fit.names.index("center.z")])
-    for words in ("card of known reflectance", "far away", "Blinn", "intrinsics"):
-        assert any(words in note for note in found.notes)
-    assert "center.z    not determined" in str(found)
-    np.testing.assert_allclose(found.fit.material.n_s, 30, rtol=0.02)
-
-
-@pytest.mark.slow
-def test_glossy_balls_seen_from_near_by():
-    """Of 12 materials and lights through a pinhole, no number is far beyond its error.
-
-    None is so dark in its shadow that noise is cut off there: see the test below.
-    """
-    random, scores = np.random.default_rng(0), []
-    for _ in range(12):
-        l = np.array([*random.uniform(-0.6, 0.6, 2), 1.0])
-        material = ds.Material(
-            k_a=random.uniform(0.02, 0.1),
-            k_d=random.uniform(0.1, 0.6, 3),
-            k_s=random.uniform(0.1, 0.4),
-            n_s=random.uniform(5, 80),
-        )
-        sphere = ds.Sphere((random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), -5.5))
-        scene = lit_by(l[None] / np.linalg.norm(l), material, sphere)
-        image = photographs(scene, NEAR, noise=0.004, bits=8)
-        found = ds.calibrate(image, ball="glossy", mask=silhouette(NEAR, sphere), camera=NEAR)
-        assert found.fit is not None
-        assert found.fit_errors is not None
-        scores.append((found.fit.values - found.fit.values_in(scene)) / found.fit_errors)
-    scores = np.array(scores)
-    assert np.abs(scores).max() < 5
-    assert 0.6 < np.sqrt(np.mean(scores**2)) < 1.5
-
-
-def test_shadows_that_are_cut_off_are_named():
-    image = photographs(lit_by(DIRECTIONS[3:], ds.Material(k_d=0.5, k_s=0.3, n_s=20)), FAR, noise=0.004, bits=8)
-    found = ds.calibrate(image, ball="glossy", mask=silhouette(FAR, ds.Sphere()))
-    assert any("samples are 0" in note and "tobit" in note for note in found.notes)
 
 
 # Measured photographs
@@ -264,43 +155,42 @@ def test_the_chrome_ball_of_washington():
     assert found.compare(folder / "lights.txt").angles.max() > 8
 
 
-def test_the_gray_ball_of_washington():
-    """It stands by the chrome ball, but for one photograph, and against the published list in more than half."""
-    folder = measured("uw_spheres")
-    found = ds.calibrate(folder / "gray", ball="matte")
-    assert 0.8 < found.errors.min() < found.errors.max() < 2.2
-    published = found.compare(folder / "lights.txt")
-    assert {0, 1, 2, 8, 10} <= set(published.disagrees)
-    assert "gray.1.tga (6." in str(published)
-    chrome = found.compare(ds.calibrate(folder / "chrome", ball="mirror"), name="the chrome ball")
-    assert chrome.disagrees == [2]
-    assert chrome.angles.mean() < 2
-    assert [note.split(" is ")[0] for note in found.notes if "second light" in note] == ["gray.2.tga"]
-    assert found.intensities is not None
-    np.testing.assert_allclose(found.intensities, found.intensities.mean(), rtol=0.08)  # the publisher equalised them
+# Glossy balls: how well they are fitted is in studies/test_glossy_balls.py
 
 
-def test_a_ball_without_its_mask_is_the_one_with_it():
-    folder = measured("uw_spheres") / "gray"
-    found = ds.calibrate([folder / f"gray.{i}.tga" for i in range(0, 12, 3)], ball="matte")
-    np.testing.assert_allclose([*found.balls[0].middle, found.balls[0].radius], [245, 145, 108.2], atol=2)
+def test_the_fit_of_a_glossy_ball_begins_at_its_outline_and_shading(monkeypatch):
+    class Stopped(Exception):
+        pass
 
+    def fit(scene, views, **options):
+        raise Stopped(scene, views, options)
 
-def test_the_highlights_of_diligent_tell_its_lights():
-    """Another ball, lights and camera; its list has an error of its own."""
-    folder = measured("diligent_ball")
-    found = ds.calibrate(folder, ball="mirror")
-    angles = found.compare(folder / "light_directions.txt").angles
-    assert angles.mean() < 0.6
-    assert angles.max() < 1.3
-    inside = np.load(folder / "normal_gt.npy").any(-1) & found.views[0].mask
-    assert degrees(found.normals[inside], np.load(folder / "normal_gt.npy")[inside]).mean() < 0.3
+    monkeypatch.setattr("diffshade.calibration.glossy.fit", fit)
+    sphere, glossy = ds.Sphere((0.1, -0.2, -5.5), 0.8), ds.Material(k_a=0.02, k_d=0.6, k_s=0.2, n_s=20)
+    for camera, surface, free in ((FAR, ds.Sphere(), True), (NEAR, sphere, False)):
+        images = photographs(lit_by(DIRECTIONS[:2], glossy, surface), camera, noise=0.002)
+        given = None if camera is FAR else camera
+        with pytest.raises(Stopped) as stopped:
+            ds.calibrate(
+                images, ball="glossy", mask=silhouette(camera, surface), camera=given, radius=float(surface.radius)
+            )
+        scene, views, options = stopped.value.args
+        begun = -np.array([light.direction for light in scene.lights])
+        assert degrees(begun, DIRECTIONS[:2]).max() < 4  # a matte ball's, which this is not
+        assert [view.lit for view in views] == [(0,), (1,)]
+        assert set(options["free"]) - {"radius"} == {
+            *("center", "k_a", "k_d", "k_s", "n_s", "direction", "lights.1.intensity")
+        }
+        assert ("radius" in options["free"]) == ("radius" in options["priors"]) == free
+        for axis, truth in zip("xyz", np.asarray(surface.center) * (not free), strict=True):
+            value, error = options["priors"][f"center.{axis}"]
+            assert abs(value - truth) < 3 * error < (0.3 if axis == "z" else 0.05)
 
 
 # Folders, files and arrays
 
 
-def test_from_a_folder_to_a_fit(tmp_path):
+def test_a_folder_of_photographs_and_what_is_written_of_it(tmp_path):
     images = photographs(lit_by(DIRECTIONS, ds.Material(k_a=0.02, k_d=(0.6, 0.5, 0.4))), FAR, noise=0.002)
     source = tmp_path / "shots"
     source.mkdir()
@@ -309,20 +199,22 @@ def test_from_a_folder_to_a_fit(tmp_path):
     ds.write_image(source / "mask.png", silhouette(FAR, ds.Sphere()) * 1.0, srgb=False)
     found = ds.calibrate(source, ball="matte")
     assert found.names == ("shot8.png", "shot9.png", "shot10.png", "shot11.png")  # as people count
+    assert degrees(found.directions, DIRECTIONS).max() < 0.3
     found.write(tmp_path / "out")
     scene, views = ds.read_photographs(tmp_path / "out")
-    fit = ds.fit(scene, views, free=("k_a", "k_d"))
-    np.testing.assert_allclose(fit.material.k_d, 1.0, rtol=0.02)  # the ball is the unit
+    np.testing.assert_allclose([-light.direction for light in scene.lights], found.directions, atol=1e-6)  # pyright: ignore
+    np.testing.assert_allclose([light.intensity for light in scene.lights], found.intensities, rtol=1e-6)  # pyright: ignore
+    assert [view.lit for view in views] == [view.lit for view in found.views]
+    for view, own, image in zip(views, found.views, images, strict=True):
+        np.testing.assert_allclose(view.image[:], image.clip(0, 1), atol=1e-5)
+        np.testing.assert_allclose(own.image[:], image.clip(0, 1), atol=1e-5)
     again = ds.calibrate(tmp_path / "out", ball="matte")
     np.testing.assert_allclose(again.directions, found.directions, atol=1e-3)
     back = ds.read_scene(tmp_path / "out" / "scene.toml")
     np.testing.assert_array_equal([-l.direction for l in back.lights], found.directions)  # pyright: ignore
     assert ds.read_camera(tmp_path / "out" / "scene.toml").shape == SHAPE
-    direct = ds.fit(found.scene, found.views, free=("k_a", "k_d"))
-    np.testing.assert_allclose(direct.material.k_d, 1.0, rtol=0.02)
     assert "shot8.png" in str(found)
-    comparison = found.compare(found)
-    assert comparison.angles.max() == 0.0
+    assert found.compare(found).angles.max() == 0.0
 
 
 def test_images_that_pass_1_and_cameras_near_by_are_written_too(tmp_path):
@@ -389,123 +281,53 @@ SQUARE = np.zeros(SHAPE, bool)
 SQUARE[20:100, 30:110] = True
 BROKEN = IMAGE.copy()
 BROKEN[64, 60] = np.nan
-BAD: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
+INTRINSICS = ds.Camera.from_intrinsics(K, shape=(4, 5))
+BAD: dict[str, tuple[dict[str, Any], str]] = {
     "a pixel that is not finite": (
         {"photographs": BROKEN},
-        ValueError,
-        "photograph 0 must be finite; got [nan] at row 64, column 60. Mend the file, or leave the pixel out of the",
+        "photograph 0 must be finite; got [nan] at row 64, column 60",
     ),
-    "a mask of everything": (
-        {"mask": np.ones(SHAPE, bool)},
-        ValueError,
-        "the mask covers the whole picture. Give True (or white) on the ball alone.",
-    ),
-    "a direction that is not finite": (
-        {"directions": [[np.inf, 0, 1]]},
-        ValueError,
-        "directions must be finite and not zero; got [inf, 0.0, 1.0] for photograph 0. Give (x, y, z) towards",
-    ),
-    "another kind of ball": (
-        {"ball": "chrome"},
-        ValueError,
-        "ball must be one of 'mirror', 'matte', 'glossy'; got 'chrome'. Give what the ball is like.",
-    ),
-    "a square": (
-        {"mask": SQUARE},
-        ValueError,
-        "the mask shows no ball: ",
-    ),
-    "an empty mask": (
-        {"mask": np.zeros(SHAPE, bool)},
-        ValueError,
-        "the mask shows no ball: its edge has 0 points. Give True (or white) on the ball alone.",
-    ),
-    "half a ball": (
-        {"mask": disc(64, -30, 50)},
-        ValueError,
-        "the mask shows too little of a ball: its outline goes ",
-    ),
-    "a mask of another size": (
-        {"mask": np.ones((4, 5), bool)},
-        ValueError,
-        "mask must have the photographs' shape (120, 128); got (4, 5). Resize it.",
-    ),
-    "a camera of another size": (
-        {"camera": ds.Camera.from_intrinsics(K, shape=(4, 5))},
-        ValueError,
-        "camera.shape must be that of the photographs, (120, 128); got (4, 5). Resize them.",
-    ),
-    "no radius": (
-        {"radius": 0},
-        ValueError,
-        "radius must be a number above 0, or one a mask; got 0. Give scene units.",
-    ),
-    "nothing but a highlight": (
-        {"ball": "mirror"},
-        ValueError,
-        "photograph 0: the ball shows no highlight: ",
-    ),
-    "a mirror without a mask": (
-        {"ball": "mirror", "mask": None},
-        ValueError,
-        "a mirror ball shows the room, not its own outline. Give its mask, mask='mask.png'.",
-    ),
-    "two balls far away": (
-        {"ball": "mirror", "mask": (MASK, MASK)},
-        ValueError,
-        "2 masks are so many mirror balls seen by a camera whose intrinsics are known, ",
-    ),
-    "directions that do not match": (
-        {"directions": DIRECTIONS},
-        ValueError,
-        "directions must be one vector for each of the 1 photographs; got shape (4, 3). ",
-    ),
+    "a mask of everything": ({"mask": np.ones(SHAPE, bool)}, "the mask covers the whole picture"),
+    "a direction that is not finite": ({"directions": [[np.inf, 0, 1]]}, "directions must be finite and not zero"),
+    "a direction of nothing": ({"directions": [[0, 0, 0]]}, "directions must be finite and not zero"),
+    "another kind of ball": ({"ball": "chrome"}, "'mirror', 'matte', 'glossy'; got 'chrome'"),
+    "a square": ({"mask": SQUARE}, "the mask shows no ball: "),
+    "an empty mask": ({"mask": np.zeros(SHAPE, bool)}, "the mask shows no ball: its edge has 0 points"),
+    "half a ball": ({"mask": disc(64, -30, 50)}, "the mask shows too little of a ball: its outline goes "),
+    "a mask of another size": ({"mask": np.ones((4, 5), bool)}, "mask must have the photographs' shape (120, 128)"),
+    "a camera of another size": ({"camera": INTRINSICS}, "camera.shape must be that of the photographs, (120, 128)"),
+    "no radius": ({"radius": 0}, "radius must be a number above 0, or one a mask; got 0"),
+    "no number for a radius": ({"radius": "big"}, "radius must be a number above 0, or one a mask; got 'big'"),
+    "two radii of one ball": ({"radius": (1, 2)}, "radius must be a number above 0, or one a mask; got (1, 2)"),
+    "nothing but a highlight": ({"ball": "mirror"}, "photograph 0: the ball shows no highlight: "),
+    "a mirror without a mask": ({"ball": "mirror", "mask": None}, "a mirror ball shows the room, not its own outline"),
+    "two balls far away": ({"ball": "mirror", "mask": (MASK, MASK)}, "2 masks are so many mirror balls"),
+    "directions that do not match": ({"directions": DIRECTIONS}, "each of the 1 photographs; got shape (4, 3)"),
     "directions for a mirror": (
         {"ball": "mirror", "directions": DIRECTIONS[:1]},
-        ValueError,
-        "directions are for a matte ball, which then tells the intensities; got ball='mirror'.",
+        "directions are for a matte ball, which then tells the intensities; got ball='mirror'",
     ),
-    "nothing bright": (
-        {"mask": None, "photographs": np.full((*SHAPE, 3), 0.5)},
-        ValueError,
-        "no ball stands out from its background in these photographs: ",
-    ),
-    "a black photograph": (
-        {"photographs": np.zeros(SHAPE)},
-        ValueError,
-        "photograph 0 is black, or clipped, all over the ball. Check the photograph and the mask.",
-    ),
-    "a ball that is lit evenly": (
-        {"photographs": MASK * 0.5},
-        ValueError,
-        "photograph 0 shows no light on the ball: it is as bright everywhere. Give photographs under one light each.",
-    ),
-    "no photograph": (
-        {"photographs": []},
-        ValueError,
-        "photographs must hold at least one; got none. Give a folder, files or arrays.",
-    ),
-    "what is none": ({"photographs": 3}, TypeError, "photographs must be a folder, files or arrays; got int. "),
+    "nothing bright": ({"mask": None, "photographs": np.full((*SHAPE, 3), 0.5)}, "no ball stands out"),
+    "a black photograph": ({"photographs": np.zeros(SHAPE)}, "photograph 0 is black, or clipped, all over the ball"),
+    "a ball that is lit evenly": ({"photographs": MASK * 0.5}, "photograph 0 shows no light on the ball"),
+    "no photograph": ({"photographs": []}, "photographs must hold at least one; got none"),
+    "what is none": ({"photographs": 3}, "photographs must be a folder, files or arrays; got int"),
     "integers": (
         {"photographs": np.ones(SHAPE, np.uint8)},
-        ValueError,
-        "photograph 0 must be linear radiance in floats; got uint8. Read it with ds.read_image.",
+        "photograph 0 must be linear radiance in floats; got uint8",
     ),
-    "sizes that differ": (
-        {"photographs": [np.ones(SHAPE), np.ones((4, 5))]},
-        ValueError,
-        "photographs must be of one size; got photograph 0 of (120, 128) and photograph 1 of (4, 5). ",
-    ),
-    "a file that is not there": ({"photographs": "no.png"}, FileNotFoundError, "cannot read no.png: "),
+    "sizes that differ": ({"photographs": [np.ones(SHAPE), np.ones((4, 5))]}, "photograph 1 of (4, 5)"),
+    "a file that is not there": ({"photographs": "no.png"}, "cannot read no.png: "),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_what_cannot_be_is_said_in_one_sentence(case):
-    change, error, message = BAD[case]
+    change, message = BAD[case]
     options = {"photographs": IMAGE, "ball": "matte", "mask": MASK} | change
-    with pytest.raises(error, match=f"^{re.escape(message)}[^\n]*$"):
+    with pytest.raises((ValueError, TypeError, FileNotFoundError), match=f"{re.escape(message)}[^\n]*$") as refused:
         ds.calibrate(options.pop("photographs"), **options)
+    assert "\n" not in str(refused.value)
 
 
 def test_folders_that_cannot_be(tmp_path):

@@ -1,157 +1,169 @@
-"""Intervals: they hold the truth as often as they say, of independent noise and of errors that a view shares."""
+"""Intervals: where the cost, the others at their best, has risen as they say; and what clusters errors are of."""
 
-from collections.abc import Callable
+import dataclasses
+import itertools
+from typing import Any
 
 import jax
 import numpy as np
 import pytest
-from scipy import ndimage
-from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, point_lights, standard_scene
+from scenarios import clean_images, noisy_fit, noisy_images, standard_fit
+from scipy import ndimage, stats
+from synthetic import forget, noisy, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.clusters import correlation_length, find_clusters
-from diffshade.diagnosis.intervals import Profile, intervals
-from diffshade.inverse.parameters import coordinates
+from diffshade.diagnosis.clusters import (
+    MOST,
+    Clusters,
+    correlation_length,
+    cut_in_patches,
+    find_clusters,
+    patch_width,
+    residual_images,
+)
+from diffshade.diagnosis.intervals import FAR, Profile, intervals
+from diffshade.inverse.refits import samples_of
 
 LEVELS = (0.68, 0.95)
 
 
-def covered(
-    scene: ds.Scene, images: Callable[[int], list[np.ndarray]], seeds: range, views: int | None = None
-) -> np.ndarray:
-    """For each fit, level and unknown whether the interval holds the truth: whether one refit there costs too much."""
-    inside = []
-    with jax.enable_x64(True):
-        for seed in seeds:
-            fit = ds.fit(forget(scene), one_light_each(images(seed))[:views], free=FREE, tied=TIED)
-            clusters = find_clusters(fit)
-            profile = Profile(fit, clusters)
-            truth = coordinates(fit.values_in(scene), fit.unknowns)
-            away = np.array([profile.errors_away(j, t) for j, t in enumerate(truth)])
-            inside.append([away < clusters.quantiles(level) for level in LEVELS])
-    return np.array(inside)
+# --- the search for an end
 
 
-def assert_coverage(inside: np.ndarray, tolerances: tuple[float, float]) -> None:
-    share = inside.mean(0)
-    for level, tolerance, of_level in zip(LEVELS, tolerances, share, strict=True):
-        np.testing.assert_allclose(of_level, level, atol=tolerance)
+class Curve(Profile):
+    """A profile of one unknown, the best at 2, whose cost is said to be a power of the distance away."""
+
+    def __init__(self, power: float = 1.0, bounds: tuple[float, float] = (-np.inf, np.inf), error: float = 0.1):
+        unknowns = find("k_d")[:1] if np.isfinite(bounds[0]) else find("n_s")
+        self.power, self.calls = power, 0
+        self.fit: Any = type("", (), {})()
+        self.fit.unknowns = [dataclasses.replace(unknowns[0], lower=bounds[0], upper=bounds[1], logarithmic=False)]
+        self.fit.values, self.fit.evidence = np.array([2.0]), type("", (), {"determined": np.array([True])})()
+        self.laid: Any = type("", (), {"theta": np.array([2.0])})()
+        self.errors, self.visible = np.array([error]), np.array([True])
+        self.bounds = [np.array([bound]) for bound in bounds]
+
+    def errors_away(self, j: int, t: float) -> float:
+        self.calls += 1
+        return float((abs(t - 2.0) / 0.1) ** self.power)
 
 
-def independent(seed: int) -> list[np.ndarray]:
-    return noisy(photographs_of_standard(), 0.02, seed)
+def find(name: str) -> list:
+    return [u for u in noisy_fit().unknowns if u.kind == name]
 
 
-_CLEAN: list[np.ndarray] = []
+@pytest.mark.parametrize("power", [0.3, 0.6, 1.0, 1.5, 3.0])
+def test_an_end_is_where_the_cost_says_so_many_errors(power):
+    for side, error in itertools.product((-1, 1), (0.1, 0.01, 1.0)):
+        curve = Curve(power, error=error)
+        end = curve.end(0, side, 1.96)
+        assert np.sign(end - 2.0) == side
+        assert curve.errors_away(0, end) == pytest.approx(1.96, rel=0.011)
+        assert curve.calls < 17
 
 
-def photographs_of_standard() -> list[np.ndarray]:
-    if not _CLEAN:
-        _CLEAN.extend(photographs(standard_scene()))
-    return _CLEAN
+def test_an_end_beyond_a_bound_is_the_bound():
+    assert Curve(bounds=(1.9, 2.1)).end(0, 1, 1.96) == 2.1
+    assert Curve(bounds=(1.9, 2.1)).end(0, -1, 1.96) == 1.9
+    assert Curve(bounds=(1.7, 2.3)).end(0, 1, 1.96) == pytest.approx(2.196, abs=2e-3)
+    assert Curve(bounds=(2.0, 2.3)).end(0, -1, 1.96) == 2.0
+    lost = Curve(bounds=(0.0, 5.0))
+    lost.fit.evidence.determined[:] = False
+    assert [lost.end(0, side, 1.0) for side in (-1, 1)] == [0.0, 5.0]
+    unseen = Curve(bounds=(0.0, 5.0), error=0.2)  # below the roundings of the cost: as the errors say
+    unseen.visible[:] = False
+    assert unseen.end(0, 1, 2.0) == pytest.approx(2.4)
+    assert unseen.calls == 0
+    flat = Curve(power=1e-9, bounds=(-1e9, 1e9))
+    flat.errors_away = lambda j, t: 1e-9  # the cost never says 1.96
+    assert flat.end(0, 1, 1.96) == 1e9 > FAR * 0.1
 
 
-def test_they_cover_of_independent_noise():
-    """Eight views, four distances; 100 fits tell 6.4 % and 3 % but for 2.5 standard errors of their own."""
-    inside = covered(standard_scene(), independent, range(100))
-    assert_coverage(inside, (0.064 + 0.07, 0.03 + 0.028))
-    assert_coverage(inside.mean(2, keepdims=True), (0.064, 0.03))
-
-
-@pytest.mark.slow
-def test_they_cover_of_independent_noise_a_thousand_times():
-    assert_coverage(covered(standard_scene(), independent, range(1000)), (0.045, 0.021))
-
-
-def shared(scene: ds.Scene, kind: str, size: float) -> Callable[[int], list[np.ndarray]]:
-    """Photographs with noise and an error that is smooth over each view: added, a factor of each pixel, or of all."""
-    clean = photographs(scene)
-
-    def of_seed(seed: int) -> list[np.ndarray]:
-        random = np.random.default_rng(10_000 + seed)
-        found = []
-        for image in noisy(clean, 0.01, seed):
-            field = ndimage.gaussian_filter(random.standard_normal(image.shape[:2]), 5, mode="wrap")
-            field *= size / field.std()
-            factor = 1.0 + size * random.standard_normal() if kind == "exposure" else 1.0 + field[..., None]
-            found.append(image + field[..., None] if kind == "added" else image * factor)
-        return found
-
-    return of_seed
-
-
-@pytest.mark.parametrize("count", [8, 20], ids="{} views".format)
-@pytest.mark.parametrize(
-    ("kind", "size", "fits"),
-    [
-        ("added", 0.01, 40),
-        pytest.param("added", 0.02, 400, marks=pytest.mark.slow),
-        pytest.param("added", 0.002, 400, marks=pytest.mark.slow),
-        pytest.param("factor", 0.01, 400, marks=pytest.mark.slow),
-        pytest.param("factor", 0.03, 400, marks=pytest.mark.slow),
-        pytest.param("exposure", 0.02, 400, marks=pytest.mark.slow),
-    ],
-)
-def test_they_cover_of_an_error_that_each_view_shares(count, kind, size, fits):
-    scene = standard_scene(lights=point_lights(count=count))
-    share = covered(scene, shared(scene, kind, size), range(fits))[:, 1].mean(0)
-    assert share.min() >= 0.9 - 2.0 * np.sqrt(0.9 * 0.1 / fits)  # 90 % but for two standard errors of so many fits
-
-
-@pytest.mark.parametrize("bound", ["one view", "a truth at 0"])
-def test_where_a_bound_binds_they_cover_at_least_as_much(bound):
-    scene = standard_scene()
-    if bound == "a truth at 0":
-        scene = standard_scene(ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), (0.5, 0.5, 0.0), 50))
-    clean = photographs(scene)
-    views = 1 if bound == "one view" else None
-    inside = covered(scene, lambda seed: noisy(clean, 0.01, seed), range(40), views).mean(0)
-    error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / 40)
-    assert np.all(inside.min(1) >= np.array([0.65, 0.93]) - 2.5 * error)
-    assert np.all(inside.mean(1) >= [0.62, 0.91])
-
-
-@pytest.mark.parametrize("fits", [8, pytest.param(50, marks=pytest.mark.slow)])
-def test_an_interval_holds_the_truth_exactly_where_one_refit_says_so(fits):
-    """The search for the ends, beside the test that the coverage above is made of."""
-    with jax.enable_x64(True):
-        for seed in range(fits):
-            views = one_light_each(independent(seed))[: 1 + seed % 8]
-            fit = ds.fit(forget(standard_scene()), views, free=FREE, tied=TIED)
-            clusters = find_clusters(fit)
-            profile = Profile(fit, clusters)
-            reach = clusters.quantiles(0.95)
-            truth = fit.values_in(standard_scene())
-            inner = coordinates(truth, fit.unknowns)
-            for j, (low, high) in enumerate(intervals(profile, (0.95,))[0]):
-                assert low <= fit.values[j] <= high
-                away = profile.errors_away(j, inner[j])
-                if abs(away / reach[j] - 1.0) > 0.03:  # nearer than the search ends
-                    assert (low <= truth[j] <= high) == (away < reach[j]), (seed, fit.names[j])
+# --- those of a fit
 
 
 def test_of_a_linear_problem_they_are_the_textbooks():
     """k_a and k_d alone: the cost is a parabola, so that the ends are t errors away."""
-    fit = ds.fit(standard_scene(), one_light_each(independent(0)), free=("k_a", "k_d"))
-    examination = ds.examine(fit)
-    reach = np.abs(examination.sure - fit.values[:, None]) / examination.errors[:, None]
+    images = noisy(clean_images(), 0.02, 0)
+    fit = ds.fit(standard_scene(), one_light_each(images), free=("k_a", "k_d"))
+    with jax.enable_x64(True):
+        clusters = find_clusters(fit)
+        profile = Profile(fit, clusters)
+        likely, sure = intervals(profile, LEVELS)
+    errors = clusters.errors()
+    reach = np.abs(sure - fit.values[:, None]) / errors[:, None]
     np.testing.assert_allclose(reach, 1.96, rtol=0.02)
-    assert np.all((examination.likely > examination.sure)[:, 0] & (examination.likely < examination.sure)[:, 1])
-    for j, points in enumerate(examination.profiles):
+    assert np.all((likely > sure)[:, 0] & (likely < sure)[:, 1])
+    for j in range(len(errors)):
+        points = profile.curve(j)
         assert len(points) == 5  # the best, and the ends of both intervals
-        errors = np.abs(points[:, 0] - fit.values[j]) / examination.errors[j]
-        np.testing.assert_allclose(points[:, 1], errors, rtol=0.02, atol=1e-6)
+        away = np.abs(points[:, 0] - fit.values[j]) / errors[j]
+        np.testing.assert_allclose(points[:, 1], away, rtol=0.02, atol=1e-6)
+
+
+def test_an_end_is_where_a_fit_that_is_bounded_there_costs_so_much_more():
+    fit = noisy_fit()
+    with jax.enable_x64(True):
+        clusters = find_clusters(fit)
+        sure = intervals(Profile(fit, clusters), (0.95,))[0]
+    assert np.all((sure[:, 0] < fit.values) & (sure[:, 1] > fit.values))
+    for name, side in (("n_s", 1), ("quadratic", -1)):
+        j = fit.names.index(name)
+        bounds = {name: (sure[j, 1], 1e3) if side > 0 else (0.0, sure[j, 0])}
+        held = standard_fit(noisy_images(), bounds=bounds)
+        assert held.at_bound[j]
+        away = np.sqrt(2.0 * (held.costs[-1] - fit.costs[-1]) / fit.evidence.sigma2)
+        np.testing.assert_allclose(away, stats.t.ppf(0.975, clusters.evidence.spread[0] - 12), rtol=0.02)
 
 
 def test_they_end_at_bounds_and_are_one_sided_there():
-    scene = standard_scene()
-    fit = ds.fit(forget(scene), one_light_each(noisy(photographs(scene), 0.02, 0))[:1], free=FREE, tied=TIED)
-    linear = fit.names.index("linear")
-    assert fit.at_lower[linear]
+    fit = standard_fit(noisy_images(), bounds={"n_s": (55, 1e3)})
+    n_s = fit.names.index("n_s")
+    assert fit.at_lower[n_s]
     with jax.enable_x64(True):
-        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][linear]
-    assert low == 0.0
-    assert 0.09 < high < 1.0
+        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][n_s]
+    assert low == 55.0
+    assert 55.0 < high < 60.0
+
+
+# --- clusters
+
+
+def of_clusters(shaken: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views") -> Clusters:
+    freedom = np.full(len(shaken), 7.0)
+    return Clusters(noisy_fit().evidence, count, what, scatter, np.array(shaken), freedom)
+
+
+def test_a_jackknife_has_students_t_of_its_freedom():
+    every, none = of_clusters([True] * 12), of_clusters([False] * 12)
+    many = noisy_fit().evidence.spread[0] - 12
+    for level in LEVELS:
+        np.testing.assert_allclose(every.quantiles(level), stats.t.ppf(0.5 + level / 2, 7.0))
+        np.testing.assert_allclose(none.quantiles(level), stats.t.ppf(0.5 + level / 2, many))
+    evidence = noisy_fit().evidence
+    half = of_clusters([True] * 6 + [False] * 6)
+    np.testing.assert_array_equal(half.errors()[:6], evidence.clustered_errors()[:6])
+    np.testing.assert_array_equal(half.errors()[6:], evidence.plain_errors()[6:])
+    ratio = (evidence.clustered_errors() / evidence.plain_errors()) ** 2
+    np.testing.assert_allclose(half.inflation(), np.where(half.shaken, ratio, 1.0))
+    np.testing.assert_allclose(half.rises(), evidence.sigma2 * half.inflation())
+    np.testing.assert_array_equal(none.inflation(), np.ones(12))
+
+
+def test_what_errors_are_made_of_is_said():
+    names = [u.quantity for u in noisy_fit().unknowns]
+    assert "agree as far as independent noise lets them" in of_clusters([False] * 12).sentence(names)
+    assert "3 times the variance" in of_clusters([False] * 12).sentence(names)
+    some = of_clusters([True] * 2 + [False] * 8 + [True] * 2).sentence(names)
+    assert "the 8 views disagree about k_a, linear and quadratic" in some
+    assert "scatter by 3 times" in some
+    assert "scatter by" not in of_clusters([True] * 12, 0.9).sentence(names)
+    assert "7 are few for that" in of_clusters([True] * 12, count=7, what="7 patches").sentence(names)
+    assert "few for that" not in of_clusters([True] * 12, count=12, what="12 patches").sentence(names)
+    assert "few for that" not in of_clusters([True] * 12, count=7, what="7 views").sentence(names)
+    few = of_clusters([False] * 12, count=0, what="4 patches").sentence(names)
+    assert "4 patches, too few for a jackknife" in few
+    assert "Add views" in few
 
 
 def test_the_correlation_length_is_that_of_the_error_under_white_noise():
@@ -164,21 +176,50 @@ def test_the_correlation_length_is_that_of_the_error_under_white_noise():
     assert 6 <= alone <= 10  # exp(-lag^2 / (4 4^2)) is 1/e at 8
     mixed = [w + s / s.std() for w, s in zip(white, smooth, strict=True)]
     assert abs(correlation_length(mixed, everywhere) - alone) <= 2
+    assert correlation_length([np.ones((5, 9))], [np.ones((5, 9), bool)]) == 4  # no lag is long enough
+    assert correlation_length([np.ones((5, 9))], [np.zeros((5, 9), bool)]) == 0
+    assert patch_width(smooth, everywhere) == max(2 * alone + 1, int(np.ceil(np.sqrt(4 * 96**2 / MOST))))
+    assert patch_width(white[:1], everywhere[:1]) == 12  # 64 of them
+
+
+def test_patches_are_squares_and_those_of_views_taken_alike_are_one():
+    fit = noisy_fit()
+    fit = dataclasses.replace(fit, views=(*fit.views[:2], fit.views[0]))
+    samples, _ = samples_of(fit)
+    parts, patch = cut_in_patches(fit, samples[:2] + samples[:1], 8)
+    assert sum(len(part.pixels) for part in parts) == sum(len(s.pixels) for s in (*samples[:2], samples[0]))
+    seen = {}
+    for part, number in zip(parts, patch, strict=True):
+        row, column = np.divmod(part.pixels, 24)
+        (square,) = set(zip(row // 8, column // 8, strict=True))
+        assert seen.setdefault((part.view % 2, *square), number) == number
+    assert len(seen) == len(set(patch.tolist())) == patch.max() + 1
+
+
+def test_residual_images_are_those_of_the_channels_together():
+    fit = noisy_fit()
+    images, counts = residual_images(fit)
+    assert len(images) == 8
+    inside = fit.predict(fit.views[3])
+    np.testing.assert_allclose(images[3], inside.difference.sum(-1))
+    np.testing.assert_array_equal(counts[3], inside.counts[..., 0])
 
 
 def test_one_view_has_patches_for_clusters():
-    scene = standard_scene()
-    clean = photographs(scene)[:1]
-    random = np.random.default_rng(0)
-    field = ndimage.gaussian_filter(random.standard_normal(clean[0].shape[:2]), 1.5)
-    off = [noisy(clean, 0.002, 0)[0] + (0.02 * field / field.std())[..., None]]
+    clean = clean_images()[0]
+    field = ndimage.gaussian_filter(np.random.default_rng(0).standard_normal(clean.shape[:2]), 1.5)
+    off = noisy([clean], 0.002, 0)[0] + (0.02 * field / field.std())[..., None]
+    free = ("k_a", "k_d", "k_s", "n_s")
     with jax.enable_x64(True):
         good, bad = (
-            find_clusters(ds.fit(forget(scene), one_light_each(images), free=("k_a", "k_d", "k_s", "n_s")))
-            for images in (noisy(clean, 0.01, 1), off)
+            find_clusters(ds.fit(forget(standard_scene()), one_light_each([image]), free=free))
+            for image in (noisy([clean], 0.01, 1)[0], off)
         )
     assert "patches" in good.what
+    assert good.count == len(good.evidence.hessian) > 30
+    np.testing.assert_allclose(good.evidence.gradient.sum(0) / np.sqrt(np.diag(good.evidence.total)), 0.0, atol=1e-4)
     assert not good.shaken.any()
     assert bad.shaken.any()
+    assert bad.count < good.count
     assert np.all((bad.errors() > bad.evidence.plain_errors())[bad.shaken])
     assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.shaken))

@@ -2,272 +2,220 @@
 
 import dataclasses
 import inspect
-from collections.abc import Sequence
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from synthetic import CAMERA, MATERIAL, light_positions, noisy, one_light_each, photographs, standard_scene
+from scenarios import noisy_fit, noisy_images
+from synthetic import CAMERA, FREE, MATERIAL, TIED, forget, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.model_choice import _paired
+from diffshade.diagnosis.model_choice import (
+    ModelChoice,
+    _check_same_photographs,
+    _check_same_pixels,
+    _of_few_views,
+    _own_numbers,
+    _paired,
+    _unknowns,
+    _verdict,
+)
 
-SIGMA = 0.005
-PHONG = ("k_a", "k_d", "k_s", "n_s")
-MATTE = dataclasses.replace(MATERIAL, k_s=np.zeros(3))
-BLINN = dataclasses.replace(MATERIAL, lobe=ds.Blinn())
-
-
-def scene_of(material: ds.Material = MATERIAL, count: int = 8, fade: ds.RadialAttenuation | None = None) -> ds.Scene:
-    fade = ds.RadialAttenuation() if fade is None else fade
-    return standard_scene(material, [ds.PointLight(p, 1.0, fade) for p in light_positions()[:count]])
-
-
-def views_of(scene: ds.Scene, seed: int = 0, **options) -> list[ds.View]:
-    return one_light_each(noisy(photographs(scene), SIGMA, seed), **options)
+MATTE = standard_scene(dataclasses.replace(MATERIAL, k_s=np.zeros(3)))
 
 
-def phong(views: Sequence[ds.View], free: Sequence[str] = PHONG, **options) -> ds.Fit:
-    tied = ("attenuation",) if {"linear", "quadratic"} & set(free) else ()
-    return ds.fit(scene_of(count=len(views)), views, free=free, tied=tied, **options)
-
-
-def blinn(views: Sequence[ds.View], **options) -> ds.Fit:
-    return ds.fit(scene_of(BLINN, len(views)), views, free=PHONG, **options)
-
-
-def lambert(views: Sequence[ds.View], **options) -> ds.Fit:
-    return ds.fit(scene_of(MATTE, len(views)), views, free=("k_a", "k_d"), **options)
-
-
-@pytest.fixture(scope="module")
-def eight():
-    return views_of(scene_of())
-
-
-@pytest.fixture(scope="module")
-def fits(eight):
+@cache
+def fits() -> dict[str, ds.Fit]:
+    """Of a shiny ball: the model that it is of, that model with the first photograph's exposure, and a matte one."""
+    views = one_light_each(noisy_images())
+    told = forget(standard_scene())
     return {
-        "Lambert": lambert(eight),
-        "Phong": phong(eight),
-        "Blinn": blinn(eight),
-        "Phong that fades": phong(eight, (*PHONG, "linear")),
+        "Phong": noisy_fit(),
+        "an exposure": ds.fit(told, views, free=(*FREE, "views.0.exposure"), tied=TIED, start="scene"),
+        "matte": ds.fit(MATTE, views, free=("k_a", "k_d"), tied=()),
     }
 
 
-# --- verdicts
+@cache
+def choice() -> ModelChoice:
+    return ds.compare(fits())
 
 
-def test_a_matte_model_of_a_shiny_ball_loses(fits):
-    choice = ds.compare({name: fits[name] for name in ("Lambert", "Phong")})
-    assert choice.best == "Phong"
-    assert choice.differences[1] > 10 * choice.difference_errors[1]
-    assert "Phong predicts what it has not seen better than Lambert" in str(choice)
+def test_a_matte_model_of_a_shiny_ball_loses_and_a_term_that_is_not_needed_gets_no_verdict():
+    found = choice()
+    assert found.best is None  # of two that are as good
+    assert set(found.names) == set(fits())
+    assert found.names[2] == "matte"
+    assert found.worse.tolist() == [False, False, True]
+    assert found.what == "8 views"
+    assert found.clusters == 8
+    assert found.differences[0] == 0.0
+    assert found.differences[2] > 10 * found.difference_errors[2]
+    assert found.image_differences[1] < 0.5 / 255 < found.image_differences[2]
+    assert any(f"{found.names[0]} predicts what it has not seen better than matte" in note for note in found.notes)
+    assert any(f"these views cannot tell {found.names[0]} from {found.names[1]}" in note for note in found.notes)
+    assert any("less than half a grey level, 0.002" in note for note in found.notes)
+    assert any("exposure, which one view alone shows, stayed as fitted" in note for note in found.notes)
+    alone = ds.compare({name: fits()[name] for name in ("matte", "Phong")})
+    assert alone.best == "Phong"
+    np.testing.assert_allclose(alone.errors, found.errors[[found.names.index("Phong"), 2]], rtol=1e-9)
 
 
-def test_with_a_highlight_in_eight_views_phong_is_told_from_blinn(fits):
-    choice = ds.compare({name: fits[name] for name in ("Blinn", "Phong")})
-    assert choice.best == "Phong"
-    assert choice.what == "8 views"
-    assert choice.image_differences[1] > 0.5 / 255
-
-
-def test_a_term_that_is_not_needed_gets_no_verdict(fits):
-    choice = ds.compare({name: fits[name] for name in ("Phong", "Phong that fades")})
-    assert choice.best is None
-    assert not choice.worse.any()
-    assert "these views cannot tell Phong" in str(choice)
-    assert "less than half a grey level, 0.002" in str(choice)
-
-
-def test_the_table_has_all_models_and_a_footnote(fits):
-    choice = ds.compare(fits)
-    assert choice.best is None  # of two that are as good
-    assert set(choice.names[:2]) == {"Phong", "Phong that fades"}
-    assert choice.names[2:] == ("Blinn", "Lambert")
-    assert choice.worse.tolist() == [False, False, True, True]
-    assert dict(zip(choice.names, choice.unknowns, strict=True))["Lambert"] == 6
-    lines = str(choice).splitlines()
-    assert lines[0] == "4 models by their error on what they have not seen: 8 views, left out one at a time"
-    assert [line.split()[0] for line in lines[2:6]] == ["Phong", "Phong", "Blinn", "Lambert"]
+def test_the_table_has_all_models_and_a_footnote():
+    found = choice()
+    unknowns = dict(zip(found.names, found.unknowns, strict=True))
+    assert unknowns == {"Phong": 12, "an exposure": 13, "matte": 6}
+    lines = str(found).splitlines()
+    assert lines[0] == "3 models by their error on what they have not seen: 8 views, left out one at a time"
+    for line, name, error in zip(lines[2:5], found.names, found.errors, strict=True):
+        assert line.startswith(name)
+        assert f"{error:.4g}" in line
+    assert "+-" not in lines[2]
+    assert "+-" in lines[3]
     assert "n = 8, the clusters left out" in lines[-1]
-    names = list(choice.names)
-    np.testing.assert_allclose(
-        choice.bic, [8 * np.log(r**2) + k * np.log(8) for r, k in zip(choice.rmse, choice.unknowns, strict=True)]
-    )
-    np.testing.assert_allclose(choice.rmse, [fits[name].rmse for name in names], rtol=1e-9)
-
-
-def test_the_order_of_the_mapping_does_not_matter(fits):
-    assert str(ds.compare(fits)) == str(ds.compare(dict(reversed(fits.items()))))
-
-
-def test_a_fit_is_not_told_from_itself(fits):
-    choice = ds.compare({"one": fits["Phong"], "other": fits["Phong"]})
-    assert choice.best is None
-    assert choice.differences[1] == 0.0
-
-
-def test_ambient_is_missed_where_it_is_and_not_where_it_is_not():
-    bare = dataclasses.replace(MATERIAL, k_a=np.zeros(3))
-    without = dataclasses.replace(MATERIAL, k_a=np.zeros(3))
-    for material, best in ((MATERIAL, "with"), (bare, None)):
-        views = views_of(scene_of(material))
-        choice = ds.compare(
-            {"with": phong(views), "without": ds.fit(scene_of(without), views, free=("k_d", "k_s", "n_s"))}
+    bic = [8 * np.log(r**2) + k * np.log(8) for r, k in zip(found.rmse, found.unknowns, strict=True)]
+    np.testing.assert_allclose(found.bic, bic)
+    np.testing.assert_allclose(found.rmse, [fits()[name].rmse for name in found.names], rtol=1e-9)
+    seen = [[fits()[name].predict(view) for view in fits()[name].views] for name in found.names]
+    apart = [
+        np.sqrt(
+            sum(np.sum(((a.image - b.image) * a.counts) ** 2) for a, b in zip(of, seen[0], strict=True))
+            / sum(a.counts.sum() for a in of)
         )
-        assert choice.best == best
+        for of in seen
+    ]
+    np.testing.assert_allclose(found.image_differences, apart, rtol=1e-6, atol=1e-12)
 
 
-def test_attenuation_is_missed_where_it_is():
-    views = views_of(scene_of(fade=ds.RadialAttenuation(1.0, 0.0, 0.1)))
-    choice = ds.compare({"none": phong(views), "quadratic": phong(views, (*PHONG, "quadratic"))})
-    assert choice.best == "quadratic"
-
-
-def test_from_one_view_phong_is_not_told_from_blinn():
-    """n_s 50 is refitted as another n_s of Blinn, .001 away with noise of .005: patches are left out."""
-    for seed in range(2):
-        views = views_of(scene_of(count=1), seed)
-        choice = ds.compare({"Phong": phong(views), "Blinn": blinn(views)})
-        assert choice.best is None
-        assert choice.what.endswith("pixels")
-        assert choice.clusters > 30
-        assert choice.image_differences[1] < 0.5 / 255
-        assert "these views cannot tell" in str(choice)
-        assert "Add photographs under other lights." in str(choice)
-
-
-def test_from_two_views_a_verdict_is_the_right_one():
-    views = views_of(scene_of(count=2))
-    choice = ds.compare({"Phong": phong(views), "Blinn": blinn(views)})
-    assert choice.best in (None, "Phong")
-    assert choice.what.endswith("pixels")
-
-
-def test_an_unneeded_term_gets_no_verdict_whatever_the_noise():
-    """With three views, whose jackknife has but two degrees of freedom, it is the images that hold it back."""
-    scene = scene_of(count=3)
-    for seed in range(5):
-        views = views_of(scene, seed)
-        choice = ds.compare({"Phong": phong(views), "fades": phong(views, (*PHONG, "linear"))})
-        assert not choice.worse.any()
-
-
-# --- the numbers
-
-
-def error_without_each(views: Sequence[ds.View]) -> float:
-    """The error of fits of Phong to all views but one, on that one."""
-    squares, count = 0.0, 0
+def test_the_errors_are_those_of_fits_without_each_view():
+    views, squares, samples = list(noisy_fit().views), [], []
     for k, view in enumerate(views):
-        without = ds.fit(scene_of(count=len(views)), [v for j, v in enumerate(views) if j != k], free=PHONG)
-        seen = without.predict(view)
-        squares, count = squares + np.sum(seen.difference**2), count + seen.counts.sum()
-    return float(np.sqrt(squares / count))
+        seen = ds.fit(MATTE, views[:k] + views[k + 1 :], free=("k_a", "k_d")).predict(view)
+        squares.append(np.sum(seen.difference**2))
+        samples.append(seen.counts.sum())
+    np.testing.assert_allclose(choice().errors[2] ** 2, np.sum(squares) / np.sum(samples), rtol=1e-7)
 
 
-def test_the_errors_are_those_of_fits_without_each_view(eight, fits):
-    choice = ds.compare({name: fits[name] for name in ("Phong", "Lambert")})
-    np.testing.assert_allclose(choice.errors[0], error_without_each(eight), rtol=1e-8)
-
-
-def test_of_clipped_photographs_too():
-    views = [ds.View(np.minimum(v.image, 0.4), CAMERA, lit=v.lit, saturation=0.4) for v in views_of(scene_of(count=4))]
-    choice = ds.compare({"Phong": phong(views), "Lambert": lambert(views)})
-    np.testing.assert_allclose(choice.errors[0], error_without_each(views), rtol=1e-6)
+def test_patches_of_one_view_are_left_out_and_a_fit_is_not_told_from_itself():
+    view = one_light_each(noisy_images())[:1]
+    (matte,) = (ds.fit(MATTE, view, free=("k_a", "k_d")),)
+    found = ds.compare({"one": matte, "other": matte})
+    assert found.what.endswith("pixels")
+    assert found.clusters > 6
+    assert found.best is None
+    assert found.differences[1] == 0.0
+    assert "Add photographs under other lights." in str(found)
+    assert found.errors[0] > 0.9 * found.rmse[0]
 
 
 def test_the_jackknife_of_equal_clusters_is_that_of_a_mean():
     d = np.random.default_rng(0).standard_normal(8)
     mean, error = _paired(50 * d, np.full(8, 50.0))
     np.testing.assert_allclose((mean, error), (d.mean(), d.std(ddof=1) / np.sqrt(8)), rtol=1e-12)
-
-
-def test_with_the_noise_known_errors_are_in_its_units(eight):
-    views = [ds.View(v.image, CAMERA, lit=v.lit, noise=SIGMA) for v in eight]
-    choice = ds.compare({"Phong": phong(views), "Lambert": lambert(views)})
-    assert choice.best == "Phong"
-    assert 0.95 < choice.errors[0] < 1.05
-    assert 0.95 * SIGMA < choice.rmse[0] < 1.05 * SIGMA
-
-
-def test_clipped_samples_and_outliers_do_not_decide():
-    scene = scene_of()
-    images = noisy(photographs(scene), SIGMA, 0)
-    for image in images:
-        image[5:9, 5:9] += 0.5
-    views = one_light_each([np.minimum(image, 0.8) for image in images], saturation=0.8)
-    robust = {"loss": "cauchy"}
-    choice = ds.compare({"Phong": phong(views, **robust), "Lambert": lambert(views, **robust)})
-    assert choice.best == "Phong"
-    assert choice.errors[0] < 5 * SIGMA
-
-
-def test_a_view_that_is_another_again_is_no_cluster(eight):
-    views = [*eight[:3], eight[0]]
-    scene, matte = (scene_of(m, 3) for m in (MATERIAL, MATTE))
-    choice = ds.compare({"Phong": ds.fit(scene, views, free=PHONG), "Lambert": ds.fit(matte, views, free=("k_d",))})
-    assert choice.what == "3 views"
-
-
-def test_what_one_view_alone_shows_is_held_and_said(eight):
-    views = eight[:4]
-    choice = ds.compare({"exposures": phong(views, ("k_d", "views.1.exposure")), "none": phong(views, ("k_d",))})
-    assert any("exposure, which one view alone shows, stayed as fitted" in note for note in choice.notes)
-
-
-def test_scenes_of_several_objects_are_compared_too():
-    floor = ds.Object(ds.Plane((0, -1, 0), (0, 1, 0)), ds.Material(k_d=0.4))
-    lamps = [ds.PointLight(p) for p in light_positions()[:3]]
-    scene = ds.Scene([ds.Object(ds.Sphere(), MATERIAL), floor], lamps)
-    views = views_of(scene)
-    free = ("objects.0.material.k_d", "objects.1.material.k_d")
-    one = ds.fit(scene, views, free=free, start="scene")
-    matte = ds.Scene([ds.Object(ds.Sphere(), MATTE), floor], lamps)
-    other = ds.fit(matte, views, free=free, start="scene")
-    choice = ds.compare({"shiny": one, "matte": other})
-    assert choice.best == "shiny"
-    np.testing.assert_allclose(choice.rmse, [one.rmse, other.rmse], rtol=1e-9)
+    count = np.array([1.0, 3.0, 2.0])
+    without = [2.0, 7 / 3, 1.75]  # the ratios of the others' sums
+    error = np.sqrt(2 / 3 * np.sum((np.array(without) - np.mean(without)) ** 2))
+    np.testing.assert_allclose(_paired(np.array([2.0, 5.0, 5.0]), count), (2.0, error))
 
 
 # --- words
 
 
+def verdict(difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01) -> str:
+    differences, errors, images = (np.array([0.0, x]) for x in (difference, error, apart))
+    return _verdict(["a", "b"], 1, differences, errors, images, np.array([rmse, rmse]), np.array([False, worse]))
+
+
+def test_a_verdict_says_why():
+    for said, words, not_said in (
+        (verdict(3.0, 1.0, 0.1, worse=True), ("a predicts", "better than b", "3.0 standard errors", "0.1"), "cannot"),
+        (verdict(0.5, 0.0, 0.1, worse=True), ("inf standard errors",), "cannot"),
+        (verdict(1.9, 1.0, 0.1), ("cannot tell a from b", "1.9 standard errors, where 2"), "grey level"),
+        (verdict(3.0, 1.0, 0.0019), ("half a grey level",), "asked for"),
+        (verdict(3.0, 1.0, 0.0021, rmse=0.1), ("less than 10% of the residuals",), "grey level"),
+        (verdict(1.0, 1.0, 0.0), ("asked for", "grey level"), "residuals"),
+        (verdict(0.0, 0.0, 0.0), ("0.0 standard errors, where 2",), "inf"),
+    ):
+        assert all(word in said for word in words), said
+        assert not_said not in said, said
+
+
+def test_what_is_said_of_few_views_and_of_numbers_of_one():
+    patches, views = (SimpleNamespace(by_view=by_view) for by_view in (False, True))
+    told, not_told = np.array([False, True]), np.array([False, False])
+    few: Any = _of_few_views
+    assert [len(few(*of)) for of in ((patches, not_told), (patches, told), (views, not_told))] == [1, 0, 0]
+    tried: Any = {"a": SimpleNamespace(held=("exposure",), stuck=True), "b": SimpleNamespace(held=(), stuck=False)}
+    fits: Any = {name: SimpleNamespace(converged=True) for name in "ab"}
+    held, stuck = _own_numbers(["b", "a"], tried, fits)
+    assert held.startswith("exposure, which one view alone shows")
+    assert stuck.startswith("a fit of a did not converge")
+    tried["a"] = tried["b"]
+    assert _own_numbers(["b", "a"], tried, fits) == []
+    fits["b"].converged = False
+    assert "a fit of b did not" in _own_numbers(["b", "a"], tried, fits)[0]
+
+
+def test_the_unknowns_are_those_that_a_fit_determines():
+    fit = noisy_fit()
+    some = dataclasses.replace(fit.evidence, determined=np.arange(12) > 0)
+    changed = dataclasses.replace(fit, evidence=some, at_bound=np.arange(12) == 11)
+    assert _unknowns(changed) == 10
+
+
+def changed(**options: Any) -> ds.Fit:
+    """The noisy fit with something of its last view other than it is."""
+    fit = noisy_fit()
+    return dataclasses.replace(fit, views=(*fit.views[:7], dataclasses.replace(fit.views[7], **options)))
+
+
 @pytest.mark.parametrize(
-    ("change", "error", "words"),
+    ("other", "words"),
     [
-        (lambda fits, eight: {"Phong": fits["Phong"]}, ValueError, ("at least two fits", "got 1")),
-        (lambda fits, eight: list(fits.values()), TypeError, ("fits must be a Mapping", "got list")),
-        (lambda fits, eight: {**fits, "c": MATERIAL}, TypeError, ("fits['c']", "Fit", "got Material")),
-        (lambda fits, eight: {**fits, 3: fits["Phong"]}, TypeError, ("got 3", "Give for example 'Phong'")),
+        (lambda: dataclasses.replace(noisy_fit(), views=noisy_fit().views[:7]), ("got 8 and 7", "Fit both to all")),
+        (lambda: changed(image=noisy_images(1)[7]), ("views[7] has another image",)),
+        (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] has another mask",)),
+        (lambda: changed(saturation=0.9), ("views[7] has another saturation",)),
+        (lambda: changed(noise=0.1), ("views[7] has another noise",)),
+        (lambda: dataclasses.replace(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
         (
-            lambda fits, eight: {"a": fits["Phong"], "b": phong(eight[:7])},
-            ValueError,
-            ("fits['a'] and fits['b']", "got 8 and 7", "Fit both to all"),
-        ),
-        (
-            lambda fits, eight: {"a": fits["Phong"], "b": phong([*eight[:7], views_of(scene_of(), 1)[7]])},
-            ValueError,
-            ("fits['a'] and fits['b']", "views[7] has another image"),
-        ),
-        (
-            lambda fits, eight: {"a": fits["Phong"], "b": phong(eight, loss="huber")},
-            ValueError,
+            lambda: dataclasses.replace(
+                noisy_fit(), likelihood=dataclasses.replace(noisy_fit().likelihood, loss="huber")
+            ),
             ("the same loss", "'squares' and 'huber'", "Fit both with one"),
-        ),
-        (
-            lambda fits, eight: {
-                "a": fits["Phong"],
-                "b": ds.fit(
-                    dataclasses.replace(scene_of(), objects=ds.Object(ds.Sphere(radius=0.9))), eight, free="k_d"
-                ),
-            },
-            ValueError,
-            ("must look at the same pixels", "views[0]", "Give the view a mask"),
         ),
     ],
 )
-def test_messages(fits, eight, change, error, words):
+def test_fits_of_other_photographs_or_losses_are_refused(other, words):
+    with pytest.raises(ValueError, match="fits\\['a'\\] and fits\\['b'\\]") as caught:
+        ds.compare({"a": noisy_fit(), "b": other()})
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_fits_of_the_same_photographs_in_other_scenes_are_not_refused_but_of_other_pixels_are():
+    _check_same_photographs("a", noisy_fit(), "b", dataclasses.replace(noisy_fit(), scene=MATTE))
+    one, other = (
+        SimpleNamespace(study=SimpleNamespace(samples=[SimpleNamespace(pixels=np.arange(n))])) for n in (9, 1200)
+    )
+    check: Any = _check_same_pixels
+    check("a", one, "b", one)
+    with pytest.raises(ValueError, match="must look at the same pixels") as caught:
+        check("a", one, "b", other)
+    assert all(word in str(caught.value) for word in ("views[0]", "9 and 1,200", "Give the view a mask"))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        (lambda fit: {"Phong": fit}, ValueError, ("at least two fits", "got 1")),
+        (lambda fit: [fit, fit], TypeError, ("fits must be a Mapping", "got list")),
+        (lambda fit: {"a": fit, "c": MATERIAL}, TypeError, ("fits['c']", "Fit", "got Material")),
+        (lambda fit: {"a": fit, 3: fit}, TypeError, ("got 3", "Give for example 'Phong'")),
+    ],
+)
+def test_messages(given, error, words):
     with pytest.raises(error) as caught:
-        inspect.unwrap(ds.compare)(change(fits, eight))
+        inspect.unwrap(ds.compare)(given(noisy_fit()))
     assert all(word in str(caught.value) for word in words), str(caught.value)

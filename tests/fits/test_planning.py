@@ -1,305 +1,243 @@
-"""Planning: the errors it promises are those that refits then have, and its first choice is the best."""
+"""Planning: the errors it promises are those of what a photograph adds, and what it ranks first is the best."""
 
+import dataclasses
 import inspect
-import itertools
+from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import (
-    ATTENUATION,
-    CAMERA,
-    FREE,
-    TIED,
-    forget,
-    noisy,
-    one_light_each,
-    photograph,
-    photographs,
-    seen_by,
-    standard_scene,
-)
+from scenarios import noisy_fit
+from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 
 import diffshade as ds
-from diffshade.inverse.parameters import natural, put_back
-from diffshade.inverse.refits import Laid
+from diffshade.diagnosis.planning import Plan, _aimed, _holders, _information, _notes, _order, _percent, _sizes, _with
+from diffshade.inverse.parameters import find_unknowns, put_back
 from diffshade.inverse.views import find_samples
 
-SIGMA = 0.002
-LAMPS = ((1.0, 1.0, 1.6), (-2.5, 0.5, 3.5), (0.5, -2.0, 1.8), (1.5, 2.5, 5.0))
-SCENE = standard_scene(lights=[ds.PointLight(p, 1.0, ATTENUATION) for p in LAMPS])
-# of the lamp only where it is: its attenuation is what the fit finds
-SHOTS = (
-    ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front"),
-    ds.Shot(light=ds.PointLight((0, 0, 8)), name="far"),
-    ds.Shot(light=ds.PointLight((2.0, 0, 1.0)), exposure=2.0, name="at the side"),
-    ds.Shot(light=ds.PointLight((-1.2, 1.2, 1.2)), exposure=0.7, name="near"),
-    ds.Shot(camera=ds.Camera((2, 0, 4), fov=32, shape=(24, 24)), name="from the side"),
-    ds.Shot(light=ds.PointLight((3, 3, 4)), camera=ds.Camera((0, -3, 3), fov=32, shape=(24, 24)), name="from below"),
+FRONT = ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front")  # its attenuation is what the fit finds
+BELOW = ds.Shot(
+    light=ds.PointLight((3, 3, 4)),
+    camera=ds.Camera((0, -3, 3), fov=32, shape=(24, 24)),
+    exposure=0.7,
+    name="from below",
 )
-
-
-@pytest.fixture(scope="module")
-def fit():
-    return ds.fit(forget(SCENE), one_light_each(noisy(photographs(SCENE), SIGMA, 0)), free=FREE, tied=TIED)
+AGAIN = ds.Shot(name="the first again")
 
 
 def with_shot(scene: ds.Scene, shot: ds.Shot) -> tuple[ds.Scene, ds.View]:
     """The scene with the shot's lamp, and the photograph that it would be, without noise."""
-    lit = (0,)
-    if isinstance(shot.light, ds.PointLight):
-        lamp = ds.PointLight(shot.light.position, 1.0, ATTENUATION)
-        scene, lit = ds.Scene(scene.objects, (*scene.lights, lamp)), (len(scene.lights),)
+    assert isinstance(shot.light, ds.PointLight)
+    lamp = ds.PointLight(shot.light.position, 1.0, ATTENUATION)
+    scene, lit = ds.Scene(scene.objects, (*scene.lights, lamp)), (len(scene.lights),)
     camera = shot.camera or CAMERA
     image = float(shot.exposure) * photograph(scene, camera, lit)
     return scene, ds.View(image, camera, lit=lit, exposure=shot.exposure, saturation=np.inf)
 
 
-def refits_with(shot: ds.Shot, draws: int) -> np.ndarray:
-    """What fits find with the shot among the views, each time with new noise."""
-    scene, view = with_shot(SCENE, shot)
-    clean = ds.fit(scene, [*one_light_each(photographs(SCENE)), view], free=FREE, tied=TIED)
-    found = []
-    with jax.enable_x64(True):
-        laid = Laid(clean)
-        log = np.array([u.logarithmic for u in clean.unknowns])
-        for draw in range(draws):
-            random = np.random.default_rng(draw)  # the same noise in the views that all candidates share
+@pytest.mark.parametrize("shot", [FRONT, BELOW], ids=lambda shot: shot.name)
+def test_the_information_of_a_shot_is_that_of_a_jacobian_by_finite_differences(shot):
+    fit = noisy_fit()
+    plan = ds.plan(fit, shot)
+    scene, view = with_shot(fit.scene, shot)
+    unknowns = find_unknowns(scene, [*fit.views, view], FREE, TIED)
+    assert [u.name for u in unknowns] == list(fit.names)
 
-            def scattered(chunk, random=random):
-                noise = SIGMA * random.standard_normal(chunk.observed.target.shape)
-                target = chunk.observed.target + noise * np.asarray(chunk.points.counts)[:, None]
-                return eqx.tree_at(lambda c: c.observed.target, chunk, jnp.asarray(target))
+    def predict(values):
+        changed, _ = put_back(scene, (), unknowns, values)
+        inside = find_samples(scene, view).inside
+        return float(view.exposure) * photograph(changed, view.camera, view.lit)[inside].ravel()
 
-            end = laid.minimise({}, laid.theta, [scattered(chunk) for chunk in laid.chunks], rtol=1e-9)
-            assert not end.message
-            found.append(np.asarray(natural(end.theta, log)))
-    return np.array(found)
-
-
-def check_the_plan_against_refits(fit: ds.Fit, draws: int) -> None:
-    """Spread of the first choice over the smallest of all, and predicted over observed spread."""
-    found = [refits_with(shot, draws) for shot in SHOTS]
-    p = len(fit.values)
-    report = []
-    for name in ("n_s", "k_s.r", "quadratic", "linear"):
-        plan = ds.plan(fit, SHOTS, aim=name)
-        j = fit.names.index(name)
-        spread = np.array([values[:, j].std(ddof=1) for values in found])
-        report.append((name, spread[plan.order[0]] / spread.min(), plan.errors[:, j] / spread))
-    plan = ds.plan(fit, SHOTS)
-    relative = [values / fit.values for values in found]
-    spread = np.exp([np.linalg.slogdet(np.cov(values.T))[1] / (2 * p) for values in relative])
-    now = np.linalg.slogdet(fit.covariance / np.outer(fit.values, fit.values))[1]
-    predicted = np.exp((now - plan.gain) / (2 * p))
-    report.append(("det^(1/2p)", spread[plan.order[0]] / spread.min(), predicted / spread))
-    for name, first, ratio in report:
-        print(f"{name}: first choice over the smallest {first:.3f}, predicted/observed {np.round(ratio, 3)}")
-        assert first <= 1.1, name
-        assert np.all((ratio > 0.8) & (ratio < 1.25)), name
+    h = 1e-5 * np.diag(fit.values)
+    J = np.stack([(predict(fit.values + e) - predict(fit.values - e)) / (2 * e.sum()) for e in h], -1)
+    covariance = fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + J.T @ J)
+    np.testing.assert_allclose(plan.errors[0], np.sqrt(np.diag(covariance)), rtol=1e-4)
+    gain = np.linalg.slogdet(fit.evidence.total + J.T @ J)[1] - np.linalg.slogdet(fit.evidence.total)[1]
+    np.testing.assert_allclose(plan.gain[0], gain, rtol=1e-4)
+    np.testing.assert_array_equal(plan.now, fit.plain_errors)
+    assert plan.rank.tolist() == [0]
+    assert plan.clipped.tolist() == [0.0]
 
 
-def test_the_first_choice_is_the_best_and_the_errors_are_those_of_refits(fit):
-    check_the_plan_against_refits(fit, draws=60)
+def test_the_table_has_the_shots_from_the_best_on():
+    fit = noisy_fit()
+    far = ds.Shot(light=ds.PointLight((0, 0, 8)), name="far")
+    plan = ds.plan(fit, [far, FRONT, AGAIN, dataclasses.replace(FRONT, name="an earlier name")], aim="n_s")
+    assert plan.order[:2] == (3, 1)  # that tell the same: by their names
+    n_s = fit.names.index("n_s")
+    assert np.all(np.diff(plan.errors[list(plan.order), n_s]) >= 0)
+    assert plan.best.name == "an earlier name"
+    lines = str(plan).splitlines()
+    assert lines[0] == "plan of 4 photographs, ranked by the error of n_s: standard errors with each"
+    assert lines[1].split() == ["shot", "k_a", "k_d", "k_s", "n_s", "linear", "quadratic", "gain"]
+    assert lines[2].startswith("   now")
+    for place, i in enumerate(plan.order):
+        assert lines[3 + place].startswith(f"{place + 1}  {plan.names[i]}")
+        assert lines[3 + place].endswith(f" {plan.gain[i]:.2f}")
+    assert any(note.startswith("with an earlier name the errors of n_s are 0.") for note in plan.notes)
+    every = ds.plan(fit, [far, FRONT])
+    assert every.order == tuple(np.argsort(-every.gain))
+    assert "ranked by all errors together" in str(every)
+    k_d = [j for j, name in enumerate(fit.names) if name.startswith("k_d")]
+    worst = max(100 * fit.plain_errors[k_d] / fit.values[k_d])
+    assert f"{worst:.2g} %" in lines[2]
 
 
-@pytest.mark.slow
-def test_the_first_choice_is_the_best_over_200_draws(fit):
-    check_the_plan_against_refits(fit, draws=200)
+def test_a_shot_as_the_first_view_was_counts_as_that_did():
+    fit = noisy_fit()
+    first = fit.evidence.hessian[0]
+    plan = ds.plan(fit, AGAIN)
+    expected = np.sqrt(np.diag(fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + first)))
+    np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
+    weighed = dataclasses.replace(fit.evidence, spread=fit.evidence.spread * [1, 1, 1, 1, 0.5])  # as a robust loss does
+    plan = ds.plan(dataclasses.replace(fit, evidence=weighed), AGAIN)
+    expected = np.sqrt(np.diag(fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + 0.5 * first)))
+    np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
 
 
-def test_the_information_of_a_shot_is_that_of_a_jacobian_by_finite_differences(fit):
-    plan = ds.plan(fit, SHOTS)
-    for k in (0, 5):
-        scene, view = with_shot(fit.scene, SHOTS[k])
-        unknowns = ds.fit(scene, [*fit.views, view], free=FREE, tied=TIED).unknowns
-
-        def predict(values, scene=scene, view=view, unknowns=unknowns):
-            changed, _ = put_back(scene, (), unknowns, values)
-            inside = find_samples(scene, view).inside
-            return float(view.exposure) * photograph(changed, view.camera, view.lit)[inside].ravel()
-
-        h = 1e-5 * np.diag(fit.values)
-        J = np.stack([(predict(fit.values + e) - predict(fit.values - e)) / (2 * e.sum()) for e in h], -1)
-        covariance = fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + J.T @ J)
-        np.testing.assert_allclose(plan.errors[k], np.sqrt(np.diag(covariance)), rtol=1e-4)
-        gain = np.linalg.slogdet(fit.evidence.total + J.T @ J)[1] - np.linalg.slogdet(fit.evidence.total)[1]
-        np.testing.assert_allclose(plan.gain[k], gain, rtol=1e-4)
-
-
-def test_the_order_of_the_shots_does_not_matter(fit):
-    for aim in (None, "n_s"):
-        ranked = [SHOTS[i].name for i in ds.plan(fit, SHOTS, aim=aim).order]
-        for mixed in itertools.islice(itertools.permutations(SHOTS), 1, 720, 240):
-            assert [mixed[i].name for i in ds.plan(fit, mixed, aim=aim).order] == ranked
-
-
-def test_shots_that_tell_the_same_are_ranked_by_their_names(fit):
-    twins = [ds.Shot(light=ds.PointLight((0, 0, 3)), name=name) for name in "ba"]
-    assert ds.plan(fit, twins).order == (1, 0)
-
-
-def test_a_shot_like_the_views_adds_what_they_did(fit):
-    """All views taken once more: every error shrinks by sqrt 2."""
-    plans = [ds.plan(fit, ds.Shot(light=ds.PointLight(p))) for p in LAMPS]
-    added = sum(np.exp(plan.gain[0]) for plan in plans)
-    assert added > 3.0
-    lone = ds.fit(SCENE, one_light_each(photographs(SCENE))[0], free=("k_a", "k_d"), priors={})
-    again = ds.plan(lone, ds.Shot())
-    np.testing.assert_allclose(again.errors[0], again.now / np.sqrt(2.0), rtol=1e-6)
-    np.testing.assert_allclose(again.gain[0], 6 * np.log(2.0), rtol=1e-6)
+def test_clipped_pixels_do_not_count():
+    fit = noisy_fit()
+    fit = dataclasses.replace(fit, views=(dataclasses.replace(fit.views[0], saturation=0.6), *fit.views[1:]))
+    shots = [dataclasses.replace(FRONT, exposure=e, name=f"{e:g}") for e in (0.5, 1.4, 5.0)]
+    plan = ds.plan(fit, shots)
+    scene, _ = with_shot(fit.scene, FRONT)
+    image = photograph(scene, CAMERA, (8,))
+    inside = image.any(-1)
+    for share, shot in zip(plan.clipped, shots, strict=True):
+        np.testing.assert_allclose(share, (float(shot.exposure) * image[inside] >= 0.6).any(-1).mean(), atol=0.01)
+    assert plan.clipped[0] < 0.05 < plan.clipped[1] < plan.clipped[2]
+    assert any(note.startswith("5 would have") and "clipped" in note for note in plan.notes)
+    assert not any(note.startswith("0.5 would have") for note in plan.notes)
+    assert plan.gain[1] < ds.plan(noisy_fit(), shots[1]).gain[0]
 
 
 # --- whose unknowns a lamp has
 
 
-def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own(fit):
-    shots = [
-        ds.Shot(light=ds.PointLight((0, 0, 8), 1.0, ds.RadialAttenuation(1.0, linear, 0.5))) for linear in (0.0, 3.0)
+def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
+    fit = noisy_fit()
+    lamp = ds.PointLight((0, 0, 8), 1.0, ds.RadialAttenuation(1.0, 3.0, 0.5))
+    of = {leaf: holders for (leaf, _), holders in _holders(fit, lamp).items()}
+    names = list(fit.names)
+    assert of["attenuation.linear"] == {names.index("linear")}
+    assert of["attenuation.quadratic"] == {names.index("quadratic")}
+    assert of["intensity"] == of["attenuation.constant"] == {None}
+    assert not {"position", "direction"} & set(of)
+    spot = ds.SpotLight((0, 0, 8), (0, 0, -1), 1.0, 60.0)
+    assert not any(_holders(fit, spot).values())  # of another kind
+
+
+def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said():
+    fit = noisy_fit()
+    unknowns = list(fit.unknowns)
+    unknowns[0] = dataclasses.replace(unknowns[0], places=[("lights.1.intensity", 0)], quantity="intensity")
+    unknowns[1] = dataclasses.replace(unknowns[1], places=[("views.0.exposure", 0)], quantity="views.0.exposure")
+    (note,) = [
+        n for n in notes_of(dataclasses.replace(fit, unknowns=tuple(unknowns))) if n.startswith("taken as known")
     ]
-    plan = ds.plan(fit, shots)
-    np.testing.assert_array_equal(plan.errors[0], plan.errors[1])
+    assert "exposure of a view and intensity" in note
 
 
-def test_a_lamp_of_another_kind_has_its_own_numbers(fit):
-    lamps = [
-        ds.SpotLight((0, 0, 8), (0, 0, -1), 1.0, 60.0, attenuation=ds.RadialAttenuation(1.0, 0.0, q))
-        for q in (0.0, 2.0)
-    ]
-    plan = ds.plan(fit, [ds.Shot(light=lamp) for lamp in lamps], aim="quadratic")
-    assert plan.gain[0] > plan.gain[1] > 0
+# --- the order, the information, and the words
 
 
-def test_numbers_of_each_lamp_alone_are_known_of_a_new_one():
-    fit = ds.fit(
-        SCENE, one_light_each(noisy(photographs(SCENE), SIGMA, 0)), free=("k_d", "lights.1.intensity"), start="scene"
+def notes_of(fit: ds.Fit, aim: Any = None, **change: Any) -> list[str]:
+    """What a plan of one shot says, of errors half as large as now but for a change."""
+    now = fit.plain_errors
+    given = {"now": now, "errors": 0.5 * now[None], "rank": np.array([0]), "clipped": np.array([0.0])} | change
+    return _notes(fit, [FRONT], [FRONT.name], [0], _aimed(fit.unknowns, aim), *given.values())
+
+
+def test_what_the_first_choice_does_is_said():
+    fit = noisy_fit()
+    n_s = np.array(fit.names) == "n_s"
+    said = notes_of(fit)
+    assert said[0] == "with in front the errors of what the views determine are 0.5 times those of now."
+    assert len(said) == 2
+    assert "independent noise" in said[-1]
+    assert (
+        "the errors of n_s are 0.25 times"
+        in notes_of(fit, "n_s", errors=np.where(n_s, 0.25, 1.0) * fit.plain_errors[None])[0]
     )
-    plan = ds.plan(fit, SHOTS[:2])
-    assert "taken as known of a shot, though unknown in the views: intensity." in plan.notes
+    unknown = np.where(n_s, np.inf, fit.plain_errors)
+    said = notes_of(fit, now=unknown, rank=np.array([1]))
+    assert said[0] == "in front determines n_s, which the views do not."
+    assert any("- in place of an error" in note for note in said)
+    assert any(note.startswith("new:") for note in said)
+    said = notes_of(fit, now=unknown, errors=unknown[None])
+    assert any("none of these shots determines n_s (-). Fix it, or plan with other lights" in note for note in said)
+    lost = dataclasses.replace(fit, determined=~n_s)
+    for share, count in ((0.45, 0), (0.55, 1)):  # of the value, which is the error of the logarithm
+        vague = np.where(n_s, share * fit.values, fit.plain_errors)[None]
+        assert sum("with in front too n_s would be lost" in note for note in notes_of(lost, errors=vague)) == count
+    for share, count in ((0.04, 0), (0.06, 1)):
+        assert sum("of its pixels clipped" in note for note in notes_of(fit, clipped=np.array([share]))) == count
 
 
-def test_the_exposures_of_the_views_are_not_the_shots():
-    views = one_light_each(noisy(photographs(SCENE), SIGMA, 0))
-    fit = ds.fit(SCENE, views, free=("k_d", "views.0.exposure"), start="scene")
-    plan = ds.plan(fit, SHOTS[0])
-    j = fit.names.index("exposure") if "exposure" in fit.names else -1
-    assert plan.errors[0, j] < plan.now[j]  # by k_d alone
-    assert any("exposure of a view" in note for note in plan.notes)
+def test_shots_are_ranked_by_rank_then_by_the_aim_or_the_gain_and_ties_by_name():
+    fit = noisy_fit()
+    n_s = np.array(fit.names) == "n_s"
+    names, none = ("b", "a", "c"), np.zeros(12, bool)
+    errors = np.ones((3, 12)) * fit.values
+    rank, gain = np.zeros(3, int), np.array([1.0, 1.0 + 1e-12, 2.0])
+    assert _order(fit, names, none, errors, rank, gain) == (2, 1, 0)
+    assert _order(fit, names, none, errors, np.array([1, 0, 0]), gain) == (0, 2, 1)
+    errors[1, n_s] *= 0.5
+    assert _order(fit, names, n_s, errors, rank, gain) == (1, 0, 2)
+    errors[1, 0] = np.inf
+    assert _order(fit, names, n_s | (np.arange(12) == 0), errors, rank, gain) == (0, 2, 1)
 
 
-# --- a present that is singular
-
-
-AT_ONE_POINT = eqx.tree_at(lambda b: b.position, seen_by(CAMERA), replace_fn=np.zeros_like)
-
-
-def at_one_distance() -> ds.Fit:
-    """A small ball far from its lamp: all of it is as far away."""
-    lamps = [ds.PointLight(3.0 * np.array(d), 1.0, ATTENUATION) for d in ((0.6, 0.0, 0.8), (0.0, 0.6, 0.8))]
-    scene = ds.Scene(ds.Object(AT_ONE_POINT, ds.Material(k_a=0.1, k_d=0.5, k_s=0.0)), lamps)
-    images = noisy(photographs(scene), 0.002, 0)
-    return ds.fit(scene, one_light_each(images), free=("k_d", "linear", "quadratic"), tied=TIED)
-
-
-def test_where_the_views_leave_something_open_what_settles_more_of_it_comes_first():
-    fit = at_one_distance()
-    assert not np.isfinite(fit.plain_errors).any()
-    shots = [
-        ds.Shot(light=ds.PointLight((0, 0, 3)), exposure=20.0, name="as far, and bright"),
-        ds.Shot(light=ds.PointLight((0, 0, 6)), name="twice as far"),
-        ds.Shot(light=ds.PointLight((0, 0, 12)), name="four times as far"),
-    ]
-    plan = ds.plan(fit, shots)
-    assert plan.rank.tolist() == [0, 1, 1]
-    assert plan.order[-1] == 0
-    assert plan.gain[0] > 0
-    text = str(plan)
-    assert "none of these shots determines k_d, linear and quadratic" in text
-    assert text.splitlines()[1].split()[-2:] == ["new", "gain"]
-
-
-def test_a_number_that_stays_lost_in_the_noise_is_said_to():
-    """The n_s of a ball that is all but matte."""
-    scene = standard_scene(ds.Material(k_a=0.0, k_d=0.5, k_s=0.002, n_s=30), SCENE.lights)
-    images = noisy(photographs(scene), 0.005, 0)
-    fit = ds.fit(scene, one_light_each(images), free=("k_d", "n_s"), start="scene")
-    assert not fit.determined[fit.names.index("n_s")]
-    plan = ds.plan(fit, ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front"), aim="n_s")
-    assert "with in front too n_s would be lost in the noise." in plan.notes
-
-
-def test_what_a_shot_determines_that_the_views_do_not_is_said():
-    lamp = ds.PointLight((1.8, 0.0, 2.4), 1.0, ATTENUATION)
-    scene = ds.Scene(ds.Object(AT_ONE_POINT, ds.Material(k_a=0.1, k_d=0.5, k_s=0.0)), lamp)
-    fit = ds.fit(scene, one_light_each(photographs(scene)), free=("k_d", "quadratic"))
-    plan = ds.plan(fit, ds.Shot(light=ds.PointLight((0, 0, 6)), name="far"), aim="quadratic")
-    assert plan.rank.tolist() == [1]
-    assert "far determines k_d and quadratic, which the views do not." in plan.notes
-    assert np.isfinite(plan.errors).all()
-
-
-# --- pixels, noise and other scenes
-
-
-def test_clipped_pixels_do_not_count():
-    views = one_light_each(noisy(photographs(SCENE), SIGMA, 0), saturation=1.0)
-    fit = ds.fit(SCENE, views, free=FREE, tied=TIED)
-    lamp = ds.PointLight((0, 0, 3))
-    plan = ds.plan(fit, [ds.Shot(light=lamp, exposure=e, name=f"{e:g}") for e in (1.0, 1.4, 5.0)])
-    assert plan.clipped[0] < plan.clipped[1] < plan.clipped[2] < 1.0
-    assert any(note.startswith("5 would have") and "clipped" in note for note in plan.notes)
-    assert plan.order[-1] == 2
-
-
-def test_with_the_noise_known_a_shot_weighs_by_it():
-    noise = ds.Noise(read=0.002, shot=1e-4)
-    fit = ds.fit(SCENE, one_light_each(photographs(SCENE), noise=noise), free=("k_d", "n_s"), start="scene")
-    shot = ds.Shot(light=ds.PointLight((0, 0, 3), 1.0, ATTENUATION))  # known in this fit
-    scene, view = with_shot(SCENE, shot)
-    after = ds.fit(
-        scene, [*one_light_each(photographs(SCENE), noise=noise), eqx.tree_at(
-            lambda v: v.noise, view, noise, is_leaf=lambda x: x is None)], free=("k_d", "n_s"), start="scene"
+def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
+    fit, p = noisy_fit(), len(noisy_fit().values)
+    np.testing.assert_allclose(_sizes(fit), fit.values)
+    rank, log = _information(fit, fit.evidence)
+    relative = fit.covariance / np.outer(fit.values, fit.values)
+    assert rank == p
+    np.testing.assert_allclose(log, -np.linalg.slogdet(relative)[1], rtol=1e-6)
+    H = np.diag(1.0 / fit.values**2)  # of each number its own error, but of the first
+    H[0, 0] = 0.0
+    blind = dataclasses.replace(
+        fit.evidence, hessian=H[None], gradient=np.zeros((1, p)), known_hessian=0 * H, sigma2=4.0,
+        determined=np.arange(p) > 0,
     )  # fmt: skip
-    np.testing.assert_allclose(ds.plan(fit, shot).errors[0], after.plain_errors, rtol=1e-5)
+    assert _information(fit, blind) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
+    more = _with(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
+    assert more.determined.all()
+    assert _information(fit, more) == (p, pytest.approx(-p * np.log(4.0)))
+    assert len(more.hessian) == len(more.gradient) == 2
+    held = dataclasses.replace(more, at_bound=np.arange(p) == 1)
+    assert _information(fit, held)[0] == p - 1
 
 
-def test_scenes_of_several_objects_are_planned_too():
-    scene = ds.Scene(
-        [ds.Object(ds.Sphere(), ds.Material(k_d=0.5, k_s=0.3, n_s=20)), ds.Object(ds.Plane((0, -1, 0), (0, 1, 0)))],
-        ds.PointLight((1, 2, 3)),
-    )
-    image = noisy([photograph(scene)], 0.002, 0)
-    fit = ds.fit(
-        scene, ds.View(image[0], CAMERA), free=("objects.0.material.k_d", "objects.0.material.n_s"), start="scene"
-    )
-    plan = ds.plan(fit, [ds.Shot(light=ds.PointLight((0, 0, 3)), name="lamp"), ds.Shot(name="again")], aim="n_s")
-    assert np.all(plan.errors < plan.now)
-    np.testing.assert_allclose(plan.errors[1], plan.now / np.sqrt(2.0), rtol=1e-6)
+def test_where_something_is_open_the_table_says_how_many_directions_are_new():
+    fit = noisy_fit()
+    known = np.arange(12) > 0
+    plan = Plan(
+        (FRONT,), ("in front",), (0,), fit.unknowns, fit.values, np.where(known, fit.plain_errors, np.inf),
+        fit.plain_errors[None], np.array([2.0]), np.array([1]), np.array([0.0]), ~known, ("a note.",),
+    )  # fmt: skip
+    title, head, now, first, note = str(plan).splitlines()
+    assert title.startswith("plan of 1 photograph, ranked by the error of k_a")
+    assert head.split()[-2:] == ["new", "gain"]
+    assert now.split()[1] == "-"
+    assert first.split()[-2:] == ["1", "2.00"]
+    assert note == "- a note."
+    assert [_percent(share) for share in (0.0123, 0.994, 0.996, 12.3, 1e5)] == [
+        "1.2 %",
+        "99 %",
+        "100 %",
+        "1230 %",
+        "1e+07 %",
+    ]
 
 
-def test_grey_photographs_are_planned_as_grey():
-    views = [ds.View(v.image.mean(-1), CAMERA, lit=v.lit) for v in one_light_each(noisy(photographs(SCENE), SIGMA, 0))]
-    fit = ds.fit(SCENE, views, free=("k_d", "n_s"), start="scene")
-    plan = ds.plan(fit, ds.Shot(light=ds.PointLight((0, 0, 3), 1.0, ATTENUATION)))
-    assert plan.errors.shape == (1, 2)
-    assert np.all(plan.errors < plan.now)
-
-
-# --- words
-
-
-def test_the_table_has_the_shots_from_the_best_on(fit):
-    plan = ds.plan(fit, SHOTS, aim="n_s")
-    lines = str(plan).splitlines()
-    assert lines[0] == "plan of 6 photographs, ranked by the error of n_s: standard errors with each"
-    assert lines[1].split() == ["shot", "k_a", "k_d", "k_s", "n_s", "linear", "quadratic", "gain"]
-    assert lines[2].startswith("   now")
-    for place, i in enumerate(plan.order):
-        assert lines[3 + place].startswith(f"{place + 1}  {plan.names[i]}")
-    assert plan.best is SHOTS[plan.order[0]]
-    assert any(note.startswith(f"with {plan.best.name} the errors of n_s are") for note in plan.notes)
+def test_an_aim_is_any_run_of_a_name():
+    unknowns = noisy_fit().unknowns
+    names = np.array([u.name for u in unknowns])
+    assert names[_aimed(unknowns, "k_d")].tolist() == ["k_d.r", "k_d.g", "k_d.b"]
+    assert names[_aimed(unknowns, ["k_d.g", "material.n_s"])].tolist() == ["k_d.g", "n_s"]
+    assert names[_aimed(unknowns, "attenuation")].tolist() == ["linear", "quadratic"]
+    assert not _aimed(unknowns, None).any()
 
 
 @pytest.mark.parametrize(
@@ -307,27 +245,35 @@ def test_the_table_has_the_shots_from_the_best_on(fit):
     [
         ([], {}, ValueError, ("plan needs at least one shot", "Give for example")),
         ([ds.PointLight((0, 0, 3))], {}, TypeError, ("shots[0]", "Shot", "got PointLight")),
-        (SHOTS, {"aim": "ns"}, ValueError, ("aim names 'ns'", "no unknown", "Did you mean 'n_s'?")),
-        (SHOTS, {"aim": "intensity"}, ValueError, ("aim names 'intensity'", "no unknown")),
+        (FRONT, {"aim": "ns"}, ValueError, ("aim names 'ns'", "no unknown", "Did you mean 'n_s'?")),
+        (FRONT, {"aim": "intensity"}, ValueError, ("aim names 'intensity'", "no unknown")),
+        (FRONT, {"aim": [3]}, TypeError, ("aim must hold names", "got 3")),
         (
-            [SHOTS[0], ds.Shot(camera=ds.Camera((0, 0, 4), target=(0, 0, 8), shape=(24, 24)))],
+            [FRONT, ds.Shot(camera=ds.Camera((0, 0, 4), target=(0, 0, 8), shape=(24, 24)))],
             {},
             ValueError,
             ("shots[1] sees no object", "(0, 0, 4)", "Turn the camera"),
         ),
     ],
 )
-def test_messages(fit, shots, options, error, words):
+def test_messages(shots, options, error, words):
     with pytest.raises(error) as caught:
-        inspect.unwrap(ds.plan)(fit, shots, **options)
+        inspect.unwrap(ds.plan)(noisy_fit(), shots, **options)
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 def test_a_shot_says_what_is_wrong_with_it():
     with pytest.raises(ValueError, match=r"Shot\.exposure must be above 0; got 0\.0"):
         ds.Shot(exposure=0.0)
+    wrong: Any = ({"light": "lamp"}, "Shot.light"), ({"camera": 3}, "Shot.camera"), ({"name": 3}, "Shot.name")
+    for given, word in wrong:
+        with pytest.raises(TypeError, match=word):
+            ds.Shot(**given)
 
 
 def test_a_surface_known_from_one_camera_alone_is_seen_by_no_other():
-    with pytest.raises(ValueError, match="knows its surface only as the fit's cameras see it"):
-        ds.plan(at_one_distance(), ds.Shot(camera=ds.Camera((1, 0, 4), fov=32, shape=(24, 24))))
+    scene = ds.Scene(ds.Object(seen_by(CAMERA), noisy_fit().material), noisy_fit().scene.lights)
+    fit = dataclasses.replace(noisy_fit(), scene=scene)
+    with pytest.raises(ValueError, match=r"from below has a camera of its own.*GBuffer") as caught:
+        ds.plan(fit, BELOW)
+    assert "Leave Shot.camera out" in str(caught.value)

@@ -1,6 +1,6 @@
 """Readers of files that others wrote: whatever is in them, a result or one sentence, soon, and in little memory.
 
-What a file may hold is made of the words of its format, of mutations of a good file, and of bytes. The default tier
+What a file may hold is made of the words of its format, of mutations of a good file, and of bytes. The thorough tier
 takes seconds; `-m slow` spends half an hour, or DIFFSHADE_FUZZ_SECONDS.
 """
 

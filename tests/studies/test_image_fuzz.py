@@ -1,7 +1,7 @@
 """Images, folders of photographs and meshes of strangers: a result or one sentence, soon, and in bounded memory.
 
 What a file may hold is made of a good file: bytes and numbers in it are others, pieces are moved, left out, repeated;
-the chunks of a PNG get the checksums they should have. The default tier takes seconds; `-m slow` spends half an hour,
+the chunks of a PNG get the checksums they should have. The thorough tier takes seconds; `-m slow` spends half an hour,
 or DIFFSHADE_FUZZ_SECONDS.
 """
 
@@ -24,9 +24,6 @@ from PIL import Image
 
 import diffshade as ds
 
-pytest.importorskip("trimesh")
-pytest.importorskip("zarr")
-
 # Memory: so many times what the bytes could become, and what any call takes. A sample is at most 64 bytes while it is
 # read; of deflate a byte becomes 1032 at most, of JPEG 512 pixels, of a run of TGA 64.
 MULTIPLE, CONSTANT = 64, 48 * 2**20
@@ -40,6 +37,8 @@ WORDS = (
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     """A folder with a small good file for each reader."""
+    pytest.importorskip("trimesh")
+    pytest.importorskip("zarr")
     folder = tmp_path_factory.mktemp("good")
     write_good(folder)
     return folder

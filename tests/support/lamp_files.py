@@ -2,6 +2,14 @@
 
 import numpy as np
 
+import diffshade as ds
+
+TABLE = ds.Profile(
+    [0, 20, 50, 90, 130],
+    [0, 45, 180, 360],
+    [[1, 0.9, 0.5, 0.2, 0], [1, 0.7, 0.6, 0.1, 0], [1, 0.8, 0.2, 0.1, 0], [1, 0.9, 0.5, 0.2, 0]],
+)
+LAMP = ds.MeasuredLight((0.3, 2, 0.4), (0.1, -1, 0.2), TABLE, (4, 2, 1), ds.RadialAttenuation(0.2, 0.1, 1), (1, 0.2, 0))
 VERTICAL = np.array([0.0, 10, 25, 45, 70, 90])
 
 
@@ -26,3 +34,9 @@ def ldt(symmetry, planes, values, vertical=VERTICAL, *, flux=1000.0, factor=1.0)
     head = ["maker", 2, symmetry, planes, 360 / planes, len(vertical), 0, "report", "name", 1, "file", "date"]
     head += [0] * 9 + [100, 100, factor, 0, 1, 1, "LED", flux, 4000, 80, 10] + [0] * 10
     return "\r\n".join(str(x) for x in [*head, *C, *vertical, *np.ravel(values)]) + "\r\n"
+
+
+def towards(gamma, C):
+    """Points below a lamp at the origin that shines down, C = 0 to +x: C grows as seen from above, from +x to -z."""
+    gamma, C = np.broadcast_arrays(np.deg2rad(gamma), np.deg2rad(C))
+    return np.stack([np.sin(gamma) * np.cos(C), -np.cos(gamma), -np.sin(gamma) * np.sin(C)], -1)

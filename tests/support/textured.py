@@ -32,12 +32,13 @@ def textured_ball(
     k_a: float = 0.0,
     intensity: np.ndarray | float = 1.0,
     shadows: float = 0.0,
+    gloss: float = 1.0,
     lobe: str = "phong",
     seed: int = 0,
 ) -> Ball:
     """Left a dull red material, right a shiny blue one, both with a texture; every light in a view of its own.
 
-    `shadows`: the share of the observations that something else keeps the light from.
+    `shadows`: the share of the observations that something else keeps the light from. `gloss`: times k_s.
     """
     rng = np.random.default_rng(seed)
     y, x = 1.1 - 2.2 * (np.arange(size)[:, None] + 0.5) / size, -1.1 + 2.2 * (np.arange(size)[None] + 0.5) / size
@@ -48,7 +49,7 @@ def textured_ball(
     texture = 0.75 + 0.25 * np.sin(9.0 * x) * np.cos(7.0 * y)
     left = (x < 0.1) & np.ones_like(mask)
     k_d = np.where(left[..., None], (0.7, 0.25, 0.2), (0.15, 0.3, 0.6)) * texture[..., None]
-    k_s = np.where(left, 0.3, 0.6)[..., None] * np.ones(3)
+    k_s = gloss * np.where(left, 0.3, 0.6)[..., None] * np.ones(3)
     n_s = np.where(left, 12.0, 40.0)
     to_light, v = lights_about(lights), np.array([0.0, 0.0, 1.0])
     intensity = np.ones((lights, 3)) * np.asarray(intensity)

@@ -26,6 +26,7 @@ def test_it_is_thin_and_has_no_outputs(path):
     assert not any(line.startswith(("def ", "class ")) for cell in cells for line in cell.source.splitlines())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("default")  # of the notebook machinery; the kernel below has its own
 def test_it_runs_and_draws(path, tmp_path, monkeypatch):

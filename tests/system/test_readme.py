@@ -56,6 +56,7 @@ def test_the_table_names_every_command():
     assert re.findall(r"^\| `diffshade (\w+)`", TEXT, re.MULTILINE) == list(diffshade.commands)
 
 
+@pytest.mark.thorough
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert len(PROGRAMS) >= 4

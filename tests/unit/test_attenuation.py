@@ -1,11 +1,10 @@
 """E2 and E3 at values that can be worked out by hand."""
 
-from re import escape
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from refusals import refuses
 
 import diffshade as ds
 from diffshade.attenuation import NEAREST, angular_attenuation
@@ -30,11 +29,6 @@ def test_radial(coefficients, values):
     np.testing.assert_allclose(clamped, np.minimum(values, 1), rtol=1e-14)
 
 
-def test_none_is_the_default():
-    f = ds.RadialAttenuation()
-    assert (f.constant, f.linear, f.quadratic, f.clamp) == (1, 0, 0, False)
-
-
 def test_nearer_than_the_nearest():
     f = ds.RadialAttenuation(0, 0, 1)
     for d in (0.0, 1e-9, NEAREST):
@@ -48,15 +42,6 @@ def test_no_derivative_where_it_is_clamped():
     assert jax.grad(f)(0.5) == 0
     assert jax.grad(f)(1.0) == 0
     np.testing.assert_allclose(jax.grad(f)(2.0), -0.25, rtol=1e-14)
-
-
-def test_all_three_zero_is_an_error():
-    message = (
-        "RadialAttenuation needs one of constant, linear and quadratic above 0; got 0, 0 and 0. "
-        "Give constant=1 for no attenuation."
-    )
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ds.RadialAttenuation(0, 0, 0)
 
 
 def spot(cos_phi, cutoff, exponent, softness=0.0):
@@ -102,9 +87,6 @@ def test_softness_is_smoothstep_in_the_cosine():
     middle = (outer + inner) / 2
     np.testing.assert_allclose(spot(middle, 40, 0, 15), 0.5, rtol=1e-13)
     np.testing.assert_allclose(spot(middle, 40, 3, 15), 0.5 * middle**3, rtol=1e-13)
-    step = 1e-6
-    slope = (spot(middle + step, 40, 0, 15) - spot(middle - step, 40, 0, 15)) / (2 * step)
-    np.testing.assert_allclose(slope, 1.5 / (inner - outer), rtol=1e-6)
 
 
 @pytest.mark.parametrize("softness", [1e-300, 1e-16, 1e-12, 1e-6])
@@ -160,23 +142,14 @@ def test_what_is_left_of_a_colour():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "words"),
     [
-        (
-            lambda: ds.DepthCueing(5, 3),
-            "DepthCueing.z_f must be less than z_b; got 5.0 and 3.0. Give the nearer one as z_f.",
-        ),
-        (
-            lambda: ds.DepthCueing(3, 3),
-            "DepthCueing.z_f must be less than z_b; got 3.0 and 3.0. Give the nearer one as z_f.",
-        ),
-        (
-            lambda: ds.DepthCueing(2, 3, s_f=1.5),
-            "DepthCueing.s_f must be between 0 and 1; got 1.5. Give a value in that range.",
-        ),
-        (lambda: ds.Fog(-0.1), "Fog.density must be at least 0; got -0.1. Give a value in that range."),
+        (lambda: ds.RadialAttenuation(0, 0, 0), ("RadialAttenuation", "above 0", "0, 0 and 0", "constant=1")),
+        (lambda: ds.DepthCueing(5, 3), ("DepthCueing.z_f", "less than z_b", "5.0 and 3.0")),
+        (lambda: ds.DepthCueing(3, 3), ("DepthCueing.z_f", "less than z_b", "3.0 and 3.0")),
+        (lambda: ds.DepthCueing(2, 3, s_f=1.5), ("DepthCueing.s_f", "between 0 and 1", "1.5")),
+        (lambda: ds.Fog(-0.1), ("Fog.density", "at least 0", "-0.1")),
     ],
 )
-def test_air_that_is_none(make, message):
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        make()
+def test_air_that_is_none(make, words):
+    refuses(make, *words)

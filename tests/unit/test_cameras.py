@@ -1,11 +1,11 @@
 """From a pixel to its ray, and from a point to its viewer."""
 
 import dataclasses
-from re import escape
 
 import jax
 import numpy as np
 import pytest
+from refusals import refuses
 
 import diffshade as ds
 from diffshade.rendering import pixel_rays
@@ -51,12 +51,8 @@ def test_a_camera_is_right_handed_and_upright(cls):
     assert far[1, 2, 2] < -0.1
     assert far[0, 1, 1] > 0.1
     np.testing.assert_allclose(far[1, :, 1], 0, atol=1e-14)
-    turned, _ = rays(
-        cls((5, 0, 0), up=(3, 0, -1), shape=(3, 3))
-    )  # what of `up` lies along the line of sight is left out
-    np.testing.assert_allclose(turned.shape, origin.shape)
-    _, direction = rays(cls((5, 0, 0), up=(3, 0, -1), shape=(3, 3)))
-    far = np.asarray(turned + 5 * direction)
+    origin, direction = rays(cls((5, 0, 0), up=(3, 0, -1), shape=(3, 3)))
+    far = np.asarray(origin + 5 * direction)  # what of `up` lies along the line of sight is left out
     assert far[0, 1, 2] < -0.1
     assert far[1, 2, 1] < -0.1
 
@@ -70,15 +66,6 @@ def test_the_viewer(cls):
     np.testing.assert_allclose(viewer(camera, points), np.broadcast_to([0, -1, 0], (1, 2, 3)), atol=1e-15)
 
 
-def test_defaults():
-    camera = ds.Camera((0, 0, 4))
-    np.testing.assert_array_equal(camera.target, [0, 0, 0])
-    np.testing.assert_array_equal(camera.up, [0, 1, 0])
-    assert camera.shape == (256, 256)
-    assert camera.local_viewer is True
-    assert ds.OrthographicCamera((0, 0, 4)).local_viewer is True
-
-
 @pytest.mark.parametrize("shape", [(8, 10), [8, 10], np.zeros((8, 10, 3)).shape[:2]])
 def test_a_shape_is_two_whole_numbers(shape):
     camera = ds.Camera((0, 0, 4), shape=shape)
@@ -89,53 +76,28 @@ def test_a_shape_is_two_whole_numbers(shape):
 @pytest.mark.parametrize("shape", [(8, 0), (-8, 10), (8,), (8, 10, 3)])
 @pytest.mark.parametrize("cls", [ds.Camera, ds.OrthographicCamera])
 def test_a_shape_that_is_none(cls, shape):
-    message = (
-        f"{cls.__name__}.shape must be (height, width) in pixels, two whole numbers above 0; got {shape!r}. "
-        "Give the image's shape[:2]."
-    )
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        cls((0, 0, 4), shape=shape)
+    refuses(lambda: cls((0, 0, 4), shape=shape), f"{cls.__name__}.shape", "(height, width)", repr(shape), "shape[:2]")
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "words"),
     [
-        (
-            lambda: ds.Camera((0, 0, 4), fov=180),
-            "Camera.fov must be above 0 and below 180 degrees; got 180.0. Give the full angle.",
-        ),
-        (
-            lambda: ds.Camera((0, 0, 4), fov=0),
-            "Camera.fov must be above 0 and below 180 degrees; got 0.0. Give the full angle.",
-        ),
-        (
-            lambda: ds.OrthographicCamera((0, 0, 4), height=0),
-            "OrthographicCamera.height must be above 0; got 0.0. Give it in scene units.",
-        ),
-        (
-            lambda: ds.Camera((1, 2, 3), target=(1, 2, 3)),
-            "Camera.eye must differ from target; got [1. 2. 3.] for both. Move one of them.",
-        ),
-        (
-            lambda: ds.Camera((0, 4, 0)),
-            "Camera.up must not be along the line of sight; got up [0. 1. 0.] for an eye at [0. 4. 0.] that looks at "
-            "[0. 0. 0.]. Give another up, for example (0, 0, -1).",
-        ),
+        (lambda: ds.Camera((0, 0, 4), fov=180), ("Camera.fov", "below 180", "180.0")),
+        (lambda: ds.Camera((0, 0, 4), fov=0), ("Camera.fov", "above 0", "0.0")),
+        (lambda: ds.OrthographicCamera((0, 0, 4), height=0), ("OrthographicCamera.height", "above 0", "0.0")),
+        (lambda: ds.Camera((1, 2, 3), target=(1, 2, 3)), ("Camera.eye", "differ from target", "[1. 2. 3.]")),
+        (lambda: ds.Camera((0, 4, 0)), ("Camera.up", "along the line of sight", "[0. 1. 0.]", "(0, 0, -1)")),
         (
             lambda: ds.OrthographicCamera((1, 2, 3), up=(-2, -4, -6)),
-            "OrthographicCamera.up must not be along the line of sight; got up [-2. -4. -6.] for an eye at "
-            "[1. 2. 3.] that looks at [0. 0. 0.]. Give another up, for example (0, 0, -1).",
+            ("OrthographicCamera.up", "along the line of sight", "[-2. -4. -6.]"),
         ),
-        (
-            lambda: ds.Camera((1, 2, 3), up=(0, 0, 0)),
-            "Camera.up must not be along the line of sight; got up [0. 0. 0.] for an eye at [1. 2. 3.] that looks at "
-            "[0. 0. 0.]. Give another up, for example (0, 0, -1).",
-        ),
+        (lambda: ds.Camera((1, 2, 3), up=(0, 0, 0)), ("Camera.up", "[0. 0. 0.]")),
+        (lambda: ds.Camera((0, 0, 4), principal_point=(1, 2, 3)), ("Camera.principal_point", "pair", "(3,)")),
+        (lambda: ds.Camera((0, 0, 4), aspect=0), ("Camera.aspect", "above 0", "0.0")),
     ],
 )
-def test_a_camera_that_sees_nothing(make, message):
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        make()
+def test_a_camera_that_sees_nothing(make, words):
+    refuses(make, *words)
 
 
 K = np.array([[310.5, 0, 161.3], [0, 298.2, 117.9], [0, 0, 1]])
@@ -170,50 +132,37 @@ def test_a_calibration_matrix_of_a_plain_camera_is_that_camera():
 
 
 def test_derivatives_by_a_calibration_matrix():
-    scene = ds.Scene(ds.Object(ds.Sphere((0.1, 0, -5)), ds.Material(k_d=0.7)), ds.PointLight((1, 1, 0)))
-    small = np.array([[60.0, 0, 16.4], [0, 61.0, 11.8], [0, 0, 1]])
+    small, weight = (
+        np.array([[60.0, 0, 16.4], [0, 61.0, 11.8], [0, 0, 1]]),
+        np.random.default_rng(1).normal(size=(9, 9, 3)),
+    )
 
-    def brightness(K):
-        return ds.render(scene, ds.Camera.from_intrinsics(K, shape=(24, 32)))[8:16, 12:20].sum()
+    @jax.jit
+    def total(K):
+        return (weight * rays(ds.Camera.from_intrinsics(K, shape=(9, 9)))[1]).sum()
 
-    with jax.enable_x64(True):
-        gradient = np.asarray(jax.jit(jax.grad(brightness))(jax.numpy.asarray(small)))
-        assert np.isfinite(gradient).all()
-        for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)):
-            step = np.zeros((3, 3))
-            step[i, j] = 1e-4
-            difference = (brightness(small + step) - brightness(small - step)) / 2e-4
-            np.testing.assert_allclose(gradient[i, j], difference, rtol=1e-5, atol=1e-7)
+    gradient = np.asarray(jax.jit(jax.grad(total))(small))
+    for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)):
+        step = np.zeros((3, 3))
+        step[i, j] = 1e-3
+        difference = (total(small + step) - total(small - step)) / 2e-3
+        assert abs(difference) > 1e-4
+        np.testing.assert_allclose(gradient[i, j], difference, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("matrix", "message"),
+    ("matrix", "words"),
     [
-        (
-            np.eye(2),
-            "K must be a matrix of 3 x 3 numbers; got shape (2, 2). Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]].",
-        ),
-        (
-            [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]],
-            "K must have no skew and end in (0, 0, 1); got skew 0.5 and the row (0, 0, 1). Calibrate without skew, as "
-            "OpenCV does.",
-        ),
-        (
-            [[-1, 0, 0], [0, 1, 0], [0, 0, 1]],
-            "K must have focal lengths above 0, and finite numbers; got f_x -1 and f_y 1. Give [[f_x, 0, c_x], [0, "
-            "f_y, c_y], [0, 0, 1]] in pixels.",
-        ),
+        (np.eye(2), ("3 x 3", "(2, 2)", "f_x")),
+        ([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], ("skew", "0.5")),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, 2]], ("skew", "(0, 0, 2)")),
+        ([[-1, 0, 0], [0, 1, 0], [0, 0, 1]], ("focal lengths above 0", "f_x -1")),
+        ([[1, 0, 0], [0, 0, 0], [0, 0, 1]], ("focal lengths above 0", "f_y 0")),
     ],
 )
-def test_what_is_no_calibration_matrix(matrix, message):
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ds.Camera.from_intrinsics(matrix, shape=(24, 32))
+def test_what_is_no_calibration_matrix(matrix, words):
+    refuses(lambda: ds.Camera.from_intrinsics(matrix, shape=(24, 32)), "K must", *words)
 
 
-def test_what_is_no_principal_point_or_aspect():
-    with pytest.raises(ValueError, match=r"Camera\.principal_point must be a pair of numbers; got shape \(3,\)\."):
-        ds.Camera((0, 0, 4), principal_point=(1, 2, 3))
-    with pytest.raises(ValueError, match=r"Camera\.aspect must be above 0; got 0\.0\."):
-        ds.Camera((0, 0, 4), aspect=0)
-    with pytest.raises(ValueError, match=r"Camera\.shape must be \(height, width\) in pixels"):
-        ds.Camera.from_intrinsics(K, shape=(0, 5))
+def test_the_shape_beside_a_calibration_matrix():
+    refuses(lambda: ds.Camera.from_intrinsics(K, shape=(0, 5)), "Camera.shape", "(0, 5)")

@@ -3,16 +3,16 @@
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import synthetic
 
 import diffshade as ds
 
 
 @pytest.fixture(scope="module")
 def fitted():
-    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5, 0.3, 20)), ds.PointLight((2, 2, 3)))
-    camera = ds.Camera((0, 0, 4), fov=35, shape=(24, 24))
-    view = ds.View(np.asarray(ds.render(scene, camera)) + 0.01, camera)
-    return ds.fit(scene, view, free=("k_d", "k_s", "n_s")), view
+    scene = synthetic.standard_scene()
+    views = synthetic.one_light_each([image + 0.01 for image in synthetic.photographs(scene)])
+    return ds.fit(scene, views, free=synthetic.FREE, tied=synthetic.TIED), views[0]
 
 
 def test_it_is_one_picture_with_a_row_a_view(fitted, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.exchange.gltf import Surface, ggx, kept
-from diffshade.exchange.reference import differences, radiance, reference, reference_of
+from diffshade.exchange.reference import Reference, differences, radiance, reference, reference_of
 from diffshade.exchange.srgb import from_hex, to_hex
 
 PHONG = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40, k_e=(0, 0.1, 0))
@@ -93,7 +93,7 @@ def test_what_is_refitted_states_its_error(case, tmp_path, caplog):
         np.testing.assert_allclose(found.k_e, np.asarray(material.k_e) + np.asarray(material.k_a), atol=3e-3)
 
 
-@pytest.mark.parametrize("n_s", [0.5, 3, 27, 50, 1000])
+@pytest.mark.parametrize("n_s", [0.5, 50, *(pytest.param(n, marks=pytest.mark.thorough) for n in (3, 27, 1000))])
 def test_phong_becomes_blinn_and_back(n_s):
     """About 4 n_s, less where the highlight is wide; the way back finds the exponent again."""
     phong = ds.Material(0.1, 0.5, (0.8, 0.4, 0.2), n_s)
@@ -105,35 +105,31 @@ def test_phong_becomes_blinn_and_back(n_s):
     np.testing.assert_allclose(back.material.n_s, n_s, rtol=0.02 if n_s > 1 else 0.6)
     assert 0 < blinn.rms < blinn.largest
     assert str(blinn).startswith(f"the highlight, Phong with n_s {n_s:g}, becomes Blinn with n_s")
+    points = reference_of(phong)  # and there is no better one
+    m = blinn.material
+    for of_n, of_k in ((1.01, 1.0), (0.99, 1.0), (1.0, 1.01), (1.0, 0.99)):
+        other = dataclasses.replace(m, n_s=m.n_s * of_n, k_s=m.k_s * of_k)
+        assert differences(radiance(phong, points), radiance(other, points))[0] > blinn.rms
 
 
-def test_a_refit_is_the_best_there_is():
-    material = ds.Material(0, 0.5, 0.8, 50)
-    refit = ds.with_lobe(material, ds.Blinn())
-    points = reference_of(material)
-    for n_s, k_s in ((1.01, 1.0), (0.99, 1.0), (1.0, 1.01), (1.0, 0.99)):
-        m = refit.material
-        other = dataclasses.replace(m, n_s=m.n_s * n_s, k_s=m.k_s * k_s)
-        assert differences(radiance(material, points), radiance(other, points))[0] > refit.rms
-
-
-def test_a_material_within_the_limits_is_left_alone():
+def test_what_is_within_the_limits_is_left_alone_and_what_is_not_is_refitted():
     refit = ds.with_lobe(PHONG, ds.Phong(), highest_n_s=40, highest_k=0.7)
     assert (refit.rms, refit.largest, str(refit)) == (0, 0, "the highlight is the same.")
     assert_same(refit.material, PHONG, 0)
     same = ds.with_lobe(dataclasses.replace(PHONG, n_s=(40, 40, 40)), ds.Phong())
     assert float(same.material.n_s) == 40
-
-
-def test_fresnel_and_exponents_of_each_channel_are_refitted():
-    schlick = ds.Material(0, 0.4, 0.04, 60, fresnel=ds.Schlick())
-    refit = ds.with_lobe(schlick, ds.Phong())
-    assert isinstance(refit.material.fresnel, ds.NoFresnel)
-    assert "Schlick's weight" in str(refit)
-    assert refit.rms < 1e-3
+    schlick = ds.with_lobe(ds.Material(0, 0.4, 0.04, 60, fresnel=ds.Schlick()), ds.Phong())
+    assert isinstance(schlick.material.fresnel, ds.NoFresnel)
+    assert "Schlick's weight" in str(schlick)
+    assert 0 < schlick.rms < 1e-3
     tinted = ds.with_lobe(dataclasses.replace(PHONG, n_s=(20, 40, 80)), ds.Phong())
     assert 20 < float(tinted.material.n_s) < 80
     assert "n_s 20, 40, 80" in str(tinted)
+    for limits in ({"highest_n_s": 39}, {"highest_k": 0.69}):
+        less = ds.with_lobe(PHONG, ds.Phong(), **limits)
+        assert less.material.n_s <= limits.get("highest_n_s", 1e5)
+        assert np.max(less.material.k_d) <= limits.get("highest_k", 1)
+        assert less.rms > 0
 
 
 def test_the_reference_is_what_the_library_renders():
@@ -147,6 +143,9 @@ def test_the_reference_is_what_the_library_renders():
     with jax.enable_x64(True):
         image = np.asarray(ds.render(scene, camera))[0]
     np.testing.assert_allclose(radiance(PHONG, points)[(points.l == light).all(-1)], image, atol=1e-12)
+    wide = reference(0.0)  # twice 256 normals evenly over a half sphere, of which all are seen
+    np.testing.assert_allclose(np.sort(wide.n_h[:512]), np.repeat((np.arange(256) + 0.5) / 256, 2), atol=1e-12)
+    assert 512 * 3 < len(wide.n) < 512 * 5
 
 
 def test_ggx_keeps_light():
@@ -160,6 +159,22 @@ def test_ggx_keeps_light():
     points = reference(10.0)
     np.testing.assert_allclose(flat.reflected(points), 0.5 * points.n_l[:, None] * np.ones(3))
     assert np.isfinite(ggx(points, 0.05**2)).all()
+    i = np.arange(20_000)  # directions to the light evenly over a sphere: the integral itself
+    z, turn = 1 - (2 * i + 1) / len(i), np.pi * (3 - np.sqrt(5)) * i
+    l = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], -1)
+    for cosine, alpha in ((0.3, 0.5), (0.8, 0.5), (0.6, 1.0)):
+        around = Reference(np.broadcast_to([np.sqrt(1 - cosine**2), 0, cosine], l.shape), l)
+        lit = around.n_l > 0
+        expected = 4 * np.mean(np.where(lit, ggx(around, alpha) * around.n_l, 0.0))
+        np.testing.assert_allclose(kept(np.array([cosine]), alpha), expected, rtol=0.01)
+
+
+def test_vtk_says_what_its_ambient_term_loses(tmp_path):
+    written = ds.write_material(tmp_path / "a.py", dataclasses.replace(UNLIT, k_a=(0.8, 0.5, 0.1), k_e=(0.5, 0.1, 0)))
+    assert "VTK clamps the ambient term at 1" in str(written)
+    assert "k_e is added to k_a" in str(written)
+    np.testing.assert_allclose([written.rms, written.largest], [0.3 / np.sqrt(3), 0.3], rtol=1e-12)
+    np.testing.assert_allclose(ds.read_material(written.path).k_a, (1, 0.6, 0.1), rtol=1e-12)
 
 
 def test_several_materials_in_one_mtl(tmp_path):
@@ -205,7 +220,7 @@ def test_opengl_lights_are_read_again(tmp_path):
         np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
-def test_opengl_by_hand(tmp_path):
+def test_opengl_and_vtk_by_hand(tmp_path):
     code = """
     GLfloat mat_specular[] = { 1.0, 0.5, .25, 1.0 }; /* { 9 } */ // glMaterialf(GL_FRONT, GL_SHININESS, 9);
     glMaterialfv(GL_FRONT, GL_SPECULAR, mat_specular);
@@ -217,30 +232,26 @@ def test_opengl_by_hand(tmp_path):
         ds.read_material(tmp_path / "a.c"),
         ds.Material((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (1, 0.5, 0.25), 50, ds.Blinn()),
     )
-
-
-def test_a_property_set_by_hand(tmp_path):
-    (tmp_path / "a.py").write_text(
-        "p = actor.GetProperty()\np.SetDiffuse(0.5)\np.SetDiffuseColor(1, 0.5, 0)\np.SetSpecular(3)\n"
-    )
+    code = "p = actor.GetProperty()\np.SetDiffuse(0.5)\np.SetDiffuseColor(1, 0.5, 0)\np.SetSpecular(3)\n"
+    (tmp_path / "a.py").write_text(code)
     assert_same(ds.read_material(tmp_path / "a.py"), ds.Material(0, (0.5, 0.25, 0), 1, 1))
 
 
-@pytest.mark.parametrize(
-    ("suffix", "sentence"),
-    [
-        (".c", "OpenGL does not bend light: eta 1.5 is left out."),
-        (".py", "VTK does not bend light: eta 1.5 is left out."),
-        (".js", "MeshPhongMaterial has one opacity for all colours: k_t (0.9, 0.6, 0.3) is written as its mean."),
-        (".gltf", "glTF has no ambient reflection: k_a (0.1, 0.05, 0.02) is left out."),
-        (".inc", "k_t is its mean."),
-    ],
-)
-def test_what_is_lost_is_said(suffix, sentence, tmp_path):
+LOST = {
+    ".c": "OpenGL does not bend light: eta 1.5 is left out.",
+    ".py": "VTK does not bend light: eta 1.5 is left out.",
+    ".js": "MeshPhongMaterial has one opacity for all colours: k_t (0.9, 0.6, 0.3) is written as its mean.",
+    ".gltf": "glTF has no ambient reflection: k_a (0.1, 0.05, 0.02) is left out.",
+    ".inc": "k_t is its mean.",
+}
+
+
+@pytest.mark.parametrize("suffix", LOST)
+def test_what_is_lost_is_said(suffix, tmp_path):
     glass = dataclasses.replace(PHONG, k_e=0, k_t=(0.9, 0.6, 0.3), eta=1.5)
     written = ds.write_material(tmp_path / f"a{suffix}", glass, lights=LIGHTS)
-    assert sentence in str(written)
-    assert sentence in written.path.read_text().replace("\\n", " ")
+    assert LOST[suffix] in str(written)
+    assert LOST[suffix] in written.path.read_text().replace("\\n", " ")
     if suffix != ".c":
         assert "attenuation a0, a1, a2" in str(written)
 
@@ -280,30 +291,27 @@ def test_bytes_of_a_colour():
     assert to_hex(from_hex(0x123456)) == 0x123456
 
 
-def test_nothing_is_written_where_something_is_wrong(tmp_path):
-    wrong = [
-        ("a.obj", PHONG, {}, "no format of materials ends in '.obj'. Known ends: .mtl, .c,"),
-        ("a.c", {"a": PHONG, "b": PHONG}, {}, "a .c file holds one material; got 2."),
-        ("a.c", PHONG, {"name": "a b"}, "a material's name must be a name of letters, digits and _; got 'a b'."),
-        ("a.mtl", {"a b": PHONG}, {}, "a material's name must be one word; got 'a b'."),
-        ("a.mtl", {}, {}, "needs at least one material; got none."),
-        ("a.c", PHONG, {"lights": LIGHTS * 3}, "OpenGL has 8 lights; got 9."),
-        (
-            "a.c",
-            PHONG,
-            {"lights": ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0))},
-            "OpenGL has no AreaLight; got one as",
-        ),
-        ("a.mtl", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
-        ("a.gltf", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
-        ("a.js", ds.Material(k_d=ds.Chequer(0.1, 0.9)), {}, "a material's file holds colours; got a Chequer."),
-    ]
-    for file, material, options, message in wrong:
-        with pytest.raises(ValueError, match=re.escape(message)) as caught:
-            ds.write_material(tmp_path / file, material, **options)
-        assert "\n" not in str(caught.value)
-    with pytest.raises(TypeError, match="the material 'a' must be a Material; got Sphere"):
-        ds.write_material(tmp_path / "a.mtl", {"a": ds.Sphere()})
+AREA, CHEQUERED = ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0)), ds.Material(k_d=ds.Chequer(0.1, 0.9))
+WRONG = [
+    ("a.obj", PHONG, {}, "no format of materials ends in '.obj'. Known ends: .mtl, .c,"),
+    ("a.c", {"a": PHONG, "b": PHONG}, {}, "a .c file holds one material; got 2. Write each to a file of its own."),
+    ("a.c", PHONG, {"name": "a b"}, "a material's name must be a name of letters, digits and _; got 'a b'. Rename it."),
+    ("a.c", PHONG, {"name": "a" * 61}, "a material's name must be a name of letters, digits and _"),
+    ("a.mtl", {"a b": PHONG}, {}, "a material's name must be one word; got 'a b'."),
+    ("a.mtl", {"a#": PHONG}, {}, "a material's name must be one word; got 'a#'."),
+    ("a.mtl", {}, {}, "needs at least one material; got none."),
+    ("a.mtl", {"a": ds.Sphere()}, {}, "the material 'a' must be a Material; got Sphere"),
+    ("a.c", PHONG, {"lights": LIGHTS * 3}, "OpenGL has 8 lights; got 9."),
+    ("a.c", PHONG, {"lights": AREA}, "OpenGL has no AreaLight; got one as lights[0]."),
+    *((f"a{of}", CHEQUERED, {}, "a material's file holds colours; got a Chequer.") for of in (".mtl", ".gltf", ".js")),
+]
+
+
+@pytest.mark.parametrize(("file", "material", "options", "message"), WRONG)
+def test_nothing_is_written_where_something_is_wrong(tmp_path, file, material, options, message):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)) as caught:
+        ds.write_material(tmp_path / file, material, **options)
+    assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -314,6 +322,7 @@ BAD = [
     ("a.mtl", "newmtl a\nKd 1 nan 1", "'a': Kd must be a finite number; got 'nan'."),
     ("a.mtl", "newmtl a\nKd 1 -1 1", "'a': Material.k_d must be at least 0; got (1, -1, 1)."),
     ("a.mtl", "newmtl a\nNs", "'a': Ns must be a finite number; got ''."),
+    ("a.mtl", "newmtl a\nKd 1 1", "'a': Kd must be one number or three; got '1 1'."),
     ("a.c", "int main;", "has no call of glMaterial."),
     ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, n);", "GL_SHININESS must be given numbers; got 'n'."),
     ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, 129);", "GL_SHININESS must be 0 to 128; got 129."),
@@ -328,7 +337,11 @@ BAD = [
     ("a.json", "[]", "is no MeshPhongMaterial of three.js."),
     ("a.json", '{"type": "MeshPhongMaterial", "color": -1}', "color must be a colour, 0 to 16777215; got '-1'."),
     ("a.json", '{"type": "MeshPhongMaterial", "shininess": NaN}', "shininess must be a finite number; got 'nan'."),
+    ("a.json", '{"type": "MeshPhongMaterial", "shininess": -1}', "shininess must be 0 to 100000"),
     ("a.js", "x", "makes no MeshPhongMaterial."),
+    ("a.js", "MeshPhongMaterial color: new THREE.Color().setRGB(1, 2, 3)", "color must be three numbers and Linear"),
+    ("a.inc", "pigment { rgb <1, 1, 1> } finish { specular 1 roughness 0 }", "roughness must be above 0; got 0."),
+    ("a.txt", "", "no material can be read from '.txt'. Known ends: .mtl,"),
     ("a.gltf", "{}", "no material can be read from '.gltf' (glTF is only written)."),
 ]
 

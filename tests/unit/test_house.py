@@ -4,8 +4,6 @@ import ast
 import inspect
 from pathlib import Path
 
-import pytest
-
 import diffshade as ds
 
 ROOT = Path(ds.__file__).parent
@@ -74,17 +72,19 @@ def imports(file: Path) -> set[tuple[str, ...]]:
     return found
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
-def test_imports_point_downwards(file):
-    here = place(file)
-    for name in imports(file):
-        if name[0] in ONLY_IN:
-            assert here == ONLY_IN[name[0]], f"only {ONLY_IN[name[0]]} may import {name[0]}"
-        if name == ("diffshade",):
-            assert here == "cli", "only the command line uses the public names"
-        elif name[0] == "diffshade" and here != "__init__":
-            assert LEVEL[name[1]] <= LEVEL[here], f"{here} may not import {name[1]}"
-            assert (here, name[1]) not in STRANGERS, f"{here} may not know {name[1]}"
+def test_imports_point_downwards():
+    wrong = []
+    for file in FILES:
+        here = place(file)
+        for name in imports(file):
+            if name[0] in ONLY_IN and here != ONLY_IN[name[0]]:
+                wrong.append(f"only {ONLY_IN[name[0]]} may import {name[0]}; {file} does")
+            if name == ("diffshade",):
+                wrong += [f"only the command line uses the public names; {file} does"] * (here != "cli")
+            elif name[0] == "diffshade" and here != "__init__":
+                wrong += [f"{file} may not import {name[1]}"] * (LEVEL[name[1]] > LEVEL[here])
+                wrong += [f"{here} may not know {name[1]}"] * ((here, name[1]) in STRANGERS)
+    assert wrong == []
 
 
 def test_the_imports_are_found():
@@ -100,15 +100,15 @@ def test_no_module_has_the_name_of_a_public_name():
     assert not {place(file) for file in FILES} & set(PUBLIC)
 
 
-@pytest.mark.parametrize("name", PUBLIC)
-def test_every_public_name_has_a_docstring_of_its_own(name):
-    doc = vars(PUBLIC[name]).get("__doc__") if inspect.isclass(PUBLIC[name]) else PUBLIC[name].__doc__
-    assert doc
-    assert not doc.startswith(f"{name}(")  # what a dataclass without one is given
+def test_every_public_name_has_a_docstring_of_its_own():
+    for name, value in PUBLIC.items():
+        doc = vars(value).get("__doc__") if inspect.isclass(value) else value.__doc__
+        assert doc, name
+        assert not doc.startswith(f"{name}("), name  # what a dataclass without one is given
 
 
-@pytest.mark.parametrize("name", [name for name, value in PUBLIC.items() if inspect.isfunction(value)])
-def test_optional_arguments_are_keyword_only(name):
-    parameters = inspect.signature(PUBLIC[name]).parameters.values()
-    optional = [p.name for p in parameters if p.default is not p.empty and p.kind is not p.KEYWORD_ONLY]
-    assert optional == []
+def test_optional_arguments_are_keyword_only():
+    for name in (name for name, value in PUBLIC.items() if inspect.isfunction(value)):
+        parameters = inspect.signature(PUBLIC[name]).parameters.values()
+        optional = [p.name for p in parameters if p.default is not p.empty and p.kind is not p.KEYWORD_ONLY]
+        assert optional == [], name

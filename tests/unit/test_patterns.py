@@ -1,10 +1,8 @@
 """Patterns: the colour of a chequer at a point."""
 
-from re import escape
-
 import jax
 import numpy as np
-import pytest
+from refusals import refuses
 
 import diffshade as ds
 from diffshade.vectors import Vec3
@@ -53,15 +51,8 @@ def test_only_the_smooth_one_has_a_derivative():
         assert np.isfinite(slope).all()
 
 
-@pytest.mark.parametrize("period", [0.0, -1.0])
-def test_a_period_of_nothing(period):
-    message = f"Chequer.period must be above 0; got {period}. Give the length of two squares."
-    with pytest.raises(ValueError, match=f"^{escape(message)}$"):
-        ds.Chequer(A, B, period)
-
-
-def test_a_pattern_is_one_of_colours():
-    with pytest.raises(TypeError, match=r"^Material\.k_d must be a Pattern; got Sphere\. Give for example Chequer"):
-        ds.Material(k_d=ds.Sphere())
-    with pytest.raises(ValueError, match=r"^Chequer\.a must be a colour of 1 or 3 numbers; got shape \(2,\)"):
-        ds.Chequer((1, 2), B)
+def test_a_pattern_that_is_none():
+    for period in (0.0, -1.0):
+        refuses(lambda period=period: ds.Chequer(A, B, period), "Chequer.period", "above 0", str(period))
+    refuses(lambda: ds.Chequer((1, 2), B), "Chequer.a", "colour of 1 or 3 numbers", "(2,)")
+    refuses(lambda: ds.Material(k_d=ds.Sphere()), "Material.k_d", "Pattern", "Sphere", "Chequer", error=TypeError)

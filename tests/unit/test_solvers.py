@@ -1,6 +1,4 @@
-"""The engine: it finds what optimistix's and SciPy's own least squares find, within bounds, in any units."""
-
-from typing import Any, NamedTuple
+"""The engine: it finds what SciPy's own least squares find, within bounds, in any units."""
 
 import jax
 import jax.numpy as jnp
@@ -9,29 +7,20 @@ import numpy as np
 import optimistix as optx
 import pytest
 import scipy.optimize
-from synthetic import (
-    ATTENUATION,
-    CAMERA,
-    FREE,
-    MATERIAL,
-    TIED,
-    noisy,
-    one_light_each,
-    photographs,
-    point_lights,
-    standard_scene,
+from refusals import refuses
+from solver_witness import (
+    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth,
+    assert_the_material_is_in_the_unit_of_the_photographs,
+    assert_the_optimum_is_that_of_scipy,
+    assert_units_of_residuals_change_neither_steps_nor_values,
+    three_views,
 )
+from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.blocks import Block
 from diffshade.inverse.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
-from diffshade.inverse.fitting import look_at
 from diffshade.inverse.gram import Gram, Point
-from diffshade.inverse.parameters import Unknown, coordinates, find_unknowns
-from diffshade.inverse.residuals import Rendered
-from diffshade.inverse.solvers import Minimum, Soft, minimise
-from diffshade.inverse.study import Study
-from diffshade.inverse.views import find_samples
+from diffshade.inverse.solvers import Soft
 
 
 @pytest.fixture(autouse=True)
@@ -40,204 +29,28 @@ def _float64():
         yield
 
 
-class Solver(NamedTuple):
-    """A fit's unknowns and residuals as numbers, in the solver's coordinates (log n_s)."""
-
-    unknowns: list[Unknown]
-    work: Study
-    witness: tuple[Rendered, Block]
-    """The same residuals by rendering, in one chunk of blocks, whatever form the solver uses."""
-    start: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-
-    def run(self, max_steps: int = 200) -> Minimum:
-        return minimise(self.start, self.work.task(), self.work.whole, squares=self.work.squares, max_steps=max_steps)
+# --- a fit; other bounds, units and solvers are in studies/test_optima.py
 
 
-def three_views(
-    material=MATERIAL, attenuation=ATTENUATION, bounds=None, sigma=0.005, seed=0, free=FREE, rendered=False
-) -> Solver:
-    scene = standard_scene(material, point_lights(attenuation))
-    views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
-    unknowns = find_unknowns(scene, views, free, TIED, bounds)
-    samples, counts = look_at(scene, views, unknowns, "hinge")
-    works = [
-        Study(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=form) for form in (rendered, True)
-    ]
-    for work in works:
-        work.lay_out()
-    (chunk,) = works[1].whole
-    ends = (
-        coordinates(np.array([getattr(u, name) for u in unknowns]), unknowns) for name in ("start", "lower", "upper")
-    )
-    return Solver(unknowns, works[0], (works[1].form, chunk), *ends)
+@pytest.mark.thorough
+def test_within_bounds_the_optimum_is_that_of_scipy():
+    boxes = {"k_d": (0.3, 0.5), "k_a": (0.07, 0.09)}
+    assert_the_optimum_is_that_of_scipy(three_views(bounds=boxes), {"k_d.r", "k_d.b"})
 
 
-def all_residuals(theta, witness):
-    """Every residual of every block in one vector."""
-    form, chunk = witness
-    weight = jnp.sqrt(chunk.observed.weight)
-    predicted = jax.vmap(lambda block: jnp.stack(form.predict(theta, block)))(chunk)
-    return jnp.ravel(weight * (predicted - chunk.observed.target))
-
-
-dense_residuals = jax.jit(all_residuals)
-dense_jacobian = jax.jit(jax.jacfwd(all_residuals))
-
-
-def cost(theta, witness) -> float:
-    r = np.asarray(dense_residuals(theta, witness))
-    return 0.5 * float(r @ r)
-
-
-def scipy_optimum(solver: Solver) -> scipy.optimize.OptimizeResult:
-    options: dict[str, Any] = {"x_scale": "jac", "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": 200}
-    options["jac"] = lambda theta: np.asarray(dense_jacobian(theta, solver.witness))
-    return scipy.optimize.least_squares(
-        lambda theta: np.asarray(dense_residuals(theta, solver.witness)),
-        np.clip(solver.start, solver.lower + 1e-9, solver.upper - 1e-9),
-        bounds=(solver.lower, solver.upper),
-        **options,
-    )
-
-
-def at_ends(theta, solver: Solver) -> tuple[np.ndarray, np.ndarray]:
-    """Which unknowns stand at their lower and at their upper bound, but for rounding."""
-    room = 1e-12 * np.abs(theta)
-    return theta <= solver.lower + room, theta >= solver.upper - room
-
-
-def assert_is_a_minimum_within_bounds(theta, gram: Gram, solver: Solver) -> None:
-    """Karush-Kuhn-Tucker: no slope along what is free, a slope out of the box along what stands at a bound.
-
-    The slope is measured in the lengths of the Jacobian's columns and of the residual: it is their cosine.
-    """
-    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian)
-    lengths = np.sqrt(np.diag(H) * 2.0 * float(gram.cost))
-    slope = np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
-    low, high = at_ends(theta, solver)
-    room = 1e-12 * np.abs(theta)
-    assert np.all((solver.lower - room <= theta) & (theta <= solver.upper + room))
-    np.testing.assert_allclose(slope[~low & ~high], 0.0, atol=1e-6)
-    assert np.all(slope[low] >= -1e-12)
-    assert np.all(slope[high] <= 1e-12)
-
-
-# --- the same optimum as the witnesses
-
-
-@pytest.mark.parametrize("rendered", [False, True], ids=["features", "rendered"])
-def test_the_optimum_is_that_of_optimistix_levenberg_marquardt(rendered):
-    """The witness keeps the whole Jacobian and knows no bounds; here none is reached."""
-    solver = three_views(rendered=rendered)
-    assert solver.work.form.projects is not rendered
-    end = solver.run()
-    assert end.message == ""
-    theta = np.asarray(end.point.theta)
-    witness = optx.least_squares(
-        all_residuals,
-        optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10, norm=optx.rms_norm),
-        jnp.asarray(solver.start),
-        solver.witness,
-        max_steps=300,
-    )
-    np.testing.assert_allclose(theta, witness.value, rtol=1e-8)
-    np.testing.assert_allclose(float(end.point.total.cost), cost(witness.value, solver.witness), rtol=1e-10)
-    np.testing.assert_allclose(float(end.point.total.cost), cost(theta, solver.witness), rtol=1e-10)
-    np.testing.assert_allclose(end.point.views.hessian.sum(0), end.point.total.hessian, rtol=1e-12)
-    r, J = (np.asarray(f(theta, solver.witness)) for f in (dense_residuals, dense_jacobian))
-    np.testing.assert_allclose(end.point.total.hessian, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
-    np.testing.assert_allclose(end.point.total.gradient, J.T @ r, atol=1e-8 * np.abs(J).sum() * np.abs(r).max())
-
-
-K_S_BELOW_TRUTH, N_S_BELOW_TRUTH, N_S_ABOVE_TRUTH = {"k_s": (0.0, 0.3)}, {"n_s": (0.1, 30.0)}, {"n_s": (80.0, 1e3)}
-K_A = ds.Material(k_a=0.0, k_d=MATERIAL.k_d, k_s=MATERIAL.k_s, n_s=50)
-K_S_GREEN = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=(0.5, 0.0, 0.45), n_s=50)
-
-
-@pytest.mark.parametrize(
-    ("options", "at_a_bound"),
-    [
-        pytest.param({}, set(), id="interior"),
-        pytest.param({"material": K_A, "seed": 1}, {"k_a.b"}, id="k_a=0"),
-        pytest.param({"material": K_S_GREEN, "seed": 1}, {"k_s.g"}, id="one channel of k_s=0"),
-        pytest.param({"bounds": K_S_BELOW_TRUTH}, {"k_s.r", "k_s.g", "k_s.b"}, id="upper bound on k_s"),
-        pytest.param({"bounds": N_S_BELOW_TRUTH}, {"n_s"}, id="upper bound on n_s"),
-        pytest.param({"bounds": N_S_ABOVE_TRUTH}, {"n_s"}, id="lower bound on n_s"),
-        pytest.param({"attenuation": ds.RadialAttenuation(), "seed": 1}, {"linear", "quadratic"}, id="no attenuation"),
-        pytest.param({"bounds": {"k_d": (0.3, 0.5), "k_a": (0.07, 0.09)}}, {"k_d.r", "k_d.b"}, id="boxes"),
-    ],
-)
-def test_within_bounds_the_optimum_is_that_of_scipy(options, at_a_bound):
-    solver = three_views(**options)
-    end = solver.run()
-    theta, gram = np.asarray(end.point.theta), end.point.total
-    assert end.message == ""
-    assert_is_a_minimum_within_bounds(theta, gram, solver)
-    bound = np.logical_or(*at_ends(theta, solver))
-    assert at_a_bound <= {u.name for u, there in zip(solver.unknowns, bound, strict=True) if there}
-    witness = scipy_optimum(solver)
-    np.testing.assert_allclose(theta, witness.x, atol=1e-6)
-    np.testing.assert_allclose(float(gram.cost), witness.cost, rtol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed):
+def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth():
     """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
-    matte = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=0.0, n_s=10)
-    solver = three_views(matte, seed=seed)
-    end = solver.run()
-    theta, gram = np.asarray(end.point.theta), end.point.total
-    assert_is_a_minimum_within_bounds(theta, gram, solver)
-    truth = np.concatenate([*(np.asarray(k) for k in (matte.k_a, matte.k_d, matte.k_s)), [np.log(10), 0.09, 0.032]])
-    assert float(gram.cost) <= cost(truth, solver.witness)
+    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(0)
 
 
-# --- independent of the start and of units
-
-
-@pytest.mark.parametrize("n_s", [2.0, 1000.0])
-@pytest.mark.parametrize("sigma", [0.0, 0.005])
-def test_a_broad_and_a_sharp_highlight_are_found_from_the_default_start(n_s, sigma):
-    """The search begins at n_s = 10, whose lobe barely overlaps with that of n_s = 1000."""
-    camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(64, 64))
-    scene = standard_scene(ds.Material(MATERIAL.k_a, MATERIAL.k_d, MATERIAL.k_s, n_s))
-    clean = photographs(scene, camera)[:3]
-    views = one_light_each(noisy(clean, sigma, 0), camera)
-    fit = ds.fit(scene, views, free=FREE, tied=TIED)
-    noise = [(v.image - c)[find_samples(scene, v).inside] for v, c in zip(views, clean, strict=True)]
-    rmse_of_truth = np.sqrt(np.mean(np.concatenate(noise) ** 2))
-    assert fit.converged
-    assert (
-        fit.rmse <= rmse_of_truth * (1 + 1e-9) + 3e-13
-    )  # a fit stops where a step promises 1e-25 of the sum of squares
-
-
-@pytest.mark.parametrize("scale", [1e-4, 1e4])
-def test_the_unit_of_the_residuals_changes_neither_steps_nor_values(scale):
+def test_the_unit_of_the_residuals_changes_neither_steps_nor_values():
     """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
-    scene = standard_scene()
-    images = noisy(photographs(scene), 0.005, 0)[:3]
-    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
-    exposed = one_light_each([scale * image for image in images], exposure=scale)
-    other = ds.fit(scene, exposed, free=FREE, tied=TIED)
-    assert abs(one.steps - other.steps) <= 1
-    np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
-    np.testing.assert_allclose(other.plain_errors, one.plain_errors, rtol=1e-6)
-    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
+    assert_units_of_residuals_change_neither_steps_nor_values(1e-4)
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1e2, 1e4])
-def test_photographs_in_other_units_give_the_same_material_times_that_unit(scale):
+def test_photographs_in_other_units_give_the_same_material_times_that_unit():
     """The start, k = 0.3, is then far from the answer: n_s and the attenuation must not run away from it."""
-    scene = standard_scene()
-    images = noisy(photographs(scene), 0.005, 0)[:3]
-    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
-    other = ds.fit(scene, one_light_each([scale * image for image in images]), free=FREE, tied=TIED)
-    factor = np.array([scale if "k_" in name else 1.0 for name in one.names])
-    np.testing.assert_allclose(other.values, factor * one.values, rtol=1e-6)
-    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
+    assert_the_material_is_in_the_unit_of_the_photographs(1e4)
 
 
 # --- the step
@@ -361,7 +174,7 @@ def box_constrained(y, args, lower, upper):
 def test_bounded_linear_problems_are_solved_whatever_their_correlations():
     """Correlated columns send the first active sets astray: a step may not lower the model, and is no convergence."""
     random = np.random.default_rng(0)
-    for _ in range(400):
+    for _ in range(200):
         p = 8
         A = random.standard_normal((p + 8, p)) @ (np.eye(p) + random.standard_normal((p, p)))
         b = A @ random.standard_normal(p) + 0.5 * random.standard_normal(p + 8)
@@ -408,11 +221,7 @@ def test_a_step_onto_something_that_is_not_finite_is_taken_back(wall):
 def test_a_start_that_is_not_finite_is_an_error_in_one_sentence():
     scene = standard_scene(lights=[ds.PointLight((2, 3, 4), 1e200)] * 8)
     views = one_light_each([np.full((*CAMERA.shape, 3), 0.5)] * 3)
-    with pytest.raises(FloatingPointError) as refusal:
-        ds.fit(scene, views, free=FREE, tied=TIED)
-    message = str(refusal.value)
-    assert message.startswith("the fit met a number that is not finite")
-    assert "\n" not in message
+    refuses(lambda: ds.fit(scene, views, free=FREE, tied=TIED), "not finite", error=FloatingPointError)
 
 
 def test_a_solver_that_runs_out_of_steps_says_so():

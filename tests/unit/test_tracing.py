@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
@@ -12,6 +13,13 @@ LIGHT = ds.PointLight((2, 3, 4), 5)
 SOLID = ds.Material(0.1, (0.7, 0.25, 0.2), 0.4, 12)
 CLEAR = dataclasses.replace(SOLID, k_t=np.array([0.3, 0.6, 0.9]))
 WALL = ds.Object(ds.Plane((0, 0, -2), (0.1, 0, 1)), ds.Material(k_a=ds.Chequer(0.1, (0.9, 0.8, 0.3))))
+
+
+@pytest.fixture(autouse=True)
+def _operation_by_operation():
+    """The structures are many."""
+    with jax.disable_jit():
+        yield
 
 
 def render(*objects, camera=CAMERA, **options):

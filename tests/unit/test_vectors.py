@@ -76,10 +76,9 @@ def test_the_halfway_vector():
     same(reflect(l, h), UNIT)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_in_one_plane_blinns_angle_is_half_of_phongs(seed):
+def test_in_one_plane_blinns_angle_is_half_of_phongs():
     """angle(n, h) = angle(v, r)/2 where l, n and v lie in one plane."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     x, y = np.linalg.qr(random.normal(size=(3, 2)))[0].T  # the plane
     of_l, of_v = np.deg2rad(random.uniform(-89, 89, (2, 200)))[:, :, None]
     n = Vec3.of(np.broadcast_to(y, (200, 3)))
@@ -91,15 +90,8 @@ def test_in_one_plane_blinns_angle_is_half_of_phongs(seed):
     r = reflect(l, n)
     np.testing.assert_allclose(between(n, halfway(l, v)), between(v, r) / 2, atol=1e-14)
     same(l + r, 2 * np.cos(of_l) * np.asarray(n.stack()))
-
-
-def test_half_the_angle_of_phong():
-    """With l, n, v in one plane n.h is the cosine of half the angle of v.r."""
-    n_to_l, n_to_v = np.deg2rad(50.0), np.deg2rad(-20.0)
-    l, v = (Vec3(jnp.sin(a), jnp.array(0.0), jnp.cos(a)) for a in (n_to_l, n_to_v))
-    n = Vec3(jnp.array(0.0), jnp.array(0.0), jnp.array(1.0))
-    np.testing.assert_allclose(dot(v, reflect(l, n)), np.cos(np.deg2rad(30)), rtol=1e-14)
-    np.testing.assert_allclose(dot(n, halfway(l, v)), np.cos(np.deg2rad(15)), rtol=1e-14)
+    off = Vec3.of(jnp.asarray(np.roll(np.asarray(v.stack()), 1, axis=-1)))  # and not where v lies outside it
+    assert (np.abs(between(n, halfway(l, off)) - between(off, r) / 2) > 0.01).mean() > 0.5
 
 
 def test_zero_vectors_and_their_derivatives():
@@ -110,8 +102,9 @@ def test_zero_vectors_and_their_derivatives():
         lambda a: halfway(Vec3.of(a + 1.0), -Vec3.of(jnp.ones(3))).stack(),
     ):
         np.testing.assert_array_equal(function(zero), 0)
-        np.testing.assert_array_equal(jax.jacfwd(function)(zero), 0)
-        np.testing.assert_array_equal(jax.jacrev(function)(zero), 0)
+        np.testing.assert_array_equal(jax.jvp(function, (zero,), (jnp.array([1.0, -2.0, 3.0]),))[1], 0)
+        out, back = jax.vjp(function, zero)
+        np.testing.assert_array_equal(back(jnp.ones_like(out)), 0)
 
 
 @pytest.mark.parametrize(("x", "value", "slope"), [(4.0, 2.0, 0.25), (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
@@ -139,25 +132,3 @@ def test_the_power_of_what_is_positive(x, n, value, by_x, by_n):
     np.testing.assert_allclose(positive_power(x, n), value, rtol=1e-14)
     np.testing.assert_allclose(jax.jacfwd(positive_power, (0, 1))(x, n), (by_x, by_n), rtol=1e-13)
     np.testing.assert_allclose(jax.jacrev(positive_power, (0, 1))(x, n), (by_x, by_n), rtol=1e-13)
-
-
-def test_the_angle_of_n_and_h_is_half_that_of_v_and_r():
-    """Of vectors in one plane, however it lies; and not of those that are not."""
-    random = np.random.default_rng(4)
-    n, across, v_off = random.normal(size=(3, 200, 3))
-    n /= np.linalg.norm(n, axis=-1, keepdims=True)
-    across -= n * np.sum(n * across, -1, keepdims=True)
-    across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    to_l, to_v = random.uniform(-1.4, 1.4, (2, 200, 1))
-    l, v = (np.cos(a) * n + np.sin(a) * across for a in (to_l, to_v))
-
-    def angles(v):
-        of = Vec3.of(jnp.asarray(n)), Vec3.of(jnp.asarray(l)), Vec3.of(jnp.asarray(v))
-        cosines = dot(of[0], halfway(of[1], of[2])), dot(of[2], reflect(of[1], of[0]))
-        return (np.arccos(np.clip(c, -1, 1)) for c in cosines)
-
-    n_h, v_r = angles(v)
-    np.testing.assert_allclose(n_h, v_r / 2, atol=1e-7)
-    v_off /= np.linalg.norm(v_off, axis=-1, keepdims=True)
-    n_h, v_r = angles(v_off)
-    assert (np.abs(n_h - v_r / 2) > 0.01).mean() > 0.5

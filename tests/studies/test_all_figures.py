@@ -1,0 +1,103 @@
+"""All figures of a lecture: each is whole, and none is like another."""
+
+import dataclasses
+
+import imageio.v3 as iio
+import numpy as np
+from figures import coarse, pictures, texts  # noqa: F401
+from matplotlib.figure import Figure
+
+import diffshade as ds
+from diffshade.report.lecture import FIGURES, draw_figure
+from diffshade.report.lecture import pictures as pictures_module
+
+NAMES = tuple(FIGURES)
+PALE = ("terms", "diffuse_over_theta")  # a line drawing, and a white tile
+
+
+def test_all_are_written_and_each_is_whole(tmp_path, monkeypatch):
+    """One test, so that each picture is rendered once."""
+    drawn, save = [], Figure.savefig
+
+    def saving(figure, path):
+        drawn.append(figure)
+        save(figure, path)
+
+    monkeypatch.setattr(Figure, "savefig", saving)
+    folder = tmp_path / "made" / "here"
+    paths = ds.write_figures(folder)
+    assert [path.name for path in paths] == [f"{i:02}_{name}.png" for i, name in enumerate(NAMES, 1)]
+    assert sorted(folder.iterdir()) == sorted(paths)
+    for name, path, figure in zip(NAMES, paths, drawn, strict=True):
+        check_file(path)
+        check_words(figure, name)
+        check_pictures(figure, name)
+
+
+def check_file(path):
+    image = iio.imread(path)
+    assert image.shape[0] > 250, path.name
+    assert 600 < image.shape[1] < 1400, path.name
+    assert image[..., :3].std() > 10, path.name
+
+
+def check_words(figure, name):
+    """No word is cut off, and none covers another."""
+    found = texts(figure)
+    width, height = figure.bbox.size
+    assert found
+    for i, (words, box) in enumerate(found):
+        assert 0 <= box.x0 < box.x1 <= width, (name, words)
+        assert 0 <= box.y0 < box.y1 <= height, (name, words)
+        covered = [other for other, there in found[i + 1 :] if box.padded(-1).overlaps(there.padded(-1))]
+        assert not covered, (name, words)
+
+
+def check_pictures(figure, name):
+    """No two pictures of a figure are the same, and none is clipped where it should show something."""
+    images = pictures(figure)
+    for i, image in enumerate(images):
+        assert all(image.shape != other.shape or np.abs(image - other).max() > 0.005 for other in images[:i]), (name, i)
+        assert (image >= 1).all(-1).mean() < 0.2 or name in PALE, (name, i)
+
+
+def rendered(scene, camera):
+    """What `ds.render` gives, the mean of 3 x 3 rays a pixel, clipped."""
+    height, width = camera.shape
+    fine = np.asarray(ds.render(scene, dataclasses.replace(camera, shape=(3 * height, 3 * width))), np.float64)
+    return fine.reshape(height, 3, width, 3, 3).mean((1, 3)).clip(0, 1)
+
+
+def test_a_ball_is_what_render_gives(monkeypatch):
+    monkeypatch.setattr(pictures_module, "RAYS", 3)
+    figure = draw_figure("diffuse_over_k_d")
+    scene = ds.Scene(
+        ds.Object(ds.Sphere(), ds.Material(k_d=0.6)), ds.PointLight((3, 4, 6)), background=(0.055, 0.06, 0.075)
+    )
+    np.testing.assert_allclose(
+        pictures(figure)[3], rendered(scene, ds.Camera((0, 0, 5), fov=26, shape=(168, 168))), atol=1e-6
+    )
+    assert figure.axes[3].get_title() == "$k_d$ = 0.6"
+
+
+def test_two_faces_are_one_without_attenuation():
+    without, attenuated = pictures(draw_figure("parallel_faces"))
+    near, far = (110, 150), (40, 220)
+    np.testing.assert_allclose(without[near], without[far], rtol=0.02)
+    np.testing.assert_allclose(attenuated[far], 0.5 * attenuated[near], rtol=0.03)  # twice as far, 1/d
+
+
+def test_a_blue_ball_is_black_in_red_light():
+    _, red = pictures(draw_figure("colour_of_light"))
+    np.testing.assert_allclose(red[60:120, 220:280], 0.0, atol=1e-6)
+    assert red[90, 90, 0] > 0.3
+
+
+def test_at_k_t_1_there_is_only_the_wall_and_at_0_only_the_ball():
+    opaque, *_, invisible = pictures(draw_figure("transmission"))
+    assert len(np.unique(np.round(invisible[120:200, 60:160], 3).reshape(-1, 3), axis=0)) < 16  # two colours and edges
+    assert len(np.unique(np.round(opaque[120:200, 60:160], 3).reshape(-1, 3), axis=0)) > 300
+
+
+def test_the_angle_to_h_is_half_the_angle_to_r():
+    assert any("= 32.0°" in words and "= 16.0°" in words for words, _ in texts(draw_figure("phong_and_blinn")))

@@ -1,0 +1,160 @@
+"""The command `diffshade` from photographs to a page, maps and materials, and in processes of its own."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from folders import ball_under_distant_lights
+
+import diffshade as ds
+from diffshade.cli import main
+
+PROGRAM = (sys.executable, "-m", "diffshade")
+
+
+@pytest.fixture
+def typed(capfd, tmp_path, monkeypatch):
+    """Run a command line in an empty folder, in this process; return what it printed."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> str:
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        out, err = capfd.readouterr()
+        assert end.value.code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    return ball_under_distant_lights(tmp_path / "photographs", 32)
+
+
+def test_a_folder_of_photographs_to_a_page_and_materials(typed, folder):
+    told = json.loads(typed("report", folder, "-o", "ball.html", "--json"))
+    page = Path("ball.html").read_text(encoding="utf-8")
+    assert "<h1>Fit of 8 photographs</h1>" in page
+    assert "degrees off" in page  # the next photograph
+    assert "blinn" in page  # which model
+    for parameter in told["parameters"]:
+        low, high = parameter["95%"]
+        assert low <= parameter["value"] <= high
+        assert parameter["name"] in page
+    typed("fit", folder, "-o", "ball.mtl", "-o", "ball.js", "-o", "ball.toml")
+    assert ds.read_material("ball.toml").n_s == pytest.approx(20, rel=0.1)
+    assert Path("ball.js").is_file()
+
+
+def test_texels(typed, folder):
+    (folder / "normal_gt.npy").unlink()
+    told = json.loads(typed("texels", folder, "-o", "maps", "--suffix", ".png", "--json"))
+    assert told["status"]["determined"] > 100
+    assert told["medians"]["k_d"] == pytest.approx([0.4, 0.3, 0.2], rel=0.05)
+    assert Path("maps/k_d.npy").is_file()
+    assert Path("maps/k_d.png").is_file()
+    assert told["medians"]["normal"][2] > 0.5  # of which no file told
+    assert told["medians"]["n_s"][0] == pytest.approx(20, rel=0.2)  # where a highlight was seen
+
+
+def test_models_are_compared(typed, folder):
+    """Of which matte has no highlight, whatever is said of it."""
+    words = ["--grey", "k_s", "--bounds", "n_s=1:100", "--model", "phong,matte", "--json"]
+    told = json.loads(typed("compare", folder, *words))
+    assert told["best"] == "phong"
+    assert told["choice"]["names"] == ["phong", "matte"]
+
+
+def test_from_photographs_of_a_ball_alone_to_a_page_and_materials(typed, tmp_path):
+    """A folder of photographs, and nothing known but that it is a ball: the README's commands."""
+    ball = ds.Object(ds.Sphere(), ds.Material(k_d=(0.5, 0.4, 0.3), k_s=0.2, n_s=15))
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(48, 48), local_viewer=False)
+    around = np.deg2rad(120.0 * np.arange(3))
+    towards = np.stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(3, np.sqrt(0.75))], -1)
+    scene = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards], ambient=0.0)
+    (tmp_path / "photographs").mkdir()
+    noise = np.random.default_rng(0)
+    for i in range(3):
+        image = np.asarray(ds.render(scene, camera, lit=i))
+        ds.write_image(tmp_path / "photographs" / f"{i}.exr", image + 0.002 * noise.standard_normal(image.shape))
+    told = json.loads(typed("calibrate", "photographs", "--ball", "glossy", "-o", "ready", "--json"))
+    cosines = np.sum(np.array(told["directions"]) * towards, -1)
+    assert np.rad2deg(np.arccos(np.minimum(cosines, 1.0))).max() < 1.0
+    typed("report", "ready", "--quick", "-o", "ball.html")
+    typed("fit", "ready", "-o", "ball.mtl", "-o", "ball.json")
+    assert Path("ball.html").is_file()
+    assert ds.read_material("ball.mtl").k_d == pytest.approx([0.5, 0.4, 0.3], rel=0.05)
+
+
+def test_help_and_completion_answer_without_jax():
+    program = "import sys; from diffshade.cli import main\ntry: main(['fit', '--help'])\nexcept SystemExit: pass\n"
+    done = subprocess.run(
+        [sys.executable, "-c", program + "print('jax' in sys.modules)"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.endswith("False\n")
+
+
+def completed(words: str) -> list[str]:
+    environment = {"_DIFFSHADE_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; sys.argv[0] = 'diffshade'; from diffshade.cli import main; main()"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
+    return [line.partition(",")[2] for line in done.stdout.splitlines()]
+
+
+def test_the_shell_completes():
+    assert completed("diffshade re") == ["render", "report"]
+    assert completed("diffshade new x.toml --material em") == ["emerald"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such signals on Windows.")
+def test_ctrl_c_leaves_no_half_written_file(tmp_path):
+    (tmp_path / "lecture").mkdir()
+    with subprocess.Popen(
+        [*PROGRAM, "figures", "lecture"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
+        while running.poll() is None and not list((tmp_path / "lecture").glob("[0-9]*.png")):  # at work
+            time.sleep(0.05)
+        running.send_signal(signal.SIGINT)
+        out, err = running.communicate(timeout=120)
+    assert running.returncode == 130
+    assert out == ""
+    assert err.lstrip("\n") == "diffshade: stopped; what was being written is as it was before.\n"
+    left = list((tmp_path / "lecture").iterdir())
+    assert 0 < len(left) < 24
+    for path in left:
+        assert re.fullmatch(r"\d\d_\w+\.png", path.name)
+        assert ds.read_image(path).size
+
+
+def test_it_ends_quietly_where_nobody_reads_on(tmp_path):
+    command = " ".join(PROGRAM) + " --help | head -1; echo ${PIPESTATUS[0]}"
+    shut = subprocess.run(
+        ["bash", "-c", " ".join(PROGRAM) + " new ball.toml | true; exit ${PIPESTATUS[0]}"],
+        capture_output=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert (shut.returncode, shut.stderr) == (0, b"")
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.splitlines() == ["Usage: diffshade [OPTIONS] COMMAND [ARGS]...", "0"]
+    assert done.stderr == ""
+
+
+def test_the_module_is_the_program():
+    done = subprocess.run([*PROGRAM], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "Commands:" in done.stdout

@@ -1,0 +1,103 @@
+"""The documentation builds without a warning, has every public name, and its pages need nothing from elsewhere."""
+
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from browser import chromium
+
+import diffshade as ds
+
+ROOT = Path(__file__).parents[2]
+PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
+
+
+class Page(HTMLParser):
+    """What a page says outside of code, the places in it, and where it points."""
+
+    def __init__(self, text: str):
+        super().__init__()
+        self.prose: list[str] = []
+        self.places: set[str] = set()
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.sources: list[str] = []
+        self._code = 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.tags.append(tag)
+        self._code += tag in ("code", "pre", "style")
+        self.places |= {given["id"] or ""} if "id" in given else set()
+        self.links += [given["href"] or ""] if "href" in given else []
+        self.sources += [given["src"] or ""] if "src" in given else []
+
+    def handle_endtag(self, tag):
+        self._code -= tag in ("code", "pre", "style")
+
+    def handle_data(self, data):
+        if not self._code:
+            self.prose.append(data)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for name in ("pdoc", "latex2mathml"):
+        pytest.importorskip(name, reason=f"the documentation needs {name}: pip install 'diffshade[docs]'.")
+    folder = tmp_path_factory.mktemp("docs")
+    done = subprocess.run([sys.executable, ROOT / "docs" / "build.py", folder], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path.name: Page(path.read_text(encoding="utf-8")) for path in sorted(site.glob("*.html"))}
+
+
+def test_every_public_name_is_there(pages):
+    assert set(PUBLIC) <= pages["diffshade.html"].places
+    assert {"Fit.predict", "TexelMaps.write", "Material.foley", "Material.__init__"} <= pages["diffshade.html"].places
+
+
+def test_every_formula_became_mathematics(pages):
+    page = pages["diffshade.html"]
+    prose = "".join(page.prose)
+    assert "$" not in prose
+    assert "\\" not in prose  # of LaTeX that is not known
+    assert "merror" not in page.tags
+    assert page.tags.count("math") >= sum(value.__doc__.count("$$") for value in PUBLIC.values()) // 2 > 20
+
+
+def test_a_page_needs_nothing_from_elsewhere(pages):
+    assert len(pages) == 5
+    for page in pages.values():
+        assert not {"script", "iframe", "link"} & set(page.tags)
+        assert all(source.startswith("data:image/") for source in page.sources)
+
+
+def test_no_link_leads_nowhere(pages):
+    for here, page in pages.items():
+        for link in page.links:
+            if not link.startswith(("http", "mailto:")):
+                file, _, place = link.partition("#")
+                assert (file or here) in pages, f"{here} links to {link}"
+                assert not place or place in pages[file or here].places, f"{here} links to {link}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [360, 1280])
+def test_pages_fit_their_window(site, tmp_path, width):
+    with chromium(tmp_path) as browser:
+        size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 600}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        for path in sorted(site.glob("*.html")):
+            browser.get(path.as_uri())
+            assert browser.execute_script("return document.documentElement.scrollWidth") <= width, path.name
+            heights = browser.execute_script("return [...document.querySelectorAll('math')].map(m => m.clientHeight)")
+            assert all(height > 8 for height in heights)
+            assert browser.get_log("browser") == []

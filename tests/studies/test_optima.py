@@ -1,0 +1,93 @@
+"""The optimum of a fit is that of other solvers, whatever the bounds, the units and the highlight."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from solver_witness import (
+    all_residuals,
+    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth,
+    assert_gram_is_that_of_a_dense_jacobian,
+    assert_the_material_is_in_the_unit_of_the_photographs,
+    assert_the_optimum_is_that_of_scipy,
+    assert_units_of_residuals_change_neither_steps_nor_values,
+    three_views,
+)
+from synthetic import FREE, MATERIAL, TIED, noisy, one_light_each, photographs, standard_scene
+
+import diffshade as ds
+from diffshade.inverse.views import find_samples
+
+
+@pytest.fixture(autouse=True)
+def _float64():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.mark.parametrize("rendered", [False, True], ids=["features", "rendered"])
+def test_the_optimum_is_that_of_optimistix_levenberg_marquardt(rendered):
+    """The witness keeps the whole Jacobian and knows no bounds; here none is reached."""
+    solver = three_views(rendered=rendered)
+    assert solver.work.form.projects is not rendered
+    end = solver.run()
+    assert end.message == ""
+    witness = optx.least_squares(
+        all_residuals,
+        optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10, norm=optx.rms_norm),
+        jnp.asarray(solver.start),
+        solver.witness,
+        max_steps=300,
+    )
+    np.testing.assert_allclose(end.point.theta, witness.value, rtol=1e-8)
+    assert_gram_is_that_of_a_dense_jacobian(end.point, solver)
+
+
+K_S_BELOW_TRUTH, N_S_BELOW_TRUTH, N_S_ABOVE_TRUTH = {"k_s": (0.0, 0.3)}, {"n_s": (0.1, 30.0)}, {"n_s": (80.0, 1e3)}
+K_A = ds.Material(k_a=0.0, k_d=MATERIAL.k_d, k_s=MATERIAL.k_s, n_s=50)
+K_S_GREEN = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=(0.5, 0.0, 0.45), n_s=50)
+
+
+ENDS = {
+    "interior": ({}, set()),
+    "k_a = 0": ({"material": K_A, "seed": 1}, {"k_a.b"}),
+    "one channel of k_s = 0": ({"material": K_S_GREEN, "seed": 1}, {"k_s.g"}),
+    "upper bound on k_s": ({"bounds": K_S_BELOW_TRUTH}, {"k_s.r", "k_s.g", "k_s.b"}),
+    "upper bound on n_s": ({"bounds": N_S_BELOW_TRUTH}, {"n_s"}),
+    "lower bound on n_s": ({"bounds": N_S_ABOVE_TRUTH}, {"n_s"}),
+    "no attenuation": ({"attenuation": ds.RadialAttenuation(), "seed": 1}, {"linear", "quadratic"}),
+}
+
+
+@pytest.mark.parametrize(("options", "at_a_bound"), ENDS.values(), ids=ENDS)
+def test_within_bounds_the_optimum_is_that_of_scipy(options, at_a_bound):
+    assert_the_optimum_is_that_of_scipy(three_views(**options), at_a_bound)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed):
+    assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed)
+
+
+@pytest.mark.parametrize("n_s", [2.0, 1000.0])
+@pytest.mark.parametrize("sigma", [0.0, 0.005])
+def test_a_broad_and_a_sharp_highlight_are_found_from_the_default_start(n_s, sigma):
+    """The search begins at n_s = 10, whose lobe barely overlaps with that of n_s = 1000."""
+    camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(64, 64))
+    scene = standard_scene(ds.Material(MATERIAL.k_a, MATERIAL.k_d, MATERIAL.k_s, n_s))
+    clean = photographs(scene, camera)[:3]
+    views = one_light_each(noisy(clean, sigma, 0), camera)
+    fit = ds.fit(scene, views, free=FREE, tied=TIED)
+    noise = [(v.image - c)[find_samples(scene, v).inside] for v, c in zip(views, clean, strict=True)]
+    rmse_of_truth = np.sqrt(np.mean(np.concatenate(noise) ** 2))
+    assert fit.converged
+    assert (
+        fit.rmse <= rmse_of_truth * (1 + 1e-9) + 3e-13
+    )  # a fit stops where a step promises 1e-25 of the sum of squares
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e2, 1e4])
+def test_units_do_not_matter(scale):
+    assert_units_of_residuals_change_neither_steps_nor_values(scale)
+    assert_the_material_is_in_the_unit_of_the_photographs(scale)

@@ -1,0 +1,81 @@
+"""Fits of the standard problem that many tests look at: each is made once a process, and nobody changes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from synthetic import (
+    CAMERA,
+    FREE,
+    MATERIAL,
+    TIED,
+    forget,
+    noisy,
+    one_light_each,
+    photograph,
+    photographs,
+    point_lights,
+    standard_scene,
+)
+
+import diffshade as ds
+
+SIGMA = 0.005
+OF_MATERIAL = ("k_a", "k_d", "k_s", "n_s")
+
+
+def same_but(scene: ds.Scene, where: Any, values: Iterable[Any]) -> ds.Scene:
+    return eqx.tree_at(where, scene, [np.asarray(value, np.float64) for value in values])
+
+
+@cache
+def clean_images() -> tuple[np.ndarray, ...]:
+    """Photographs of the standard scene without noise."""
+    return tuple(photographs(standard_scene()))
+
+
+@cache
+def noisy_images(seed: int = 0, sigma: float = SIGMA) -> tuple[np.ndarray, ...]:
+    return tuple(noisy(clean_images(), sigma, seed))
+
+
+def standard_fit(images: Sequence[Any], scene: ds.Scene | None = None, view: Any = None, **options: Any) -> ds.Fit:
+    """Fit the standard problem, by default from a scene with a wrong material; `view` are options of every view."""
+    told = forget(standard_scene()) if scene is None else scene
+    return ds.fit(told, one_light_each(images, **(view or {})), free=FREE, tied=TIED, **options)
+
+
+@cache
+def clean_fit() -> ds.Fit:
+    """8 views without noise; told a wrong material."""
+    return standard_fit(clean_images())
+
+
+@cache
+def noisy_fit(seed: int = 0, sigma: float = SIGMA) -> ds.Fit:
+    """8 views with noise that the fit is not told."""
+    return standard_fit(noisy_images(seed, sigma))
+
+
+@cache
+def three_lights() -> ds.Scene:
+    """Return the standard sphere under the first three of the lights."""
+    return standard_scene(lights=point_lights()[:3])
+
+
+@cache
+def two_objects() -> ds.Scene:
+    """Return two spheres, of Phong's lobe and of Blinn's, under one light."""
+    other = ds.Material(0.2, (0.2, 0.5, 0.7), 0.3, 20, lobe=ds.Blinn())
+    spheres = ds.Sphere((-0.5, 0, 0), 0.6), ds.Sphere((0.5, 0.2, 0.3), 0.5)
+    return ds.Scene([ds.Object(spheres[0], MATERIAL), ds.Object(spheres[1], other)], point_lights()[0])
+
+
+@cache
+def fit_of_two_objects() -> ds.Fit:
+    """One photograph without noise of two spheres, of which both materials are free."""
+    return ds.fit(forget(two_objects()), ds.View(photograph(two_objects()), CAMERA), free="material")

@@ -1,0 +1,169 @@
+"""A fit of three photographs as numbers, its residuals in one vector for other solvers, and what an optimum must be."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+from synthetic import (
+    ATTENUATION,
+    FREE,
+    MATERIAL,
+    TIED,
+    noisy,
+    one_light_each,
+    photographs,
+    point_lights,
+    standard_scene,
+)
+
+import diffshade as ds
+from diffshade.inverse.blocks import Block
+from diffshade.inverse.fitting import look_at
+from diffshade.inverse.gram import Gram, Point
+from diffshade.inverse.parameters import Unknown, coordinates, find_unknowns
+from diffshade.inverse.residuals import Rendered
+from diffshade.inverse.solvers import Minimum, minimise
+from diffshade.inverse.study import Study
+
+
+class Solver(NamedTuple):
+    """A fit's unknowns and residuals as numbers, in the solver's coordinates (log n_s)."""
+
+    unknowns: list[Unknown]
+    work: Study
+    witness: tuple[Rendered, Block]
+    """The same residuals by rendering, in one chunk of blocks, whatever form the solver uses."""
+    start: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def run(self, max_steps: int = 200) -> Minimum:
+        return minimise(self.start, self.work.task(), self.work.whole, squares=self.work.squares, max_steps=max_steps)
+
+
+def three_views(
+    material=MATERIAL, attenuation=ATTENUATION, bounds=None, sigma=0.005, seed=0, free=FREE, rendered=False
+) -> Solver:
+    scene = standard_scene(material, point_lights(attenuation))
+    views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
+    unknowns = find_unknowns(scene, views, free, TIED, bounds)
+    samples, counts = look_at(scene, views, unknowns, "hinge")
+    works = [
+        Study(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=form) for form in (rendered, True)
+    ]
+    for work in works:
+        work.lay_out()
+    (chunk,) = works[1].whole
+    ends = (
+        coordinates(np.array([getattr(u, name) for u in unknowns]), unknowns) for name in ("start", "lower", "upper")
+    )
+    return Solver(unknowns, works[0], (works[1].form, chunk), *ends)
+
+
+def all_residuals(theta, witness):
+    """Every residual of every block in one vector."""
+    form, chunk = witness
+    weight = jnp.sqrt(chunk.observed.weight)
+    predicted = jax.vmap(lambda block: jnp.stack(form.predict(theta, block)))(chunk)
+    return jnp.ravel(weight * (predicted - chunk.observed.target))
+
+
+dense_residuals = jax.jit(all_residuals)
+dense_jacobian = jax.jit(jax.jacfwd(all_residuals))
+
+
+def cost(theta, witness) -> float:
+    r = np.asarray(dense_residuals(theta, witness))
+    return 0.5 * float(r @ r)
+
+
+def scipy_optimum(solver: Solver) -> scipy.optimize.OptimizeResult:
+    options: dict[str, Any] = {"x_scale": "jac", "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "max_nfev": 200}
+    options["jac"] = lambda theta: np.asarray(dense_jacobian(theta, solver.witness))
+    return scipy.optimize.least_squares(
+        lambda theta: np.asarray(dense_residuals(theta, solver.witness)),
+        np.clip(solver.start, solver.lower + 1e-9, solver.upper - 1e-9),
+        bounds=(solver.lower, solver.upper),
+        **options,
+    )
+
+
+def at_ends(theta, solver: Solver) -> tuple[np.ndarray, np.ndarray]:
+    """Which unknowns stand at their lower and at their upper bound, but for rounding."""
+    room = 1e-12 * np.abs(theta)
+    return theta <= solver.lower + room, theta >= solver.upper - room
+
+
+def assert_is_a_minimum_within_bounds(theta, gram: Gram, solver: Solver) -> None:
+    """Karush-Kuhn-Tucker: no slope along what is free, a slope out of the box along what stands at a bound.
+
+    The slope is measured in the lengths of the Jacobian's columns and of the residual: it is their cosine.
+    """
+    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian)
+    lengths = np.sqrt(np.diag(H) * 2.0 * float(gram.cost))
+    slope = np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
+    low, high = at_ends(theta, solver)
+    room = 1e-12 * np.abs(theta)
+    assert np.all((solver.lower - room <= theta) & (theta <= solver.upper + room))
+    np.testing.assert_allclose(slope[~low & ~high], 0.0, atol=1e-6)
+    assert np.all(slope[low] >= -1e-12)
+    assert np.all(slope[high] <= 1e-12)
+
+
+def assert_gram_is_that_of_a_dense_jacobian(point: Point, solver: Solver) -> None:
+    theta = np.asarray(point.theta)
+    r, J = (np.asarray(f(theta, solver.witness)) for f in (dense_residuals, dense_jacobian))
+    np.testing.assert_allclose(float(point.total.cost), cost(theta, solver.witness), rtol=1e-10)
+    np.testing.assert_allclose(point.views.hessian.sum(0), point.total.hessian, rtol=1e-12)
+    np.testing.assert_allclose(point.total.hessian, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
+    np.testing.assert_allclose(point.total.gradient, J.T @ r, atol=1e-8 * np.abs(J).sum() * np.abs(r).max())
+
+
+def assert_the_optimum_is_that_of_scipy(solver: Solver, at_a_bound: set[str]) -> None:
+    end = solver.run()
+    theta, gram = np.asarray(end.point.theta), end.point.total
+    assert end.message == ""
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    bound = np.logical_or(*at_ends(theta, solver))
+    assert at_a_bound <= {u.name for u, there in zip(solver.unknowns, bound, strict=True) if there}
+    witness = scipy_optimum(solver)
+    np.testing.assert_allclose(theta, witness.x, atol=1e-6)
+    np.testing.assert_allclose(float(gram.cost), witness.cost, rtol=1e-9)
+    assert_gram_is_that_of_a_dense_jacobian(end.point, solver)
+
+
+def assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(seed: int) -> None:
+    """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
+    matte = ds.Material(k_a=MATERIAL.k_a, k_d=MATERIAL.k_d, k_s=0.0, n_s=10)
+    solver = three_views(matte, seed=seed)
+    end = solver.run()
+    theta, gram = np.asarray(end.point.theta), end.point.total
+    assert_is_a_minimum_within_bounds(theta, gram, solver)
+    truth = np.concatenate([*(np.asarray(k) for k in (matte.k_a, matte.k_d, matte.k_s)), [np.log(10), 0.09, 0.032]])
+    assert float(gram.cost) <= cost(truth, solver.witness)
+
+
+def assert_units_of_residuals_change_neither_steps_nor_values(scale: float) -> None:
+    """optimistix's own damping is absolute: it takes 8 steps at scale 1 and 34 at 1e-4."""
+    scene = standard_scene()
+    images = noisy(photographs(scene), 0.005, 0)[:3]
+    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
+    exposed = one_light_each([scale * image for image in images], exposure=scale)
+    other = ds.fit(scene, exposed, free=FREE, tied=TIED)
+    assert abs(one.steps - other.steps) <= 1
+    np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
+    np.testing.assert_allclose(other.plain_errors, one.plain_errors, rtol=1e-6)
+    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
+
+
+def assert_the_material_is_in_the_unit_of_the_photographs(scale: float) -> None:
+    """The start, k = 0.3, is then far from the answer: n_s and the attenuation must not run away from it."""
+    scene = standard_scene()
+    images = noisy(photographs(scene), 0.005, 0)[:3]
+    one = ds.fit(scene, one_light_each(images), free=FREE, tied=TIED)
+    other = ds.fit(scene, one_light_each([scale * image for image in images]), free=FREE, tied=TIED)
+    factor = np.array([scale if "k_" in name else 1.0 for name in one.names])
+    np.testing.assert_allclose(other.values, factor * one.values, rtol=1e-6)
+    np.testing.assert_allclose(other.rmse, scale * one.rmse, rtol=1e-9)
