@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..fields import check_kind
+from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
 from ..inverse.outcome import Fit, count
 from ..inverse.parameters import logarithms
 from ..inverse.uncertainty import Vector
 from ..progress import showing, silent
-from .clusters import Clusters, find_clusters
 from .intervals import Profile, intervals
+from .patches import find_clusters
 from .stability import Refit, how_far, refits
 from .suspicions import Suspicion, suspicions
 
@@ -98,7 +99,7 @@ def _say(
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
 ) -> Examination:
-    errors = clusters.errors()
+    errors = clusters.wide_errors()
     likely, sure = found
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     anything = fit.determined & (sure[:, 0] <= lower) & (sure[:, 1] >= upper)
@@ -112,7 +113,7 @@ def _say(
         *(["what else is said is said with these held where they are."] if shifted.any() and not shifted.all() else []),
         *_together(fit),
         clusters.sentence([u.quantity for u in fit.unknowns]),
-        *(note for note in fit.notes if "no errors by jackknife" not in note and not note.startswith("0 within")),
+        *(note for note in fit.notes if not note.startswith("0 within")),
         *_at_most(fit, determined, sure),
     ]
     return Examination(fit, errors, likely, sure, profiles, determined, tuple(again), suspected, tuple(notes))
@@ -123,7 +124,7 @@ def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"
     log = logarithms(fit.unknowns)
     half = np.where(np.isfinite(sure).all(1), 0.5 * (sure[:, 1] - sure[:, 0]), np.inf) / 1.96
     in_log = 0.5 * np.log(np.where(log, sure[:, 1], 1.0) / np.where(log, sure[:, 0], 1.0)) / 1.96
-    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half) > VAGUE)
+    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half, fit.scales) > VAGUE)
     return lost & ~(~log & (sure[:, 1] <= VAGUE * fit.scales))
 
 

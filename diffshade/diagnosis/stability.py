@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ..inverse.clusters import Clusters
 from ..inverse.fitting import look_at
 from ..inverse.identifiability import relative_errors
 from ..inverse.outcome import Fit
@@ -23,7 +24,6 @@ from ..measured_lights import MeasuredLight
 from ..progress import Tell
 from ..rendering import render
 from ..scenes import Scene
-from .clusters import Clusters
 
 MOVED = 0.3  # of the value, or of a logarithm's unit
 ERRORS = 3.0
@@ -145,7 +145,7 @@ def how_far(fit: Fit, values: Vector) -> Vector:
     """Return how far values are from those of a fit: over the value, or in a logarithm."""
     log = logarithms(fit.unknowns)
     ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
-    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values))
+    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values), fit.scales)
     return np.where(log, ratio, plain)
 
 
