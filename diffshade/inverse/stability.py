@@ -153,7 +153,8 @@ def refits(
 
 def _with_them(fit: Fit, done: Sequence[Refit]) -> Bool[np.ndarray, " p"]:
     """Return what moves by 30 % with the numbers that are to blame: it stays only as long as these are held."""
-    return np.any([r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done], axis=0) if done else np.bool_(False)
+    far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
+    return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
 
 
 def _enough(fit: Fit, keep: Masks) -> bool:
