@@ -13,7 +13,7 @@ from scipy import special
 from .identifiability import listing
 from .uncertainty import Evidence, Vector
 
-FALSE_ALARMS = 0.03  # of fits whose noise is independent, in which clusters are said to disagree
+FALSE_ALARMS = 0.02  # of fits whose noise is independent, in which clusters are said to disagree
 FEW = 12  # patches, below which a jackknife over them is rough
 LEAST_FREEDOM = 1.99  # of a jackknife: below it, it rests on one or two patches and tells nothing of its own
 
