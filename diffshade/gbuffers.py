@@ -69,6 +69,13 @@ class GBuffer(AbstractSurface):
             )
         _remember(arrays)
 
+    def extent(self) -> float:
+        """Return half the diagonal of the box that holds its points; 0 where their positions are not known."""
+        inside = np.asarray(self.mask)
+        if self.position is None or not inside.any():
+            return 0.0
+        return 0.5 * float(np.linalg.norm(np.ptp(np.asarray(self.position)[inside], axis=0)))
+
     def intersect(self, rays: Rays) -> Hit:
         """Return the buffer's own points: the rays must be those of the camera that it was made for."""
         p = None if self.position is None else Vec3.of(self.position)

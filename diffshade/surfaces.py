@@ -35,6 +35,10 @@ class AbstractSurface(Checked):
     def intersect(self, rays: Rays) -> Hit:
         """Return the first hit in front of each ray's origin."""
 
+    def extent(self) -> float:
+        """Return about how far the surface reaches from its middle, in scene units; 0 where it has no such length."""
+        return 0.0
+
 
 class AbstractSolid(AbstractSurface):
     """A convex shape with an inside, through which rays can pass."""
@@ -73,6 +77,10 @@ class Sphere(AbstractSolid):
     def check_together(self) -> None:
         if is_concrete(self.radius) and not self.radius > 0:
             raise ValueError(f"Sphere.radius must be above 0; got {self.radius}. Give the radius in scene units.")
+
+    def extent(self) -> float:
+        """Return the radius."""
+        return float(self.radius)
 
     def intersect(self, rays: Rays) -> Hit:
         """Solve |o + t d - c|^2 = radius^2 for the smallest t > 0."""
@@ -149,6 +157,10 @@ class Box(AbstractSolid):
     def check_together(self) -> None:
         if is_concrete(self.size) and not np.all(np.asarray(self.size) > 0):
             raise ValueError(f"Box.size must be above 0; got {self.size}. Give width, height and depth in scene units.")
+
+    def extent(self) -> float:
+        """Return half the diagonal."""
+        return 0.5 * float(np.linalg.norm(self.size))
 
     def intersect(self, rays: Rays) -> Hit:
         """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""

@@ -9,7 +9,8 @@ import jax
 import numpy as np
 
 from ..cameras import Camera
-from ..diagnosis.clusters import Clusters, find_clusters
+from ..diagnosis.patches import find_clusters
+from ..inverse.clusters import Clusters
 from ..inverse.fitting import fit
 from ..inverse.outcome import Fit
 from ..inverse.views import View
@@ -67,7 +68,7 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
     paths = np.array([unknown.places[0][0] for unknown in found.unknowns])
     turns = [errors[paths == f"lights.{i}.direction"] for i in range(len(views))]
     # of the pose the outline knows, and the errors are by patches
-    notes = [note for note in found.notes if not note.startswith("center") and "no errors by jackknife" not in note]
+    notes = [note for note in found.notes if not note.startswith("center")]
     return Calibration(
         ball="glossy",
         names=taken.names,

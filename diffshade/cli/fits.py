@@ -195,7 +195,7 @@ def _fit_data(found: Fit, source: Source, examination: Examination | None = None
             {
                 "name": unknown.name,
                 "value": found.values[j] if determined[j] else None,
-                "error": errors[j] if errors is not None and determined[j] else None,
+                "error": errors[j] if determined[j] else None,
                 "plain_error": found.plain_errors[j],
                 **intervals[j],
                 "determined": bool(determined[j]),
@@ -209,5 +209,6 @@ def _fit_data(found: Fit, source: Source, examination: Examination | None = None
         "condition": found.condition,
         "pixels": found.counts.pixels,
         "samples": found.counts.samples,
+        "errors": found.clusters.sentence([u.quantity for u in found.unknowns]),
         "notes": (examination or found).notes,
     }

@@ -10,14 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..fields import check_kind
+from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
 from ..inverse.outcome import Fit, count
 from ..inverse.parameters import logarithms
+from ..inverse.stability import Refit, dependence, left_out, refits
 from ..inverse.uncertainty import Vector
 from ..progress import showing, silent
-from .clusters import Clusters, find_clusters
 from .intervals import Profile, intervals
-from .stability import Refit, how_far, refits
+from .patches import find_clusters
 from .suspicions import Suspicion, suspicions
 
 LEVELS = (0.68, 0.95)
@@ -83,7 +84,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         profile = Profile(fit, clusters)
         found = intervals(profile, LEVELS, tell)
         profiles = tuple(profile.curve(j) for j in range(len(fit.unknowns)))
-        again, shifted = refits(fit, clusters, tell)
+        again, shifted = refits(fit, clusters, left_out(fit), tell)
         tell("looking at the residuals")
         suspected = suspicions(fit)
     return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
@@ -98,7 +99,7 @@ def _say(
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
 ) -> Examination:
-    errors = clusters.errors()
+    errors = clusters.wide_errors()
     likely, sure = found
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     anything = fit.determined & (sure[:, 0] <= lower) & (sure[:, 1] >= upper)
@@ -108,11 +109,10 @@ def _say(
         *(suspicion.sentence for suspicion in suspected),
         *([f"{listing(_names(fit, anything))} may be anything within the bounds."] if anything.any() else []),
         *_wide(fit, wide, sure),
-        *_moves(fit, again, shifted),
-        *(["what else is said is said with these held where they are."] if shifted.any() and not shifted.all() else []),
+        *dependence(fit, again, shifted),
         *_together(fit),
         clusters.sentence([u.quantity for u in fit.unknowns]),
-        *(note for note in fit.notes if "no errors by jackknife" not in note and not note.startswith("0 within")),
+        *(note for note in fit.notes if not note.startswith("0 within")),
         *_at_most(fit, determined, sure),
     ]
     return Examination(fit, errors, likely, sure, profiles, determined, tuple(again), suspected, tuple(notes))
@@ -123,7 +123,7 @@ def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"
     log = logarithms(fit.unknowns)
     half = np.where(np.isfinite(sure).all(1), 0.5 * (sure[:, 1] - sure[:, 0]), np.inf) / 1.96
     in_log = 0.5 * np.log(np.where(log, sure[:, 1], 1.0) / np.where(log, sure[:, 0], 1.0)) / 1.96
-    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half) > VAGUE)
+    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half, fit.scales) > VAGUE)
     return lost & ~(~log & (sure[:, 1] <= VAGUE * fit.scales))
 
 
@@ -140,20 +140,6 @@ def _at_most(fit: Fit, determined: Bool[np.ndarray, " p"], sure: Float[np.ndarra
     small = determined & (sure[:, 0] <= lower) & (lower == 0.0)
     limits = [f"{fit.names[j]} {sure[j, 1]:.2g}" for j in np.flatnonzero(small)]
     return [f"0 within the noise, and at most (95 %): {listing(limits)}."] if limits else []
-
-
-def _moves(fit: Fit, again: list[Refit], shifted: Bool[np.ndarray, " p"]) -> list[str]:
-    """Say what hangs on the data kept, and without which it moved furthest."""
-    said = []
-    for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
-        members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
-        moves = [(how_far(fit, r.fit.values)[j], j, r) for r in again for j in members if r.moved[j]]
-        _, j, worst = max(moves, key=lambda move: move[0])
-        said.append(
-            f"{quantity} hangs on the data kept: {fit.names[j]} is {fit.values[j]:.3g} by all, and "
-            f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what is not of the model."
-        )
-    return said
 
 
 def _together(fit: Fit) -> list[str]:

@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..inverse.constraints import Grey, Proportional
-from ..inverse.fitting import check_choices, check_free, look_at
+from ..inverse.fitting import check_choices, check_free
 from ..inverse.outcome import diagnose
 from ..inverse.parameters import coordinates, find_unknowns, values_in
+from ..inverse.running import look_at
 from ..inverse.solvers import Minimum, look
 from ..inverse.study import Study
 from ..inverse.uncertainty import Vector

@@ -24,7 +24,7 @@ from ..inverse.study import weights
 from ..inverse.uncertainty import lone_views
 from ..inverse.views import is_grey, setups
 from ..progress import showing, silent
-from .clusters import cut_in_patches, patch_width, residual_images
+from .patches import cut_in_patches, patch_width, residual_images
 
 ERRORS = 2.0  # jackknife errors, the least difference for a verdict
 SHARE = 0.1  # of the residuals, the least difference of two fitted images for one

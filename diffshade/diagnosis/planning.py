@@ -71,6 +71,8 @@ class Plan:
     """The shots, the one to take first."""
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]
+    scales: Float[np.ndarray, " p"]
+    """What each number may be small against, as of the fit."""
     now: Float[np.ndarray, " p"]
     """Standard errors of the fit for independent noise; infinite where nothing is determined."""
     errors: Float[np.ndarray, "shots p"]
@@ -116,7 +118,7 @@ class Plan:
 
     def cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
         """Return the largest error of each quantity: in per cent of the value where it has a size, - where unknown."""
-        relative = _shares(self.unknowns, self.values, errors)
+        relative = _shares(self.unknowns, self.values, errors, self.scales)
         cells = []
         for quantity in quantities:
             members = [j for j, u in enumerate(self.unknowns) if u.quantity == quantity]
@@ -168,7 +170,7 @@ def plan(
     clipped = np.array([share for _, share in seen])
     notes = _notes(fit, shots, names, order, aimed, now, errors, rank, clipped)
     return Plan(
-        shots, names, order, fit.unknowns, fit.values, now, errors, gain, rank, clipped, aimed, tuple(notes)
+        shots, names, order, fit.unknowns, fit.values, fit.scales, now, errors, gain, rank, clipped, aimed, tuple(notes)
     )  # fmt: skip
 
 
@@ -383,7 +385,11 @@ def _notes(
     elif not np.isfinite(errors).all() or not np.isfinite(now).all():
         notes.append("an unknown that is not determined has - in place of an error.")
     limit = np.where(logarithms(unknowns), VAGUE_LOG, VAGUE)
-    lost = ~fit.determined & np.isfinite(errors[first]) & (_shares(unknowns, fit.values, errors[first]) > limit)
+    lost = (
+        ~fit.determined
+        & np.isfinite(errors[first])
+        & (_shares(unknowns, fit.values, errors[first], fit.scales) > limit)
+    )
     if lost.any():
         notes.append(f"with {names[first]} too {_quantities(unknowns, lost)} would be lost in the noise.")
     if rank.any():
@@ -414,14 +420,14 @@ def _quantities(unknowns: Sequence[Unknown], which: Bool[np.ndarray, " p"]) -> s
 
 def _sizes(fit: Fit) -> Vector:
     """Return what each error is taken relative to: see `relative_errors`; 1 where a value has no size."""
-    share = _shares(fit.unknowns, fit.values, np.ones(len(fit.values)))
+    share = _shares(fit.unknowns, fit.values, np.ones(len(fit.values)), fit.scales)
     return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 1.0)
 
 
-def _shares(unknowns: Sequence[Unknown], values: Vector, errors: Vector) -> Vector:
+def _shares(unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector) -> Vector:
     """Return errors relative to their values; 0 where a value has no size, being 0 or on both sides of it."""
     none = (values == 0) & np.array([np.isfinite(u.lower) for u in unknowns])  # not a vector's component
-    return np.where(none, 0.0, relative_errors(unknowns, np.where(none, 1.0, values), errors))
+    return np.where(none, 0.0, relative_errors(unknowns, np.where(none, 1.0, values), errors, scales))
 
 
 def _percent(share: float) -> str:

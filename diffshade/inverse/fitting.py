@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import Mesh
@@ -18,16 +17,16 @@ from ..fields import as_float64, check, check_kind
 from ..progress import Tell, showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
-from .features import MOST_LIGHTS
 from .hosts import Lanes, open_checkpoint
 from .losses import LOSSES
 from .outcome import MEMORY, Fit, diagnose
 from .parameters import Unknown, find_unknowns
-from .residuals import Counts
+from .running import check_enough, counted, laid_bytes, look_at, moves_surface, run
+from .stability import checked
 from .streams import surveyed
 from .study import Study
 from .tiles import Tiles
-from .views import Samples, View, find_samples, is_grey, lights_on, repeats
+from .views import View, is_grey, repeats
 
 CLIPPED = ("hinge", "tobit", "leave out")
 
@@ -84,6 +83,9 @@ def fit(
     Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy;
     FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly;
     `LostProcess` where another process of the fit was lost.
+
+    Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
+    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
@@ -101,76 +103,12 @@ def fit(
         if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
             samples, counts = look_at(scene, views, unknowns, clipped)
             found = run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
+            found = checked(found, tell)
         else:
             found = run_by_tiles(
                 scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
             )
         return dataclasses.replace(found, memory=memory)
-
-
-def look_at(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str, *, foreseen: bool = False
-) -> tuple[list[Samples], Counts]:
-    """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
-
-    A view that is an earlier one again has none; `foreseen` says that the photographs are still to be taken.
-    """
-    moving = moves_surface(unknowns)
-    samples, clipping, again = [], 0, {} if foreseen else repeats(scene, views)
-    for i, view in enumerate(views):
-        try:
-            found = find_samples(scene, view, moving=moving)
-        except ValueError as error:
-            raise ValueError(f"views[{i}]: {error}") from None
-        if i in again:  # the same numbers tell nothing more
-            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[:0])
-        ends = found.ends()
-        clipping += int(np.abs(ends).sum())
-        if clipped == "leave out" and ends.any():
-            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
-        samples.append(found)
-    pixels = [len(s.pixels) for s in samples]
-    kept, left = (0, clipping) if clipped == "leave out" else (clipping, 0)
-    counts = _counted(views, len(views) - len(again), pixels, kept, left)
-    check_enough(counts, unknowns, [s.brightest for s in samples])
-    return samples, counts
-
-
-def _counted(views: Sequence[View], taken: int, pixels: Sequence[int], clipped: int, left_out: int) -> Counts:
-    """Return the counts of a fit, given the pixels of each view that count."""
-    number = sum(n * (1 if is_grey(view) else 3) for n, view in zip(pixels, views, strict=True))
-    return Counts(taken, sum(pixels), number, clipped, left_out)
-
-
-def check_enough(counts: Counts, unknowns: Sequence[Unknown], brightest: Sequence[float]) -> None:
-    """Refuse fewer pixels or samples than unknowns, and black images."""
-    for noun, have in (("pixels", counts.pixels), ("samples that are not clipped", counts.samples - counts.clipped)):
-        if have < len(unknowns):
-            raise ValueError(
-                f"these views have fewer {noun} than there are unknowns, {have} for {len(unknowns)}. Free fewer "
-                "parameters or add views."
-            )
-    if all(most <= 0.0 for most in brightest):
-        raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
-
-
-def run(
-    scene: Scene,
-    views: tuple[View, ...],
-    unknowns: Sequence[Unknown],
-    samples: Sequence[Samples],
-    counts: Counts,
-    loss: str,
-    clipped: str,
-    *,
-    from_scene: bool = False,
-    tell: Tell = silent,
-) -> Fit:
-    """Find the minimum for these unknowns over these samples, and say what is known there. In float64."""
-    study = Study(scene, views, unknowns, samples, counts, loss, clipped)
-    study.lay_out()
-    end = study.solve(from_scene=from_scene, tell=tell)
-    return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
 
 
 def run_by_tiles(
@@ -192,19 +130,12 @@ def run_by_tiles(
     again = repeats(scene, views)
     tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "leave out")
     ends = tiles.settle(surveyed(tiles, kept, lanes, tell))
-    counts = _counted(views, len(views) - len(again), tiles.pixels, *ends)
+    counts = counted(views, len(views) - len(again), tiles.pixels, *ends)
     check_enough(counts, unknowns, tiles.brightest.tolist())
     study = Study(scene, views, unknowns, tiles, counts, loss, clipped)
     theta = study.stream(kept, lanes, memory, from_scene=from_scene, tell=tell)
     end = study.finish(theta, tell)
     return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
-
-
-def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -> float:
-    """Return about how many bytes pixels take laid out, by default all of the views: samples, and numbers a light."""
-    pixels = sum(view.image.shape[0] * view.image.shape[1] for view in views) if pixels is None else pixels
-    lights = max(len(lights_on(scene, view)) for view in views)
-    return 8.0 * pixels * (6 + 4 * min(lights, MOST_LIGHTS))
 
 
 def check_free(unknowns: Sequence[Unknown]) -> None:
@@ -255,8 +186,3 @@ def check_scale(memory: Any, folder: Any, mesh: Any, name: str = "checkpoint") -
         raise TypeError(f"{name} must be the name of a folder; got {folder!r}. Give for example 'run.{name}'.")
     if mesh is not None:
         check_kind("mesh", mesh, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")
-
-
-def moves_surface(unknowns: Sequence[Unknown]) -> bool:
-    """Whether a surface is free."""
-    return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)

@@ -65,15 +65,19 @@ def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
     return [np.flatnonzero(share > 0.1 * share.max()) for share in shares.T]
 
 
-def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector) -> Vector:
-    """Return each error over what it should be small against: 1 for a logarithm, the length of a vector, the value."""
+def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector) -> Vector:
+    """Return each error over what it should be small against: 1 for a logarithm, the value, the length of a vector.
+
+    Of a coordinate it is the object's size in `scales`, where that is more than the vector's length.
+    """
     size = np.abs(values)
     for j, unknown in enumerate(unknowns):
         if unknown.logarithmic:
             continue
         if not np.isfinite(unknown.lower):  # a component of a vector, or a black level, may be 0
             same = [i for i, other in enumerate(unknowns) if other.quantity == unknown.quantity]
-            size[j] = np.linalg.norm(values[same]) if len(same) > 1 else np.inf
+            length = np.linalg.norm(values[same]) if len(same) > 1 else 0.0
+            size[j] = max(length, scales[j]) or np.inf
     with np.errstate(over="ignore"):  # infinite, beside next to nothing
         relative = errors / np.where((size > 0) & np.isfinite(size), size, 1e-300)
     return np.where(np.isinf(size), 0.0, relative)
@@ -88,7 +92,7 @@ def vague(
     with two errors added is known to be small, which is something.
     """
     log = logarithms(unknowns)
-    lost = relative_errors(unknowns, values, errors) > np.where(log, VAGUE_LOG, VAGUE)
+    lost = relative_errors(unknowns, values, errors, scales) > np.where(log, VAGUE_LOG, VAGUE)
     small = lost & ~log & (values + 2.0 * errors <= VAGUE * scales)
     return lost & ~small, small
 
@@ -128,10 +132,11 @@ def vague_sentences(
     unknowns: Sequence[Unknown],
     values: Vector,
     errors: Vector,
+    scales: Vector,
 ) -> list[str]:
     """Say which unknowns are lost in the noise, by how much, and which are 0 within it."""
     said = []
-    relative = relative_errors(unknowns, values, errors)
+    relative = relative_errors(unknowns, values, errors, scales)
     for quantity in dict.fromkeys(u.quantity for u, here in zip(unknowns, lost, strict=True) if here):
         members = np.array([u.quantity == quantity for u in unknowns]) & lost
         worst = int(np.argmax(np.where(members, relative, -1.0)))

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from ..materials import Material
 from ..patterns import Chequer
 from ..scenes import Scene
+from .clusters import Clusters, compared, independent
 from .gram import Gram
 from .identifiability import (
     condition_number,
@@ -34,6 +35,7 @@ from .views import View, find_samples, has_mask, photograph, repeated, setups
 
 MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
 REFLECTS = ("k_a", "k_d", "k_s", "k_e")
+COORDINATES = ("position", "center", "corner")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +48,10 @@ class Fit:
     """The views, with the fitted exposures and blacks."""
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]
-    errors: Float[np.ndarray, " p"] | None
-    """Standard errors by delete-one-view jackknife, to be used with t of views - 1 degrees of freedom; of what one view
-    alone shows, such as its exposure, the plain ones (a note says so); infinite where nothing is determined; None with
-    fewer than three views, or where the others determine less without one of them."""
+    errors: Float[np.ndarray, " p"]
+    """Standard errors: the truth lies within 1.96 of them 95 % of the time; infinite where nothing is determined. They
+    are for independent noise where the views agree within it, else by leaving out one view at a time, widened by
+    Student's t (`clusters`)."""
     plain_errors: Float[np.ndarray, " p"]
     """Standard errors sigma^2 (J^T J)^-1 for independent noise, of equal size or as the views' `Noise` says; too small
     on real photographs, whose residuals are correlated. Infinite where nothing is determined."""
@@ -76,14 +78,19 @@ class Fit:
     """What clipped samples say, as given to the fit."""
     squares: float
     """Sum of squares of the samples, weighted: what a residual is small or large against."""
-    evidence: Evidence
-    """The Gram of each view: what errors, plans and examinations are made of."""
+    clusters: Clusters
+    """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
     notes: tuple[str, ...]
     """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
     memory: float | int = MEMORY
     """Bytes that the pixels may take laid out, as given to the fit."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """The Gram of each view: what errors, plans and examinations are made of."""
+        return self.clusters.evidence
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,17 +134,16 @@ class Fit:
         counts = self.counts
         lines = [
             f"fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels, {counts.samples:,} samples",
-            f"{'parameter':<{width}} {'value':>12} {'error':>11} {'plain error':>11}",
+            f"{'parameter':<{width}} {'value':>12} {'error':>11}",
         ]
         for j, name in enumerate(self.names):
             if not self.determined[j]:
                 lines.append(f"{name:<{width}} {'not determined':>12}")
                 continue
             side = "+" if self.at_lower[j] else "-" if self.at_bound[j] else ""  # at a bound, the only way to err
-            error = "-" if self.errors is None else f"{side}{self.errors[j]:.2g}"
             flag = "  at a bound" if side else ""
-            plain = f"{side}{self.plain_errors[j]:.2g}"
-            lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {error:>11} {plain:>11}{flag}")
+            lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {f'{side}{self.errors[j]:.2g}':>11}{flag}")
+        lines.append(f"errors: {self.clusters.sentence([u.quantity for u in self.unknowns])}")
         lines.append(f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
@@ -213,9 +219,13 @@ def diagnose(
     held = ~(at_bound & vague(unknowns, values, evidence.plain_errors(), scales)[0])
     evidence = dataclasses.replace(evidence, at_bound=at_bound & held)
     plain_errors = evidence.plain_errors()
-    errors, why_not = (None, None) if foreseen else _by_jackknife(evidence, groups, counts, unknowns)
-    usual = plain_errors if errors is None else errors
-    lost, small = (mask & regular for mask in vague(unknowns, values, usual, scales))
+    clusters = (
+        independent(evidence, _views(groups, counts))
+        if foreseen or len(groups) < 2
+        else compared(evidence, len(groups), _views(groups, counts))
+    )
+    errors = plain_errors if foreseen else clusters.wide_errors()
+    lost, small = (mask & regular for mask in vague(unknowns, values, errors, scales))
     free = ~evidence.at_bound
     known = free & regular
     covariance = np.zeros_like(everything)
@@ -229,10 +239,9 @@ def diagnose(
         ),
         *singular_sentences(zero, directions, unknowns, values),
         *weak_sentences([np.flatnonzero(known)[which] for which in weak], unknowns),
-        *vague_sentences(lost, small & ~at_bound, unknowns, values, usual),
+        *vague_sentences(lost, small & ~at_bound, unknowns, values, errors, scales),
         *([] if foreseen else _at_bounds(unknowns, regular & ~lost, at_bound, at_lower)),
         *_too_bright(unknowns, values, regular & ~lost),
-        *([f"{why_not}; the plain errors are right for independent noise only."] if why_not else []),
         *([] if foreseen else repeated(scene, views)),
         *_ends(counts),
         *(_beyond_noise(float(np.sqrt(spread[1] / spread[0]))) if noisy and likelihood.loss == "squares" else []),
@@ -258,25 +267,16 @@ def diagnose(
         likelihood=jax.tree.map(np.asarray, likelihood),
         clipped=clipped,
         squares=squares,
-        evidence=evidence,
+        clusters=clusters,
         scales=scales,
         notes=tuple(notes),
     )
 
 
-def _by_jackknife(
-    evidence: Evidence, groups: Sequence[Sequence[int]], counts: Counts, unknowns: Sequence[Unknown]
-) -> tuple[Float[np.ndarray, " p"] | None, str | None]:
-    """Return the errors by delete-one-view jackknife, or None, and why there are none, or none of some."""
-    if len(groups) < 3:
-        ways = "" if len(groups) == counts.views else f", taken in {count(len(groups), 'way')}"
-        return None, f"{count(counts.views, 'view')}{ways}: no errors by jackknife, which needs three or more"
-    if (deciding := evidence.deciding()) is not None:
-        return None, f"no errors by jackknife: without views[{groups[deciding][0]}] the others determine less"
-    lone = evidence.lone >= 0
-    names = dict.fromkeys(u.quantity for u, alone in zip(unknowns, lone, strict=True) if alone)
-    why_not = f"one view alone shows each of {listing(list(names))}, so that there is no jackknife of them"
-    return evidence.clustered_errors(), why_not if names else None
+def _views(groups: Sequence[Sequence[int]], counts: Counts) -> str:
+    """Name the clusters of a fit: views, or the ways in which they were taken."""
+    views = count(counts.views, "view")
+    return views if len(groups) == counts.views else f"{views}, taken in {count(len(groups), 'way')},"
 
 
 def _scales(
@@ -285,8 +285,9 @@ def _scales(
     """Return what a number may be small against; 0 where nothing is.
 
     Of a reflection, the largest of its object; of what fades light, what would change the image by a sixth; of a
-    transmission 1.
+    transmission 1; of a coordinate, how far the objects reach: where the origin is says nothing.
     """
+    extent = max(item.surface.extent() for item in scene.objects)
     known = {path: float(np.max(value)) for path, value, _ in everything_in(scene, views) if np.size(value)}
     reflections = {path: value for path, value in known.items() if path.split(".")[-1] in REFLECTS}
     scales = np.zeros(len(unknowns))
@@ -298,6 +299,8 @@ def _scales(
             scales[j] = np.sqrt(squares / curvature[j]) / 6.0
         elif unknown.kind == "k_t":
             scales[j] = 1.0
+        elif unknown.kind in COORDINATES:
+            scales[j] = extent
     return scales
 
 

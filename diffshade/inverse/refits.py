@@ -12,10 +12,10 @@ from jaxtyping import Bool, Float
 
 from .blocks import Block, Piece, pieces
 from .blocks import chunks as in_chunks
-from .fitting import laid_bytes, look_at, run
 from .outcome import Fit
 from .parameters import Unknown, coordinates
 from .residuals import Counts
+from .running import laid_bytes, look_at, run
 from .solvers import Box, Minimum, Task, look, minimise
 from .study import MAX_STEPS, Study
 from .views import Samples

@@ -257,8 +257,13 @@ def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
 
 def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
     """Say which views are an earlier one again."""
-    pairs = repeats(scene, views).items()
-    return [f"views[{i}] is views[{j}] again, the same numbers, and is counted once." for i, j in pairs]
+    pairs = list(repeats(scene, views).items())
+    if not pairs:
+        return []
+    i, j = pairs[0]
+    if len(pairs) == 1:
+        return [f"views[{i}] is views[{j}] again, the same numbers, and is counted once."]
+    return [f"{len(pairs)} views repeat earlier ones, such as views[{i}] views[{j}], and are counted once."]
 
 
 def _equal(one: Any, other: Any) -> bool:

@@ -76,14 +76,12 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
     """Return every number with its error, and where there is an examination its interval."""
     known = fit.determined if examination is None else examination.determined
     errors = fit.errors if examination is None else examination.errors
+    quantities = [unknown.quantity for unknown in fit.unknowns]
     kind = (
         "Errors are standard errors as the examination found them; the interval holds the truth with 95 %."
         if examination is not None
-        else "Errors are standard errors by leaving one view out at a time."
-        if errors is not None
-        else "Errors are standard errors for independent noise, too small where the model is not quite right."
+        else f"The true value lies within 1.96 errors 95 % of the time; {fit.clusters.sentence(quantities)}"
     )
-    errors = fit.plain_errors if errors is None else errors
     likely, sure = (
         (examination.likely, examination.sure)
         if examination is not None

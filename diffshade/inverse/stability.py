@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ..inverse.fitting import look_at
-from ..inverse.identifiability import relative_errors
-from ..inverse.outcome import Fit
-from ..inverse.parameters import coordinates, logarithms
-from ..inverse.refits import Laid, Masks, refit, samples_of
-from ..inverse.uncertainty import Vector
-from ..inverse.views import View, lights_on
 from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
 from ..materials import Material
 from ..measured_lights import MeasuredLight
@@ -24,6 +17,13 @@ from ..progress import Tell
 from ..rendering import render
 from ..scenes import Scene
 from .clusters import Clusters
+from .identifiability import relative_errors
+from .outcome import Fit
+from .parameters import coordinates, logarithms
+from .refits import Laid, Masks, refit, samples_of
+from .running import look_at
+from .uncertainty import Vector
+from .views import View, lights_on
 
 MOVED = 0.3  # of the value, or of a logarithm's unit
 ERRORS = 3.0
@@ -43,32 +43,46 @@ class Refit:
 
 
 def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
-    """Yield what is left out each time, and the pixels that are kept."""
+    """Yield what an examination leaves out each time, and the pixels that are kept."""
     if len(fit.evidence.hessian) >= 4:
         for half, name in ((0, "the odd views"), (1, "the even views")):
             yield name, [None if i % 2 == half else np.zeros(v.camera.shape, bool) for i, v in enumerate(fit.views)]
+    yield from without_saturated(fit, (1, 3))
+    if not _is_glossy(fit):
+        return
+    yield from without_brightest(fit)
+    angles = [angle_to_highlight(fit.scene, view) for view in fit.views]
+    for degrees in (2.0, 5.0):
+        if any((angle < degrees).any() for angle in angles):
+            yield f"{degrees:g} degrees about the highlight", [angle >= degrees for angle in angles]
+
+
+def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
+    """Yield the pixels that are not within so many of a saturated one, where there is any."""
     samples, _ = look_at(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
     if any(end.any() for end in ends):
-        for grown in (1, 3):
-            masks = [np.logical_not(ndimage.binary_dilation(end, iterations=grown)) for end in ends]
-            yield f"saturated pixels and {grown} px about them", masks
-    if not any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places):
-        return
+        for width in widths:
+            masks = [np.logical_not(ndimage.binary_dilation(end, iterations=width)) for end in ends]
+            yield f"saturated pixels and {width} px about them", masks
+
+
+def without_brightest(fit: Fit) -> Iterator[tuple[str, Masks]]:
+    """Yield the pixels that are not in the brightest half of a highlight, where there is one."""
     shine = [np.asarray(highlight(fit.scene, view)) for view in fit.views]
     in_it = [s > SEEN * s.max() if s.max() > 0 else np.zeros(s.shape, bool) for s in shine]
-    if not any(here.any() for here in in_it):
-        return
-    yield (
-        "the brightest half of the highlight",
-        [~(here & (s > np.median(s[here]))) if here.any() else None for s, here in zip(shine, in_it, strict=True)],
-    )
-    angles = [angle_to_highlight(fit.scene, view) for view in fit.views]
-    for degrees in (2.0, 5.0):
-        if any((angle < degrees).any() for angle in angles):
-            yield f"{degrees:g} degrees about the highlight", [angle >= degrees for angle in angles]
+    if any(here.any() for here in in_it):
+        yield (
+            "the brightest half of the highlight",
+            [~(here & (s > np.median(s[here]))) if here.any() else None for s, here in zip(shine, in_it, strict=True)],
+        )
+
+
+def _is_glossy(fit: Fit) -> bool:
+    """Whether a highlight's numbers are free."""
+    return any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places)
 
 
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
@@ -109,8 +123,10 @@ def _bare(light: object) -> PointLight | DirectionalLight:
     return PointLight(light.position)
 
 
-def refits(fit: Fit, clusters: Clusters, tell: Tell) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
-    """Fit again with some of the data left out, and return the fits, and what hangs on the data kept. In float64.
+def refits(
+    fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], tell: Tell
+) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
+    """Fit again with some of the data left out, and return the fits, and what depends on the data kept. In float64.
 
     A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
     was, and the rest is judged by new fits, until nothing moves.
@@ -120,7 +136,7 @@ def refits(fit: Fit, clusters: Clusters, tell: Tell) -> tuple[list[Refit], Bool[
     if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
         return done, blamed
     errors, rises = clusters.errors(), clusters.rises()
-    cases = [(without, keep) for without, keep in left_out(fit) if _enough(fit, keep)]
+    cases = [(without, keep) for without, keep in cases if _enough(fit, keep)]
     while True:
         found = []
         for k, (without, keep) in enumerate(cases):
@@ -129,10 +145,16 @@ def refits(fit: Fit, clusters: Clusters, tell: Tell) -> tuple[list[Refit], Bool[
             found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
         done += [r for r in found if not done or r.moved.any()]
         if not any(r.moved.any() for r in found):
-            return done, blamed
+            return done, blamed | _with_them(fit, done)
         by_value = np.max([np.where(r.moved, how_far(fit, r.fit.values), -1.0) for r in found], 0)
         quantity = fit.unknowns[int(by_value.argmax())].quantity
         blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
+
+
+def _with_them(fit: Fit, done: Sequence[Refit]) -> Bool[np.ndarray, " p"]:
+    """Return what moves by 30 % with the numbers that are to blame: it stays only as long as these are held."""
+    far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
+    return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
 
 
 def _enough(fit: Fit, keep: Masks) -> bool:
@@ -145,7 +167,7 @@ def how_far(fit: Fit, values: Vector) -> Vector:
     """Return how far values are from those of a fit: over the value, or in a logarithm."""
     log = logarithms(fit.unknowns)
     ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
-    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values))
+    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values), fit.scales)
     return np.where(log, ratio, plain)
 
 
@@ -178,3 +200,34 @@ def moved(
         rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
         found[j] = 2.0 * rise > ERRORS**2 * rises[j]
     return found
+
+
+def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]) -> list[str]:
+    """Say what depends on which data are included, and without which it moved furthest."""
+    said = []
+    for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
+        members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
+        moves = [(how_far(fit, r.fit.values)[j], j, r) for r in again for j in members if r.moved[j]]
+        _, j, worst = max(moves, key=lambda move: move[0])
+        said.append(
+            f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} from all, and "
+            f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what the model does not cover."
+        )
+    if shifted.any() and not shifted.all():
+        said.append("the errors of the other numbers hold for these fixed at their values.")
+    return said
+
+
+def checked(fit: Fit, tell: Tell) -> Fit:
+    """Return a fit in which no number is determined that a few pixels decide. In float64.
+
+    The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
+    the highlight. It is made where the views disagree or samples are clipped; else the noise explains the residuals.
+    """
+    doubtful = fit.clusters.disagree or fit.counts.clipped or fit.counts.left_out
+    if not (doubtful and _is_glossy(fit)):
+        return fit
+    again, shifted = refits(fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], tell)
+    shifted &= fit.determined
+    notes = (*dependence(fit, again, shifted), *fit.notes)
+    return replace(fit, determined=fit.determined & ~shifted, notes=notes)

@@ -1,0 +1,115 @@
+"""Patches: squares of a view, wider than its residuals are correlated, as clusters where there are too few views."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..fields import Array
+from ..inverse.blocks import Block, Piece, on_all_cores
+from ..inverse.clusters import Clusters, compared, independent
+from ..inverse.outcome import Fit
+from ..inverse.parameters import coordinate_slopes
+from ..inverse.refits import Laid
+from ..inverse.views import Samples, setups
+
+FEWEST = 6  # patches for a jackknife
+MOST = 64
+
+
+def find_clusters(fit: Fit) -> Clusters:
+    """Return the views where there are three or more, else patches wider than the correlation of the residuals."""
+    if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
+        return fit.clusters
+    differences, counts = residual_images(fit)
+    width = patch_width(differences, counts)
+    laid = Laid(fit)
+    parts, patch = cut_in_patches(fit, laid.study.samples, width)
+    count = len(set(patch))
+    if count < FEWEST:
+        return independent(fit.evidence, f"{count} patches of {width} x {width} pixels")
+    size = max(64, 1 << int(np.ceil(np.log2(max(len(part.pixels) for part in parts)))))
+    laid_out = laid.study.reweigh(laid.theta, laid.study.lay(parts, size))
+    theta = jnp.asarray(laid.theta)
+    grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.study.form, chunk), laid_out)
+    H, g = (
+        np.concatenate([np.asarray(getattr(gram, name)) for gram in grams])[: len(parts)]
+        for name in ("hessian", "gradient")
+    )
+    H, g = (np.array([of[patch == k].sum(0) for k in range(count)]) for of in (H, g))
+    slope = coordinate_slopes(fit.values, fit.unknowns)
+    evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope)
+    if evidence.deciding() is not None:
+        return independent(fit.evidence, f"{count} patches, one of which decides,")
+    return compared(evidence, count, f"{count} patches of {width} x {width} pixels")
+
+
+@jax.jit
+def _gram_of_each_block(theta: Array, form: object, chunk: Block) -> object:
+    def of_block(block: Block) -> object:
+        one = jax.tree.map(lambda leaf: leaf[None], block)
+        return jax.tree.map(lambda leaf: leaf.sum(0), form.gram(theta, form.summary(theta, one)))  # pyright: ignore
+
+    return jax.lax.map(of_block, chunk)
+
+
+def residual_images(fit: Fit) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """Return of each view what is left over, the sum of the channels, and the pixels that count."""
+    predictions = [fit.predict(view) for view in fit.views]
+    return [p.difference.sum(-1) for p in predictions], [np.all(p.counts, -1) for p in predictions]
+
+
+def correlation_length(
+    differences: Sequence[Float[np.ndarray, "h w"]], counts: Sequence[Bool[np.ndarray, "h w"]]
+) -> int:
+    """Return over how many pixels residuals hang together: 0 where neighbours do not.
+
+    The lag along rows and columns at which their correlation has fallen to 1/e of that of neighbours; white noise on
+    top of a smooth error lowers both alike.
+    """
+
+    def correlation(lag: int) -> tuple[float, int]:
+        products, pairs, power = 0.0, 0, 0.0
+        for d, c in zip(differences, counts, strict=True):
+            for a, b, both in (
+                (d[lag:], d[:-lag], c[lag:] & c[:-lag]),
+                (d[:, lag:], d[:, :-lag], c[:, lag:] & c[:, :-lag]),
+            ):
+                products += float(np.sum((a * b)[both]))
+                pairs += int(both.sum())
+                power += 0.5 * float(np.sum((a**2 + b**2)[both]))
+        return products / max(power, 1e-300), pairs
+
+    first, pairs = correlation(1)
+    if not pairs or first < max(0.02, 3.0 / np.sqrt(pairs)):
+        return 0
+    longest = min(min(d.shape) for d in differences) - 1
+    return next((lag for lag in range(2, longest) if correlation(lag)[0] < first / np.e), longest)
+
+
+def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> int:
+    """Return the width of patches: twice the correlation length at least, and so that there are not too many."""
+    pixels = sum(int(c.sum()) for c in counts)
+    return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MOST))))
+
+
+def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> tuple[list[Piece], Int[np.ndarray, " n"]]:
+    """Cut the pixels into squares of a grid, and say which patch each is of.
+
+    The same square of views that were taken alike is one patch: what it has wrong it has wrong in all of them.
+    """
+    alike = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
+    parts, keys = [], []
+    for view, of_view in enumerate(samples):
+        row, column = np.divmod(of_view.pixels, of_view.inside.shape[1])
+        square = (row // width) * of_view.inside.shape[1] + column // width
+        for number in np.unique(square):
+            parts.append(Piece(view, of_view, of_view.pixels[square == number]))
+            keys.append((alike[view], int(number)))
+    order = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    return parts, np.array([order[key] for key in keys], int)
