@@ -128,8 +128,8 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.fitting import look_at
     from diffshade.inverse.parameters import find_unknowns
+    from diffshade.inverse.running import look_at
     from diffshade.inverse.study import Study
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)

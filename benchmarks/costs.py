@@ -80,8 +80,8 @@ def laid_out(size: int) -> Any:
     """Return the fit of the other benchmarks with a part of its pixels laid out."""
     import problem
 
-    from diffshade.inverse.fitting import look_at
     from diffshade.inverse.parameters import find_unknowns
+    from diffshade.inverse.running import look_at
     from diffshade.inverse.study import Study
 
     made = problem.make(size, 1)

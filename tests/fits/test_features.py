@@ -12,10 +12,10 @@ import diffshade as ds
 from diffshade.backend import jit_quickly
 from diffshade.inverse.blocks import total
 from diffshade.inverse.features import FeatureForm, has_features
-from diffshade.inverse.fitting import look_at
 from diffshade.inverse.gram import Gram
 from diffshade.inverse.parameters import coordinates, find_unknowns
 from diffshade.inverse.residuals import Rendered
+from diffshade.inverse.running import look_at
 from diffshade.inverse.solvers import look
 from diffshade.inverse.study import Study
 from diffshade.inverse.views import is_grey

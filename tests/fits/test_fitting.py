@@ -190,13 +190,14 @@ def test_the_table_says_what_was_found():
     assert lines[0] == f"fit of 8 views, {fit.counts.pixels:,} pixels, {fit.counts.samples:,} samples"
     assert (fit.counts.views, fit.counts.pixels) == (8, 8 * int(np.sum(seen_by(CAMERA).mask)))
     assert fit.counts.samples == 3 * fit.counts.pixels
-    assert lines[1].split() == ["parameter", "value", "error", "plain", "error"]
+    assert lines[1].split() == ["parameter", "value", "error"]
     assert fit.names == (*(f"{k}.{c}" for k in ("k_a", "k_d", "k_s") for c in "rgb"), "n_s", "linear", "quadratic")
-    assert fit.errors is not None
-    for line, name, *numbers in zip(lines[2:], fit.names, fit.values, fit.errors, fit.plain_errors, strict=False):
+    for line, name, *numbers in zip(lines[2:], fit.names, fit.values, fit.errors, strict=False):
         label, *cells = line.split()
         assert label == name
         np.testing.assert_allclose([float(cell) for cell in cells], numbers, rtol=0.05)
+    assert lines[-2].startswith("errors: for independent noise")
+    assert "the 8 views agree" in lines[-2]
     assert lines[-1] == f"RMSE {fit.rmse:.4g}   steps {fit.steps}   condition number {fit.condition:.3g}"
     assert fit.notes == ()
 

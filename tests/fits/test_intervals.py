@@ -12,16 +12,16 @@ from scipy import ndimage, stats
 from synthetic import forget, noisy, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.clusters import (
+from diffshade.diagnosis.intervals import FAR, Profile, intervals
+from diffshade.diagnosis.patches import (
     MOST,
-    Clusters,
     correlation_length,
     cut_in_patches,
     find_clusters,
     patch_width,
     residual_images,
 )
-from diffshade.diagnosis.intervals import FAR, Profile, intervals
+from diffshade.inverse.clusters import Clusters
 from diffshade.inverse.refits import samples_of
 
 LEVELS = (0.68, 0.95)
@@ -131,7 +131,7 @@ def test_they_end_at_bounds_and_are_one_sided_there():
 
 def of_clusters(shaken: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views") -> Clusters:
     freedom = np.full(len(shaken), 7.0)
-    return Clusters(noisy_fit().evidence, count, what, scatter, np.array(shaken), freedom)
+    return Clusters(noisy_fit().evidence, count, what, scatter, any(shaken), np.array(shaken), freedom)
 
 
 def test_a_jackknife_has_students_t_of_its_freedom():
@@ -142,28 +142,31 @@ def test_a_jackknife_has_students_t_of_its_freedom():
         np.testing.assert_allclose(none.quantiles(level), stats.t.ppf(0.5 + level / 2, many))
     evidence = noisy_fit().evidence
     half = of_clusters([True] * 6 + [False] * 6)
-    np.testing.assert_array_equal(half.errors()[:6], evidence.clustered_errors()[:6])
-    np.testing.assert_array_equal(half.errors()[6:], evidence.plain_errors()[6:])
-    ratio = (evidence.clustered_errors() / evidence.plain_errors()) ** 2
-    np.testing.assert_allclose(half.inflation(), np.where(half.shaken, ratio, 1.0))
+    plain, clustered = evidence.plain_errors(), evidence.clustered_errors()
+    np.testing.assert_allclose(half.errors()[:6], np.maximum(clustered, plain)[:6])
+    np.testing.assert_allclose(half.errors()[6:], np.sqrt(3.0) * plain[6:])
+    ratio = np.maximum(clustered / plain, 1.0) ** 2
+    np.testing.assert_allclose(half.inflation(), np.where(half.shaken, ratio, 3.0))
     np.testing.assert_allclose(half.rises(), evidence.sigma2 * half.inflation())
-    np.testing.assert_array_equal(none.inflation(), np.ones(12))
+    np.testing.assert_allclose(half.wide_errors(), half.errors() * half.quantiles(0.95) / stats.norm.ppf(0.975))
+    np.testing.assert_array_equal(of_clusters([False] * 12, 0.7).inflation(), np.ones(12))
 
 
 def test_what_errors_are_made_of_is_said():
     names = [u.quantity for u in noisy_fit().unknowns]
-    assert "agree as far as independent noise lets them" in of_clusters([False] * 12).sentence(names)
-    assert "3 times the variance" in of_clusters([False] * 12).sentence(names)
+    assert "the 8 views agree" in of_clusters([False] * 12).sentence(names)
+    assert "times 1.73" in of_clusters([False] * 12).sentence(names)
+    assert "times" not in of_clusters([False] * 12, 0.9).sentence(names)
     some = of_clusters([True] * 2 + [False] * 8 + [True] * 2).sentence(names)
-    assert "the 8 views disagree about k_a, linear and quadratic" in some
+    assert "the 8 views, which disagree about k_a, linear and quadratic" in some
     assert "scatter by 3 times" in some
     assert "scatter by" not in of_clusters([True] * 12, 0.9).sentence(names)
     assert "7 are few for that" in of_clusters([True] * 12, count=7, what="7 patches").sentence(names)
     assert "few for that" not in of_clusters([True] * 12, count=12, what="12 patches").sentence(names)
     assert "few for that" not in of_clusters([True] * 12, count=7, what="7 views").sentence(names)
     few = of_clusters([False] * 12, count=0, what="4 patches").sentence(names)
-    assert "4 patches, too few for a jackknife" in few
-    assert "Add views" in few
+    assert "4 patches cannot show" in few
+    assert "independent noise" in few
 
 
 def test_the_correlation_length_is_that_of_the_error_under_white_noise():

@@ -161,7 +161,9 @@ def test_what_is_said_of_few_views_and_of_numbers_of_one():
 def test_the_unknowns_are_those_that_a_fit_determines():
     fit = noisy_fit()
     some = dataclasses.replace(fit.evidence, determined=np.arange(12) > 0)
-    changed = dataclasses.replace(fit, evidence=some, at_bound=np.arange(12) == 11)
+    changed = dataclasses.replace(
+        fit, clusters=dataclasses.replace(fit.clusters, evidence=some), at_bound=np.arange(12) == 11
+    )
     assert _unknowns(changed) == 10
 
 

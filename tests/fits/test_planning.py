@@ -89,7 +89,7 @@ def test_a_shot_as_the_first_view_was_counts_as_that_did():
     expected = np.sqrt(np.diag(fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + first)))
     np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
     weighed = dataclasses.replace(fit.evidence, spread=fit.evidence.spread * [1, 1, 1, 1, 0.5])  # as a robust loss does
-    plan = ds.plan(dataclasses.replace(fit, evidence=weighed), AGAIN)
+    plan = ds.plan(dataclasses.replace(fit, clusters=dataclasses.replace(fit.clusters, evidence=weighed)), AGAIN)
     expected = np.sqrt(np.diag(fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + 0.5 * first)))
     np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
 
@@ -213,7 +213,7 @@ def test_where_something_is_open_the_table_says_how_many_directions_are_new():
     fit = noisy_fit()
     known = np.arange(12) > 0
     plan = Plan(
-        (FRONT,), ("in front",), (0,), fit.unknowns, fit.values, np.where(known, fit.plain_errors, np.inf),
+        (FRONT,), ("in front",), (0,), fit.unknowns, fit.values, fit.scales, np.where(known, fit.plain_errors, np.inf),
         fit.plain_errors[None], np.array([2.0]), np.array([1]), np.array([0.0]), ~known, ("a note.",),
     )  # fmt: skip
     title, head, now, first, note = str(plan).splitlines()

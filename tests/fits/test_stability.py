@@ -1,4 +1,4 @@
-"""Stability: what hangs on the data kept is not determined, and what does not is."""
+"""Stability: what depends on the data kept is not determined, and what does not is."""
 
 import dataclasses
 from functools import cache
@@ -9,14 +9,14 @@ from scenarios import clean_fit, clean_images, noisy_fit, standard_fit
 from synthetic import CAMERA, noisy, photographs, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.clusters import find_clusters
-from diffshade.diagnosis.stability import _enough, angle_to_highlight, highlight, how_far, left_out, refits
+from diffshade.diagnosis.patches import find_clusters
+from diffshade.inverse.stability import _enough, angle_to_highlight, highlight, how_far, left_out, refits
 from diffshade.progress import silent
 
 
 def refitted(fit: ds.Fit) -> tuple[list, np.ndarray]:
     with jax.enable_x64(True):
-        return refits(fit, find_clusters(fit), silent)
+        return refits(fit, find_clusters(fit), left_out(fit), silent)
 
 
 def test_a_mirror_direction_is_where_v_is_r():
@@ -65,7 +65,8 @@ def test_what_is_left_out_is_said_and_is_left_out():
     seen = shine[shine > 0.02 * shine.max()]
     np.testing.assert_array_equal(bright[0], ~(shine > np.median(seen)))
     few = dataclasses.replace(fit.evidence, hessian=fit.evidence.hessian[:3])
-    assert next(left_out(dataclasses.replace(fit, evidence=few)))[0].startswith("saturated")
+    fewer = dataclasses.replace(fit, clusters=dataclasses.replace(fit.clusters, evidence=few))
+    assert next(left_out(fewer))[0].startswith("saturated")
     assert _enough(fit, [None] * 8)
     some = np.zeros(CAMERA.shape, bool)
     some[12, 6:14] = True  # 8 pixels, 24 samples, 12 unknowns

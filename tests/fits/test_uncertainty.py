@@ -10,9 +10,10 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
 
+from diffshade.inverse.clusters import compared
 from diffshade.inverse.identifiability import condition_number, null_directions
-from diffshade.inverse.outcome import _by_jackknife
-from diffshade.inverse.parameters import find_unknowns, put_back
+from diffshade.inverse.outcome import _views
+from diffshade.inverse.parameters import put_back
 from diffshade.inverse.residuals import Counts
 from diffshade.inverse.uncertainty import (
     Evidence,
@@ -227,20 +228,13 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     np.testing.assert_allclose(of_three.clustered_errors()[2], of_three.plain_errors()[2], rtol=1e-12)
     assert np.all(of_three.clustered_errors()[:2] != of_three.plain_errors()[:2])
     assert of_three.shaken()[1][2] == np.inf
-    unknowns = find_unknowns(standard_scene(), (), ("k_d",))
-    errors, why = _by_jackknife(of_three, [[v] for v in range(6)], Counts(6, 9, 9, 0, 0), unknowns)
-    np.testing.assert_array_equal(errors, of_three.clustered_errors())
-    assert why is not None
-    assert "one view alone shows each of k_d" in why
+    assert not compared(of_three, 6, "6 views").shaken[2]
     one_decides = np.ones((6, 2, 2))
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
-    for groups, clusters, words in (
-        ([[0], [1, 2]], of_three, "3 views, taken in 2 ways: no errors by jackknife"),
-        ([[0], [1, 3], [5]], dataclasses.replace(evidence, hessian=one_decides), "views[1]"),
-    ):
-        errors, why = _by_jackknife(clusters, groups, Counts(3, 9, 9, 0, 0), unknowns)
-        assert errors is None
-        assert words in str(why)
+    assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
+    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").shaken.any()
+    assert _views([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
+    assert _views([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 
 
 # --- the errors of a fit
@@ -288,7 +282,7 @@ def test_the_jackknife_is_that_of_the_jacobians_of_the_views():
     H, g = (np.array([j.T @ of for j, of in zip(J, ofs, strict=True)]) for ofs in (J, r))
     p = len(H[0])
     expected = np.sqrt(np.diag(jackknife_covariance(H, g, np.zeros((p, p)), np.zeros(p))))
-    np.testing.assert_allclose(np.asarray(noisy_fit().errors), expected, rtol=1e-3)
+    np.testing.assert_allclose(noisy_fit().evidence.clustered_errors(), expected, rtol=1e-3)
 
 
 def test_the_jackknife_sees_what_the_plain_errors_cannot():
@@ -297,6 +291,5 @@ def test_the_jackknife_sees_what_the_plain_errors_cannot():
     fit = standard_fit([e * image for e, image in zip(off, noisy_images(), strict=True)])
     k_d = [name.startswith("k_d") for name in fit.names]
     truth = fit.values_in(standard_scene())
-    assert fit.errors is not None
     assert np.all(fit.errors[k_d] > 5 * fit.plain_errors[k_d])
     assert np.all(np.abs(fit.values - truth)[k_d] < 4 * fit.errors[k_d])

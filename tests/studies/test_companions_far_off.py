@@ -171,7 +171,6 @@ def test_a_direction_is_fitted_as_a_unit_vector_with_honest_errors_across_it():
         np.testing.assert_array_equal(fit.scene.lights[0].direction, d)  # pyright: ignore[reportAttributeAccessIssue]
         assert fit.determined.all()
         assert np.isfinite(fit.plain_errors).all()
-        assert fit.errors is not None
         assert np.isfinite(fit.errors).all()
         assert np.abs(C @ d).max() < 1e-12 * np.abs(C).max()  # it does not vary along itself
         expected = np.degrees(np.sqrt(np.trace(C)))

@@ -9,8 +9,8 @@ from scipy import ndimage
 from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, point_lights, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.clusters import find_clusters
 from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.parameters import coordinates
 
 LEVELS = (0.68, 0.95)

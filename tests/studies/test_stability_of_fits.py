@@ -1,4 +1,4 @@
-"""Examinations of many fits: what hangs on the data kept is not determined, and what does not is."""
+"""Examinations of many fits: what depends on the data kept is not determined, and what does not is."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def test_of_the_model_itself_nothing_moves(sigma, seed):
     examination = ds.examine(fit)
     assert examination.determined.all()
     assert not any(refit.moved.any() for refit in examination.refits)
-    assert not any("hangs on" in note for note in examination.notes)
+    assert not any("depends on which" in note for note in examination.notes)
 
 
 @pytest.mark.parametrize("clipped", ["hinge", "leave out"])
@@ -38,7 +38,7 @@ def test_of_photographs_without_noise_nothing_is_said_to_move(count):
     fit = ds.fit(forget(scene), one_light_each(photographs(scene)[:count]), free=MATERIAL_ALONE)
     examination = ds.examine(fit)
     assert examination.determined.all()
-    assert not any("hangs on" in note for note in examination.notes)
+    assert not any("depends on which" in note for note in examination.notes)
     np.testing.assert_allclose(examination.sure.mean(1), fit.values, rtol=1e-6)
 
 
@@ -60,7 +60,7 @@ def test_a_highlight_of_another_shape_is_not_determined_and_the_rest_is():
     ]
     assert "n_s" in lost
     assert "k_d" not in lost
-    (note,) = [note for note in examination.notes if note.startswith("n_s hangs on the data kept")]
+    (note,) = [note for note in examination.notes if note.startswith("n_s depends on which data")]
     assert "highlight" in note
     assert "not determined" in next(line for line in str(examination).splitlines() if line.startswith("n_s"))
 
@@ -74,6 +74,6 @@ def test_the_ball_has_a_diffuse_colour_and_no_exponent():
     assert known["k_d.r"]
     assert known["k_d.g"]
     assert known["k_d.b"]
-    assert any(note.startswith("n_s hangs on the data kept") for note in examination.notes)
+    assert any(note.startswith("n_s depends on which data") for note in examination.notes)
     k_d = [fit.names.index(f"k_d.{c}") for c in "rgb"]
     np.testing.assert_allclose(fit.values[k_d], (0.164, 0.138, 0.090), rtol=0.02)

@@ -18,7 +18,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.diagnosis.stability import angle_to_highlight
+from diffshade.inverse.stability import angle_to_highlight
 
 SIGMA = 0.005
 
@@ -101,7 +101,7 @@ def test_a_view_given_twice_is_counted_once_and_said_to_be():
     once, twice = (ds.fit(forget(scene), v, free=free) for v in (views[:2], [*views[:2], views[1]]))
     np.testing.assert_allclose(twice.values, once.values, rtol=1e-9)
     np.testing.assert_allclose(twice.plain_errors, once.plain_errors, rtol=1e-9)
-    assert twice.errors is None  # two views are no three
+    np.testing.assert_allclose(twice.errors, once.errors, rtol=1e-9)
     assert twice.counts.views == 2
     assert "views[2] is views[1] again, the same numbers, and is counted once." in twice.notes
 
@@ -113,8 +113,9 @@ def test_two_photographs_taken_alike_are_one_for_the_jackknife():
     views = [*one_light_each(noisy(clean, SIGMA, 0))[:2], *one_light_each(noisy(clean, SIGMA, 1))[:2]]
     fit = ds.fit(forget(scene), views, free=("k_a", "k_d", "k_s", "n_s"))
     assert fit.counts.views == 4
-    assert fit.errors is None
-    assert any("4 views, taken in 2 ways: no errors by jackknife" in note for note in fit.notes)
+    assert len(fit.evidence.hessian) == 2
+    assert not fit.clusters.shaken.any()
+    assert "4 views, taken in 2 ways" in str(fit)
 
 
 def test_a_small_number_is_no_lost_one():
@@ -179,7 +180,7 @@ def assert_undetermined(fit: ds.Fit, *names: str) -> None:
         unknown = name.removesuffix(".r").removesuffix(".g").removesuffix(".b") in names
         assert fit.determined[j] == (not unknown), name
         assert np.isinf(fit.plain_errors[j]) == unknown, name
-        assert fit.errors is None or np.isinf(fit.errors[j]) == unknown, name
+        assert np.isinf(fit.errors[j]) == unknown, name
         assert (row(fit, name) == "not determined") == unknown, name
         assert not (unknown and fit.covariance[j].any()), name
     assert fit.condition == np.inf
@@ -241,13 +242,13 @@ def test_a_light_that_lights_nothing_is_not_determined_either():
     assert_undetermined(fit, "lights.1.intensity")
 
 
-def test_fewer_than_three_views_have_no_jackknife_and_the_fit_says_so():
+def test_two_views_have_the_errors_of_noise_times_their_scatter():
     images = noisy(photographs(standard_scene()), 0.02, 0)
     fit = ds.fit(standard_scene(), one_light_each(images)[:2], free=("k_d",))
-    assert fit.errors is None
-    (note,) = fit.notes
-    assert "2 views: no errors by jackknife" in note
-    assert row(fit, "k_d.r").split()[1] == "-"
+    assert fit.notes == ()
+    assert not fit.clusters.shaken.any()
+    np.testing.assert_allclose(fit.errors, np.sqrt(max(fit.clusters.scatter, 1.0)) * fit.plain_errors, rtol=1e-3)
+    assert "errors: for independent noise" in str(fit)
 
 
 def test_a_number_that_one_view_alone_shows_has_no_jackknife_and_takes_none_from_the_others():
@@ -256,7 +257,5 @@ def test_a_number_that_one_view_alone_shows_has_no_jackknife_and_takes_none_from
     views = one_light_each(images)[:4]
     fit = ds.fit(standard_scene(), views, free=("k_d", "lights.2.intensity"))
     assert fit.determined.all()
-    assert fit.errors is not None
-    np.testing.assert_allclose(fit.errors[3:], fit.plain_errors[3:], rtol=1e-9)
-    (note,) = fit.notes
-    assert "one view alone shows each of lights.2.intensity" in note
+    alone = fit.evidence.clustered_errors()
+    np.testing.assert_allclose(alone[3:], fit.plain_errors[3:], rtol=1e-9)

@@ -29,14 +29,15 @@ GROUPS = {
     ),
     "solver": (
         "inverse/blocks inverse/constraints inverse/descent inverse/features inverse/fitting inverse/gram "
-        "inverse/losses inverse/parameters inverse/residuals inverse/solvers inverse/starts inverse/study "
-        "inverse/tiles inverse/views texels/coefficients texels/descent texels/passes texels/shared texels/sights"
+        "inverse/losses inverse/parameters inverse/residuals inverse/running inverse/solvers inverse/starts "
+        "inverse/study inverse/tiles inverse/views texels/coefficients texels/descent texels/passes texels/shared "
+        "texels/sights"
     ),
     "statistics": (
-        "diagnosis/clusters diagnosis/examination diagnosis/explanations diagnosis/foresight diagnosis/intervals "
-        "diagnosis/model_choice diagnosis/planning diagnosis/regions diagnosis/resampling diagnosis/stability "
-        "diagnosis/suspicions inverse/identifiability inverse/refits inverse/sensitivity inverse/uncertainty "
-        "texels/estimates"
+        "diagnosis/examination diagnosis/explanations diagnosis/foresight diagnosis/intervals diagnosis/model_choice "
+        "diagnosis/patches diagnosis/planning diagnosis/regions diagnosis/resampling diagnosis/suspicions "
+        "inverse/clusters inverse/identifiability inverse/refits inverse/sensitivity inverse/stability "
+        "inverse/uncertainty texels/estimates"
     ),
     "readers": (
         "exchange/eulumdat exchange/gltf exchange/ies exchange/lamps exchange/material_files exchange/mtl "

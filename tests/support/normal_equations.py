@@ -11,9 +11,9 @@ from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
 from diffshade.inverse.blocks import on_all_cores, total
-from diffshade.inverse.fitting import look_at
 from diffshade.inverse.gram import Gram
 from diffshade.inverse.parameters import Unknown
+from diffshade.inverse.running import look_at
 from diffshade.inverse.study import Study
 from diffshade.inverse.views import find_samples, is_grey
 

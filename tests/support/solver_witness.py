@@ -20,10 +20,10 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse.blocks import Block
-from diffshade.inverse.fitting import look_at
 from diffshade.inverse.gram import Gram, Point
 from diffshade.inverse.parameters import Unknown, coordinates, find_unknowns
 from diffshade.inverse.residuals import Rendered
+from diffshade.inverse.running import look_at
 from diffshade.inverse.solvers import Minimum, minimise
 from diffshade.inverse.study import Study
 

@@ -21,8 +21,8 @@ from synthetic import seen_by, standard_scene
 import diffshade as ds
 from diffshade.inverse import blocks
 from diffshade.inverse.blocks import block_size, on_all_cores, pieces
-from diffshade.inverse.fitting import look_at
 from diffshade.inverse.parameters import find_unknowns
+from diffshade.inverse.running import look_at
 from diffshade.inverse.views import find_samples, is_grey
 
 BALL = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4))])
