@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
 from ..inverse.outcome import Fit, count
@@ -77,7 +77,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as fit:
         tell("errors")
         clusters = find_clusters(fit)
         profile = Profile(fit, clusters)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..backend import in_float64
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check, check_kind, did_you_mean, is_concrete, quantities
 from ..gbuffers import GBuffer
@@ -152,7 +153,10 @@ def plan(
     aimed = _aimed(fit.unknowns, aim)
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
     seen = []
-    with showing("plan") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with (
+        showing("plan") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((fit, shots)) as (fit, shots),
+    ):
         for i, (shot, name) in enumerate(zip(shots, names, strict=True)):
             tell(name, i / len(shots))
             seen.append(_look(fit, shot, name))

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from ..backend import check_backend
+from ..backend import check_backend, in_float64
 from ..fields import as_float64, check, check_kind
 from ..progress import Tell, showing, silent
 from ..scenes import Scene
@@ -96,7 +96,10 @@ def fit(
         scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
     )
     check_free(unknowns)
-    with showing("fit") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with (
+        showing("fit") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((scene, views)) as (scene, views),
+    ):
         tell("reading the views")
         if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
             samples, counts = look_at(scene, views, unknowns, clipped)

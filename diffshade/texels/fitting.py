@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Float, Int
 
-from ..backend import check_backend
+from ..backend import check_backend, in_float64
 from ..fields import as_float64, check, check_kind
 from ..fresnel import NoFresnel
 from ..inverse.blocks import in_order, on_all_cores
@@ -84,7 +84,10 @@ def fit_texels(
     free = _checked(scene, views, free, regions, loss)
     check_backend()
     scene = jax.tree.map(as_float64, scene)
-    with showing("texels") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with (
+        showing("texels") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((scene, views)) as (scene, views),
+    ):
         run = _Run(scene, views, free, regions, loss, out, memory, mesh, tell)
         with contextlib.closing(run.record):
             return run.maps()

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ...backend import in_float64
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
@@ -66,7 +66,7 @@ def write_report(
     with (
         replacing(path) as temporary,
         showing("report") if progress else contextlib.nullcontext(silent) as tell,
-        jax.enable_x64(True),
+        in_float64(fit) as fit,
     ):
         residuals = look_at_residuals(fit, tell)
         which = _spread(residuals.rmse)
