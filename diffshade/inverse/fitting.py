@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh
 
 from ..backend import check_backend, in_float64
-from ..fields import as_float64, check, check_kind
+from ..fields import as_float64, check, check_kind, refuse_traced
 from ..progress import Tell, showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
@@ -29,6 +29,7 @@ from .study import Study
 from .tiles import Tiles
 from .views import Samples, View, find_samples, is_grey, lights_on, repeats
 
+DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
 CLIPPED = ("hinge", "tobit", "leave out")
 
 
@@ -227,6 +228,7 @@ def check_choices(
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
+    refuse_traced("a fit", DERIVATIVES, scene=scene, views=tuple(views))
     check((scene, tuple(views)))
     for i, constraint in enumerate(constraints):
         if not isinstance(constraint, Grey | Proportional):

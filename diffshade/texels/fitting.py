@@ -15,7 +15,7 @@ from jax.sharding import Mesh
 from jaxtyping import Float, Int
 
 from ..backend import check_backend, in_float64
-from ..fields import as_float64, check, check_kind
+from ..fields import as_float64, check, check_kind, refuse_traced
 from ..fresnel import NoFresnel
 from ..inverse.blocks import in_order, on_all_cores
 from ..inverse.checkpoints import fingerprint
@@ -350,6 +350,7 @@ def _checked(scene: Any, views: Sequence[Any], free: Iterable[str], regions: Any
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
+    refuse_traced("a fit", "Fit outside.", scene=scene, views=tuple(views))
     check((scene, tuple(views)))
     free = (free,) if isinstance(free, str) else tuple(free)
     for name in free:

@@ -142,11 +142,11 @@ def _same(fit: Fit, other: Fit | Plan) -> bool:
 
 
 def _spread(rmse: Float[np.ndarray, " views"]) -> list[int]:
-    """Return the views to show: all, or some evenly spread from the worst to the best, in their order."""
+    """Return the views to show, from the one that fits worst to the one that fits best: all, or some evenly spread."""
     order = np.argsort(-np.nan_to_num(rmse), kind="stable")
     if len(order) > MOST_VIEWS:
         order = order[np.rint(np.linspace(0, len(order) - 1, MOST_VIEWS)).astype(int)]
-    return sorted(int(i) for i in order)
+    return [int(i) for i in order]
 
 
 def _profiles(examination: Examination | None) -> list[charts.Chart]:
