@@ -151,7 +151,7 @@ def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.nda
         )
     if found.shape != (photographs, 3):
         raise ValueError(
-            f"directions must be one vector towards the light for each of the {photographs} photographs "
-            f"{listing(names)}; got shape {found.shape}. Make the two match."
+            f"directions must be one vector for each of the {photographs} photographs; got shape {found.shape}. The "
+            f"photographs are {listing(names)}: make the two match, (x, y, z) towards each light."
         )
     return found / np.linalg.norm(found, axis=-1, keepdims=True), errors

@@ -115,7 +115,7 @@ def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[st
             )
     if beside and len(masks) > 1:
         listed = ", ".join(sorted(file.name for file in masks))
-        raise ValueError(f"{photographs} holds several masks, {listed}. Say which: mask=, at the terminal --mask.")
+        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=, at the terminal --mask.")
     return names, images, masks[0] if beside and masks else None
 
 
