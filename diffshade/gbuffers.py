@@ -84,13 +84,11 @@ _sound: dict[
 
 def _owner(array: Array) -> Array:
     """Return the array whose numbers a view shows, all of them and in their order; any other array itself."""
-    base = getattr(array, "base", None)
-    same = isinstance(base, np.ndarray) and (base.shape, base.strides, base.dtype) == (
-        array.shape,
-        array.strides,
-        array.dtype,
-    )
-    return base if same and base.flags.owndata else array
+    base = array.base if isinstance(array, np.ndarray) else None
+    if not isinstance(array, np.ndarray) or not isinstance(base, np.ndarray) or not base.flags.owndata:
+        return array
+    same = (base.shape, base.strides, base.dtype) == (array.shape, array.strides, array.dtype)
+    return base if same else array
 
 
 def _remember(arrays: Sequence[Array]) -> None:

@@ -77,15 +77,15 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as fit:
+    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as own:
         tell("errors")
-        clusters = find_clusters(fit)
-        profile = Profile(fit, clusters)
+        clusters = find_clusters(own)
+        profile = Profile(own, clusters)
         found = intervals(profile, LEVELS, tell)
-        profiles = tuple(profile.curve(j) for j in range(len(fit.unknowns)))
-        again, shifted = refits(fit, clusters, tell)
+        profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
+        again, shifted = refits(own, clusters, tell)
         tell("looking at the residuals")
-        suspected = suspicions(fit)
+        suspected = suspicions(own)
     return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
 
 

@@ -155,11 +155,11 @@ def plan(
     seen = []
     with (
         showing("plan") if progress else contextlib.nullcontext(silent) as tell,
-        in_float64((fit, shots)) as (fit, shots),
+        in_float64((fit, shots)) as (own, own_shots),
     ):
-        for i, (shot, name) in enumerate(zip(shots, names, strict=True)):
+        for i, (shot, name) in enumerate(zip(own_shots, names, strict=True)):
             tell(name, i / len(shots))
-            seen.append(_look(fit, shot, name))
+            seen.append(_look(own, shot, name))
     # where nothing is determined, it is by chance that a value stands at a bound
     evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.determined)
     after = [_with(evidence, H) for H, _ in seen]

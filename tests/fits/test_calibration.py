@@ -448,7 +448,7 @@ BAD: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     "a mirror without a mask": (
         {"ball": "mirror", "mask": None},
         ValueError,
-        "a mirror ball shows the room, not its own outline. Give its mask, mask='mask.png'.",
+        "a mirror ball shows the room, not its own outline. Give its mask: mask='mask.png', at the terminal --mask.",
     ),
     "two balls far away": (
         {"ball": "mirror", "mask": (MASK, MASK)},

@@ -24,12 +24,14 @@ class Lamp(AbstractEmitter):
     def is_local(self):
         return True
 
-    def path(self, p):
+    def path(self, p: Vec3 | None) -> Path:
+        assert p is not None
         to_light = Vec3.of(self.position) - p
         return Path(normalize(to_light), length(to_light), None)
 
     def arriving(self, p):
         l, d, _ = self.path(p)
+        assert d is not None
         return l, Vec3.of(self.intensity) * (1.0 / d)
 
 

@@ -38,7 +38,9 @@ def camera() -> ds.Camera:
 
 def scene() -> ds.Scene:
     """A ball under three near lamps, with numbers that float32 does not hold exactly."""
-    lamps = [ds.PointLight(p, 10.1, ds.RadialAttenuation(1.0, 0.1, 0.03)) for p in ((2, 3, 4), (-3, 1.1, 3), (1, -2, 3.7))]
+    lamps = [
+        ds.PointLight(p, 10.1, ds.RadialAttenuation(1.0, 0.1, 0.03)) for p in ((2, 3, 4), (-3, 1.1, 3), (1, -2, 3.7))
+    ]
     return ds.Scene(ds.Object(ds.Sphere((0.01, 0.02, 0.03)), ds.Material(0.07, (0.61, 0.4, 0.3), 0.37, 19.3)), lamps)
 
 
@@ -119,11 +121,25 @@ def fitted(have: Given) -> Given:
 
 def own_program(how: str, have: Given) -> None:
     """Make and run a program of the user's own in which all of these are constants."""
-    trees: list[Any] = [have.scene, have.camera, have.gbuffer, have.shaded, have.far, have.far_camera, have.shot, have.lamp]
+    trees: list[Any] = [
+        have.scene,
+        have.camera,
+        have.gbuffer,
+        have.shaded,
+        have.far,
+        have.far_camera,
+        have.shot,
+        have.lamp,
+    ]
     trees += [(view.camera, view.exposure, view.black) for view in (*have.views, *have.seen, *have.far_views)]
     if have.fit is not None and have.other is not None and have.maps is not None:
         for fit in (have.fit, have.other):
-            trees += [fit.scene, [(view.camera, view.exposure, view.black) for view in fit.views], fit.values, fit.errors]
+            trees += [
+                fit.scene,
+                [(view.camera, view.exposure, view.black) for view in fit.views],
+                fit.values,
+                fit.errors,
+            ]
             trees += [leaf for leaf in vars(fit.evidence).values() if isinstance(leaf, np.ndarray)]
         trees += [have.maps.scene, have.maps.camera]
     leaves = [leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, np.ndarray) and leaf.dtype == np.float64]
@@ -204,6 +220,11 @@ def _in_float64(work: Callable[[Given], Any]) -> Callable[[Given], Any]:
     return run
 
 
+def _spot(h: Given) -> Any:
+    assert h.lamp is not None
+    return ds.as_spot(h.lamp).light.exponent
+
+
 def _buffer(g: ds.GBuffer) -> Any:
     return g.normal, g.position, g.mask
 
@@ -236,7 +257,7 @@ FUNCTIONS: dict[str, Callable[[Given], Any]] = {
     "calibrate, glossy": lambda h: _calibrate("glossy", h),
     "calibrate with a camera": _calibrated,
     "with_lobe": lambda h: ds.with_lobe(h.scene.objects[0].material, ds.Blinn()).material.n_s,
-    "as_spot": lambda h: ds.as_spot(h.lamp).light.exponent,
+    "as_spot": _spot,
     **{
         f"write_material, {name}": lambda h, name=name: _written(
             lambda path: ds.write_material(path, h.scene.objects[0].material), name

@@ -4,6 +4,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,8 +25,8 @@ IMAGE = np.full((6, 8, 3), 0.25)
 PIXELS = (6, 8)
 
 
-def scene(intensity: object = 1.0, k_d: object = 0.5) -> ds.Scene:
-    return ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, k_d, 0.3, 15)), ds.PointLight((2, 3, 4), intensity))
+def scene(intensity: Any = 1.0) -> ds.Scene:
+    return ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5, 0.3, 15)), ds.PointLight((2, 3, 4), intensity))
 
 
 # Own parts
@@ -115,7 +116,9 @@ def test_a_list_of_another_length_names_the_photographs():
     found = Calibration.__new__(Calibration)
     for field, value in (("names", names), ("directions", np.ones((3, 3))), ("errors", np.ones(3))):
         object.__setattr__(found, field, value)
-    with pytest.raises(ValueError, match=r"list\.txt .* 3 photographs; got shape \(2, 3\).* 0\.JPG, 1\.JPG and ref\.JPG"):
+    with pytest.raises(
+        ValueError, match=r"list\.txt .* 3 photographs; got shape \(2, 3\).* 0\.JPG, 1\.JPG and ref\.JPG"
+    ):
         found.compare(np.ones((2, 3)), name="list.txt")
 
 
