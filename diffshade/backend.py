@@ -1,16 +1,20 @@
-"""The machine: does this jaxlib add up correctly, and what its compiler should leave alone."""
+"""The machine: does this jaxlib add up correctly, in which precision, and what its compiler should leave alone."""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxlib.version import __version__ as jaxlib_version
+
+T = TypeVar("T")
 
 # What is seen through transparent objects: XLA's CPU compiler fuses it, and with it repeats it, for minutes.
 UNFUSED = {"xla_disable_hlo_passes": "fusion"}
@@ -41,6 +45,38 @@ def check_backend() -> None:
             f"jaxlib {jaxlib_version} returns wrong sums on this machine, so nothing computed with it can be "
             "trusted. Install another version: pip install 'jaxlib!=0.10.2'."
         )
+
+
+@contextlib.contextmanager
+def in_float64(given: T = None) -> Iterator[T]:
+    """Compute in float64 whatever the global flag says, on the caller's objects `given`, with arrays of their own.
+
+    The only way into float64: whoever enters it with objects of a caller's takes them from here. The context belongs
+    to the thread, and leaves the flag as it was.
+    """
+    with jax.enable_x64(True):
+        yield with_new_arrays(given)
+
+
+def with_new_arrays(tree: T) -> T:
+    """Return a tree whose NumPy arrays are new objects that show the same numbers; nothing is copied.
+
+    Where a NumPy array of float64 was a constant of somebody's compiled program, JAX remembers by the array's identity,
+    for as long as that program lives, which precision it was shipped in (`_canonicalize_ndarray_dtype` of jax 0.10 is
+    a weak cache whose key leaves out the flag). The same object in the other precision then ends in "expected f64[3]
+    but got f32[3]", or is silently rounded to float32. A view is an object that JAX has not met. Frozen dataclasses
+    that are no trees, such as a `Fit`, get new arrays in all of their fields.
+    """
+    return jax.tree.map(_anew, tree)
+
+
+def _anew(leaf: Any) -> Any:
+    if isinstance(leaf, np.ndarray):
+        return leaf.view()
+    if dataclasses.is_dataclass(leaf) and not isinstance(leaf, type):
+        fields = (field.name for field in dataclasses.fields(leaf) if field.init)
+        return dataclasses.replace(leaf, **{name: with_new_arrays(getattr(leaf, name)) for name in fields})
+    return leaf
 
 
 def jit_quickly(program: Callable, static_argnums: int | None = None, options: dict = QUICKLY) -> Callable:

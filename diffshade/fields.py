@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -38,7 +39,13 @@ def as_array(value: Numbers) -> Any:
     except ValueError:  # rows of different lengths
         return value
     # a copy: a caller's later edits must not reach a frozen scene
-    return array.astype(np.float64) if array.dtype.kind in "biuf" else value
+    return array.astype(np.float64) if array.dtype.kind in "biuf" or is_number(array.dtype) else value
+
+
+def is_number(dtype: Any) -> bool:
+    """Whether arrays of a type hold real numbers; NumPy does not say it of bfloat16 and its like, JAX does."""
+    known = np.issubdtype(dtype, np.number) or jnp.issubdtype(dtype, np.number)
+    return bool(known) and not np.issubdtype(dtype, np.complexfloating)
 
 
 def as_float64(leaf: object) -> np.ndarray:
@@ -70,7 +77,7 @@ def as_exponent(value: Numbers) -> Any:
 def as_colour(value: Numbers) -> Any:
     """Make a colour; a single number means grey."""
     colour = as_array(value)
-    if getattr(colour, "shape", None) in ((), (1,)):
+    if getattr(colour, "shape", None) in ((), (1,)) and is_number(colour.dtype):
         return colour * np.ones(3) if isinstance(colour, np.ndarray) else colour.reshape(()).repeat(3)
     return colour
 
@@ -126,11 +133,11 @@ def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]
     if isinstance(value, Tracer):
         return
     # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
-    if not isinstance(value, Array | np.number | int | float) or not np.issubdtype(np.asarray(value).dtype, np.number):
+    if not isinstance(value, Array | np.number | int | float) or not is_number(np.asarray(value).dtype):
         raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")
     if np.shape(value) not in shapes:
         raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
-    numbers = np.asarray(value)
+    numbers = _as_numpy(value)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
     lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
@@ -146,6 +153,26 @@ def checked_colour(name: str, value: Numbers) -> Any:
     return colour
 
 
+def refuse_traced(name: str, instead: str, **given: Any) -> None:
+    """Refuse to look at numbers inside `jax.grad`, `jit` or `vmap`, where there are none; say what to do instead."""
+    leaves = (
+        f"{start}.{jax.tree_util.keystr(path, simple=True, separator='.')} is traced"
+        for start, tree in given.items()
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+        if isinstance(leaf, Tracer)
+    )
+    # within a jit all that JAX computes is traced, whatever it is made of
+    found = next(leaves, "it was called there" if isinstance(jnp.zeros(()), Tracer) else "")
+    if found:
+        raise TypeError(f"{name} needs numbers, which there are none of in jax.grad, jit or vmap: {found}. {instead}")
+
+
+def _as_numpy(value: Any) -> np.ndarray:
+    """Return a value as an array of a type whose numbers NumPy can compare and print."""
+    numbers = np.asarray(value)
+    return numbers if np.issubdtype(numbers.dtype, np.number) else numbers.astype(np.float64)
+
+
 def _shown(numbers: np.ndarray) -> str:
     shown = ", ".join(f"{number:.10g}" for number in np.ravel(numbers))
     return f"({shown})" if np.ndim(numbers) else shown
@@ -153,8 +180,8 @@ def _shown(numbers: np.ndarray) -> str:
 
 def in_short(value: Any) -> str:
     """Return what a message says of a value: its numbers; of a module, whose repr is long, what it is; else a repr."""
-    if isinstance(value, Array) and np.issubdtype(value.dtype, np.number) and is_concrete(value):
-        return _shown(np.asarray(value))
+    if isinstance(value, Array) and is_number(value.dtype) and is_concrete(value):
+        return _shown(_as_numpy(value))
     return with_article(type(value).__name__) if isinstance(value, eqx.Module) else repr(value)
 
 
@@ -207,7 +234,9 @@ def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclas
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return the sentence that follows a wrong name: the nearest right one, or all of them but whole paths."""
     options = sorted(set(options))
-    lower = {option.lower(): option for option in options}
+    # NoFresnel is no other spelling of fresnel, but its opposite
+    meant = [o for o in options if word.lower().startswith("no") or not re.match("No[A-Z]", o)]
+    lower = {option.lower(): option for option in meant}
     near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
     short = ", ".join(option for option in options if "." not in option and "*" not in option)
     return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."

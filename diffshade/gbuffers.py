@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
+from .backend import in_float64
 from .cameras import OrthographicCamera, Rays, axes
 from .fields import Array, as_array, check_kind, is_concrete
 from .surfaces import AbstractSurface, Hit
@@ -54,7 +55,7 @@ class GBuffer(AbstractSurface):
         self.mask = keep(inside, inside, False)
 
     def check_together(self) -> None:
-        arrays = [array for array in (self.normal, self.position, self.mask) if array is not None]
+        arrays = [_owner(array) for array in (self.normal, self.position, self.mask) if array is not None]
         if not is_concrete(*arrays) or tuple(map(id, arrays)) in _sound:
             return
         squared = np.sum(np.square(self.normal), -1)
@@ -86,6 +87,15 @@ class GBuffer(AbstractSurface):
 _sound: dict[
     tuple[int, ...], list[weakref.ref]
 ] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
+
+
+def _owner(array: Array) -> Array:
+    """Return the array whose numbers a view shows, all of them and in their order; any other array itself."""
+    base = array.base if isinstance(array, np.ndarray) else None
+    if not isinstance(array, np.ndarray) or not isinstance(base, np.ndarray) or not base.flags.owndata:
+        return array
+    same = (base.shape, base.strides, base.dtype) == (array.shape, array.strides, array.dtype)
+    return base if same else array
 
 
 def _remember(arrays: Sequence[Array]) -> None:
@@ -169,8 +179,8 @@ def height_map(
             f"a height map must be finite; got {height[row, column]} at row {row}, column {column}. Mask it out."
         )
     pixel = float(camera.height) / camera.shape[0]
-    with jax.enable_x64(True):
-        right, up, backward = (np.asarray(axis) for axis in _axes(camera))
+    with in_float64(camera) as seen_by:
+        right, up, backward = (np.asarray(axis) for axis in _axes(seen_by))
     down, across = np.indices(height.shape) + 0.5
     x, y = (across - camera.shape[1] / 2) * pixel, (camera.shape[0] / 2 - down) * pixel
     known = np.where(inside, height, np.nan)

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from .backend import in_float64
 from .cameras import AbstractCamera
 from .fields import Array, check_kind
 from .gbuffers import GBuffer
@@ -46,7 +47,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         or not np.isfinite(corners).all()
     ):
         raise ValueError(f"{path} has triangles with a corner that is no point of three numbers. Export it again.")
-    with jax.enable_x64(True):
+    with in_float64(camera) as camera:
         rays = [np.asarray(a) for a in _rays(camera)]
     hits: Any = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)
     face, ray, p = hits

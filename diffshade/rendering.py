@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .backend import UNFUSED, check_backend
+from .backend import UNFUSED, check_backend, with_new_arrays
 from .cameras import AbstractCamera, Projection, Rays
 from .fields import Array, check, is_concrete
 from .gbuffers import GBuffer
@@ -52,7 +52,7 @@ def render(
     check_backend()
     stacked = stack_scene(scene if lit is None else eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
     program = _render_unfused if _takes_long(stacked, camera) else _render
-    return program(stacked, camera)
+    return program(*with_new_arrays((stacked, camera)))
 
 
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
@@ -79,7 +79,7 @@ def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     check((scene, camera))
     check_shapes(scene, camera)
     check_backend()
-    return GBuffer(*visible_points(scene.objects, camera))
+    return GBuffer(*visible_points(*with_new_arrays((scene.objects, camera))))
 
 
 def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight, ...]:

@@ -11,15 +11,20 @@ import re
 import warnings
 from pathlib import Path
 
-import pdoc.doc
-import pdoc.render
-import pdoc.render_helpers
-import written
-from markupsafe import Markup
-from pdoc.docstrings import embed_images
-from pygments.formatters import HtmlFormatter
+try:
+    import latex2mathml.converter  # noqa: F401 - for the formulas of pdoc
+    import pdoc.doc
+    import pdoc.render
+    import pdoc.render_helpers
+    import written
+    from markupsafe import Markup
+    from pdoc.docstrings import embed_images
+    from pygments.formatters import HtmlFormatter
 
-import diffshade as ds
+    import diffshade as ds
+except ModuleNotFoundError as error:
+    package = (error.name or "").partition(".")[0]
+    raise SystemExit(f"the documentation needs {package}, which is not here. Run pip install -e '.[docs]'.") from None
 
 ROOT = Path(__file__).resolve().parents[1]
 # what the README links to, and the README

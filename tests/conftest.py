@@ -9,6 +9,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # programs from the cache else say on stderr for which CPU they are
+
 import jax
 import pytest
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ..backend import jit_quickly
+from ..backend import in_float64, jit_quickly
 from ..cameras import AbstractCamera, Camera, OrthographicCamera, Projection
 from ..surfaces import Sphere
 
@@ -92,7 +92,7 @@ _projection = jit_quickly(lambda camera: camera.projection())
 
 def project(camera: AbstractCamera) -> Projection:
     """Return a camera as numbers, NumPy float64."""
-    with jax.enable_x64(True):
+    with in_float64(camera) as camera:
         return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), _projection(camera))
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from ..cameras import AbstractCamera, Camera
 from ..fields import check, check_kind
+from ..inverse.identifiability import listing
 from ..progress import showing, silent
 from .balls import Ball, find_ball
 from .glossy import by_fit
@@ -73,7 +74,7 @@ def calibrate(
         elif ball == "glossy":
             found = by_fit(taken, balls[0], tell)
         else:
-            known = None if directions is None else _known(directions, len(taken.names))
+            known = None if directions is None else _known(directions, taken.names)
             found = by_shading(taken, balls[0], known, tell)
     return dataclasses.replace(found, notes=(*found.notes, *_of_camera(camera)))
 
@@ -115,7 +116,9 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
     if camera is not None and camera.shape != shape:
         raise ValueError(f"camera.shape must be that of the photographs, {shape}; got {camera.shape}. Resize them.")
     if kind == "mirror" and taken.found:
-        raise ValueError("a mirror ball shows the room, not its own outline. Give its mask, mask='mask.png'.")
+        raise ValueError(
+            "a mirror ball shows the room, not its own outline. Give its mask: mask='mask.png', at the terminal --mask."
+        )
     if len(taken.masks) > 1 and (kind != "mirror" or not isinstance(camera, Camera)):
         raise ValueError(
             f"{len(taken.masks)} masks are so many mirror balls seen by a camera whose intrinsics are known, since it "
@@ -133,8 +136,9 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
     return tuple(find_ball(m, camera, float(r), whole=taken.found) for m, r in zip(taken.masks, radii, strict=True))
 
 
-def _known(directions: Any, photographs: int) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:
+def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:
     """Return directions that are given, as unit vectors, and their errors in degrees."""
+    photographs = len(names)
     errors = directions.errors if isinstance(directions, Calibration) else np.zeros(photographs)
     if isinstance(directions, str | Path):
         directions = read_directions(Path(directions))
@@ -147,7 +151,7 @@ def _known(directions: Any, photographs: int) -> tuple[Vectors, Float[np.ndarray
         )
     if found.shape != (photographs, 3):
         raise ValueError(
-            f"directions must be one vector for each of the {photographs} photographs; got shape {found.shape}. "
-            "Give (n, 3), towards the lights."
+            f"directions must be one vector for each of the {photographs} photographs; got shape {found.shape}. The "
+            f"photographs are {listing(names)}: make the two match, (x, y, z) towards each light."
         )
     return found / np.linalg.norm(found, axis=-1, keepdims=True), errors

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 
+from ..backend import in_float64
 from ..cameras import Camera
 from ..diagnosis.patches import find_clusters
 from ..inverse.clusters import Clusters
@@ -107,7 +107,7 @@ def _misled(misled: np.ndarray) -> list[str]:
 
 
 def _clusters(found: Fit) -> Clusters:
-    with jax.enable_x64(True):
+    with in_float64(found) as found:
         return find_clusters(found)
 
 

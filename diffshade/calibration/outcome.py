@@ -90,8 +90,9 @@ class Calibration:
         other = np.asarray(directions, np.float64)
         if other.shape != self.directions.shape or not (np.linalg.norm(other, axis=-1) > 0).all():
             raise ValueError(
-                f"directions must be one unit vector for each of the {len(self.names)} photographs; got shape "
-                f"{other.shape}. Give (n, 3), towards the lights."
+                f"{name} must hold one unit vector for each of the {len(self.names)} photographs; got shape "
+                f"{other.shape}. The photographs are {listing(self.names)}: make the two match, if need be with a "
+                "filenames.txt in their folder that names those that count, one a line."
             )
         return Comparison(name, self.names, degrees(self.directions, other), errors)
 

@@ -115,7 +115,7 @@ def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[st
             )
     if beside and len(masks) > 1:
         listed = ", ".join(sorted(file.name for file in masks))
-        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=.")
+        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=, at the terminal --mask.")
     return names, images, masks[0] if beside and masks else None
 
 
@@ -160,6 +160,7 @@ def _round_piece(images: Sequence[Any]) -> Mask:
     if roundness(best) < ROUND:
         raise ValueError(
             "no ball stands out from its background in these photographs: of the roundest bright piece "
-            f"{100 * roundness(best):.0f} % of the edge lies on a circle. Give its mask, mask='mask.png'."
+            f"{100 * roundness(best):.0f} % of the edge lies on a circle. Give its mask: mask='mask.png', at the "
+            "terminal --mask."
         )
     return best

@@ -30,7 +30,7 @@ SOURCE = (
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by kind of file]")
 VIEWS = (
     click.option("--lit", type=Lit(), help="Lights on: each (default), all, or as in 0,1,0+1"),
-    click.option("--mask", type=FILE, help="Pixels that count  [default: the object's]"),
+    click.option("--mask", type=FILE, help="Pixels that count  [default: mask.png, the object's]"),
     ENCODING,
 )
 MODEL = (
@@ -104,8 +104,7 @@ class Asked:
             )
 
     def _of_folder(self, normals: bool | None) -> Source:
-        from ..images import read_mask
-        from ..inverse.photographs import has_normals, photograph_names, read_photographs
+        from ..inverse.photographs import has_normals, mask_file, photograph_names, read_photographs
 
         for name, given in (("PHOTOS", self.photos), ("--lit", self.lit), ("--srgb", self.srgb is True)):
             if given:
@@ -115,14 +114,12 @@ class Asked:
         if (near := self.source / "scene.toml").is_file() and not (self.source / "light_directions.txt").is_file():
             # as calibrate writes what a camera near by took
             photos = tuple(self.source / name for name in photograph_names(self.source))
-            mask = self.mask or self.source / "mask.png"
+            mask = self.mask or mask_file(self.source)
             return replace(self, source=near, photos=photos, mask=mask, srgb=False)._of_scene()
-        scene, views = read_photographs(self.source, normals=has_normals(self.source) if normals is None else normals)
-        changes: dict[str, Any] = {} if self.mask is None else {"mask": read_mask(self.mask)}
+        normals = has_normals(self.source) if normals is None else normals
+        scene, views = read_photographs(self.source, normals=normals, mask=self.mask)
         if self.noise is not None:
-            changes["noise"] = self.noise
-        if changes:
-            views = tuple(replace(view, **changes) for view in views)
+            views = tuple(replace(view, noise=self.noise) for view in views)
         return Source(scene, views, tuple(photograph_names(self.source)), self.source)
 
     def _of_scene(self) -> Source:

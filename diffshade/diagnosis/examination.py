@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
@@ -78,15 +78,15 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as own:
         tell("errors")
-        clusters = find_clusters(fit)
-        profile = Profile(fit, clusters)
+        clusters = find_clusters(own)
+        profile = Profile(own, clusters)
         found = intervals(profile, LEVELS, tell)
-        profiles = tuple(profile.curve(j) for j in range(len(fit.unknowns)))
-        again, shifted = refits(fit, clusters, left_out(fit), tell)
+        profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
+        again, shifted = refits(own, clusters, left_out(own), tell)
         tell("looking at the residuals")
-        suspected = suspicions(fit)
+        suspected = suspicions(own)
     return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
 
 

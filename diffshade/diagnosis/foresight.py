@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
+from ..backend import in_float64
 from ..inverse.constraints import Grey, Proportional
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.outcome import diagnose
@@ -72,7 +73,7 @@ def foresee(
     check_choices(scene, views, constraints, "squares", "hinge", "search")
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
-    with jax.enable_x64(True):
+    with in_float64((scene, views)) as (scene, views):
         scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
         views = tuple(_taken(scene, view, noise) for view in views)
         unknowns = find_unknowns(

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..backend import in_float64
 from ..fields import Array, check_kind
 from ..inverse.blocks import BLOCK, CHUNK, Block, Piece
 from ..inverse.identifiability import listing
@@ -105,7 +106,7 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     names = sorted(fits)  # whatever the order of the mapping
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])
-    with showing("compare") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with showing("compare") if progress else contextlib.nullcontext(silent) as tell, in_float64(dict(fits)) as fits:
         laid = {name: Laid(fits[name]) for name in names}
         for name in names[1:]:
             _check_same_pixels(names[0], laid[names[0]], name, laid[name])

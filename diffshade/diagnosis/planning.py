@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..backend import in_float64
 from ..cameras import AbstractCamera
 from ..fields import Array, Checked, Scalar, as_scalar, check, check_kind, did_you_mean, is_concrete, quantities
 from ..gbuffers import GBuffer
@@ -154,10 +155,13 @@ def plan(
     aimed = _aimed(fit.unknowns, aim)
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
     seen = []
-    with showing("plan") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
-        for i, (shot, name) in enumerate(zip(shots, names, strict=True)):
+    with (
+        showing("plan") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((fit, shots)) as (own, own_shots),
+    ):
+        for i, (shot, name) in enumerate(zip(own_shots, names, strict=True)):
             tell(name, i / len(shots))
-            seen.append(_look(fit, shot, name))
+            seen.append(_look(own, shot, name))
     # where nothing is determined, it is by chance that a value stands at a bound
     evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.determined)
     after = [_with(evidence, H) for H, _ in seen]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.outcome import Fit
 from ..inverse.parameters import values_at
@@ -36,7 +36,7 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         raise ValueError(f"seed must be a whole number of at least 0; got {seed!r}. Give for example 0.")
     random = np.random.default_rng(seed)
     found = np.empty((draws, len(fit.values)))
-    with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as fit:
         laid = Laid(fit)
         chunks = laid.by_view()
         for draw in range(draws):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 from jaxtyping import Bool
 
+from ..backend import in_float64
 from ..inverse.identifiability import listing
 from ..inverse.outcome import Fit
 from ..lights import DirectionalLight
@@ -43,7 +43,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
     pixels of shadows or rims. The one that explains most of the cost is taken and put right, and what is left is looked
     at again, so that no echo of it is reported. Images that are encoded otherwise leave nothing else to be said.
     """
-    with jax.enable_x64(True):
+    with in_float64(fit) as fit:
         if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING * fit.squares:
             return ()
         desk = Desk(fit)

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..backend import in_float64
 from ..materials import AbstractLobe, Material, Phong
 from ..reflection import reflectance
 from ..vectors import Vec3
@@ -63,7 +63,7 @@ class Reference(NamedTuple):
 
     def highlights(self, lobe: AbstractLobe) -> Callable[[float], Cosines]:
         """Return the highlights of k_s = 1 as a function of n_s (E5, E6)."""
-        with jax.enable_x64(True):
+        with in_float64():
             cosine = np.broadcast_to(np.asarray(lobe.cosine(*self.vectors)), self.n_v.shape)
         shines = (self.n_l > 0) & (cosine > 0)
         return lambda n_s: np.where(shines, np.where(shines, cosine, 1.0) ** n_s, 0.0)
@@ -102,7 +102,7 @@ def reference_of(material: Material) -> Reference:
 
 def radiance(material: Material, points: Reference) -> Radiance:
     """Return what a material reflects at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
-    with jax.enable_x64(True):
+    with in_float64(material) as material:
         return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, *points.vectors).stack())
 
 

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int, Int8
 
+from ..backend import in_float64
 from ..fields import Array
 from .views import Samples, View, is_grey
 
@@ -123,12 +124,12 @@ def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
     A scan runs on one core; a compiled program called from several threads runs on as many.
     """
 
-    def in_float64(item: Any) -> T:
-        with jax.enable_x64(True):  # the context belongs to the thread
+    def worked(item: Any) -> T:
+        with in_float64():  # the context belongs to the thread
             return jax.block_until_ready(work(item))
 
     items = list(items)
-    return [in_float64(item) for item in items] if len(items) < 2 else list(_threads().map(in_float64, items))
+    return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
 
 
 def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ahead: int) -> Iterator[T]:
@@ -137,15 +138,15 @@ def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ah
     What is early waits, so that memory holds so many results and no more.
     """
 
-    def in_float64(item: Any) -> T:
-        with jax.enable_x64(True):
+    def worked(item: Any) -> T:
+        with in_float64():
             return work(item)
 
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(threads, thread_name_prefix="diffshade") as pool:
         try:
             for item in items:
-                waiting.append(pool.submit(in_float64, item))
+                waiting.append(pool.submit(worked, item))
                 if len(waiting) > ahead:
                     yield waiting.popleft().result()
             while waiting:

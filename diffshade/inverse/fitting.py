@@ -12,8 +12,8 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from ..backend import check_backend
-from ..fields import as_float64, check, check_kind
+from ..backend import check_backend, in_float64
+from ..fields import as_float64, check, check_kind, refuse_traced
 from ..progress import Tell, showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
@@ -28,6 +28,7 @@ from .study import Study
 from .tiles import Tiles
 from .views import View, is_grey, repeats
 
+DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
 CLIPPED = ("hinge", "tobit", "leave out")
 
 
@@ -98,7 +99,10 @@ def fit(
         scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
     )
     check_free(unknowns)
-    with showing("fit") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with (
+        showing("fit") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((scene, views)) as (scene, views),
+    ):
         tell("reading the views")
         if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
             samples, counts = look_at(scene, views, unknowns, clipped)
@@ -155,6 +159,7 @@ def check_choices(
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
+    refuse_traced("a fit", DERIVATIVES, scene=scene, views=tuple(views))
     check((scene, tuple(views)))
     for i, constraint in enumerate(constraints):
         if not isinstance(constraint, Grey | Proportional):

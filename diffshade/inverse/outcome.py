@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..backend import in_float64
 from ..materials import Material
 from ..patterns import Chequer
 from ..scenes import Scene
@@ -121,9 +122,9 @@ class Fit:
     def predict(self, view: View) -> Prediction:
         """Return what a view's photograph would be by this fit, beside what it is; any view, fitted or held out."""
         moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
-        with jax.enable_x64(True):
-            samples = find_samples(self.scene, view, moving=moving and has_mask(view))
-            image = photograph(self.scene, view)
+        with in_float64((self.scene, view)) as (scene, view):
+            samples = find_samples(scene, view, moving=moving and has_mask(view))
+            image = photograph(scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
         return Prediction(samples.whole(), image, counts)

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..cameras import OrthographicCamera
-from ..gbuffers import GBuffer
+from ..gbuffers import GBuffer, as_mask
 from ..images import read_image, read_mask
 from ..lazy_images import open_image
 from ..lights import DirectionalLight
@@ -20,7 +20,7 @@ from .views import View
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
-def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene, tuple[View, ...]]:
+def read_photographs(folder: str | Path, *, normals: bool = True, mask: Any = None) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
@@ -29,7 +29,7 @@ def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene
     `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The photographs are linear and the camera is
     far away on +z. Light i is on in photograph i alone. Those in .npy and .zarr are opened without being read, as by
     `open_image`: they may be larger than memory. `normals`: whether to read them; without, every normal is (0, 0, 1),
-    for `fit_texels` to find.
+    for `fit_texels` to find. `mask`: a file or an array (H, W), in place of `mask.png`.
 
     Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
     """
@@ -39,7 +39,7 @@ def read_photographs(folder: str | Path, *, normals: bool = True) -> tuple[Scene
     names = photograph_names(folder)
     directions = _numbers(folder / "light_directions.txt", names, (3,))
     intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
-    mask = read_mask(_existing(folder / "mask.png"))
+    mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
     known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
     surface = GBuffer(known, mask=mask)
@@ -65,6 +65,25 @@ def photograph_names(folder: Path) -> list[str]:
                 "there."
             )
     return names
+
+
+def mask_file(folder: Path) -> Path:
+    """Return the mask in a folder of photographs; refuse a folder without one."""
+    path = folder / "mask.png"
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"there is no file {path}, white where the object is. Add it, or give another one: mask=, at the terminal "
+            "--mask."
+        )
+    return path
+
+
+def as_given(mask: Any) -> Bool[np.ndarray, "h w"]:
+    """Return a mask that is given as a file or an array."""
+    found = read_mask(mask) if isinstance(mask, str | Path) else np.asarray(as_mask(mask))
+    if found.ndim != 2:
+        raise ValueError(f"mask must have shape (H, W); got {found.shape}. Give one number a pixel.")
+    return found
 
 
 def has_normals(folder: Path) -> bool:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..backend import SOONER, jit_quickly
+from ..backend import SOONER, in_float64, jit_quickly
 from ..fields import Array, check_kind
 from .blocks import Block, on_all_cores, total
 from .outcome import Fit
@@ -41,7 +41,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
         for path, channel in unknown.places:
             if (path, channel) in places:
                 raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a number that was known.")
-    with jax.enable_x64(True):
+    with in_float64(fit) as fit:
         at = _At(fit)
         slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
         phi = values_in(fit.scene, fit.views, known)
@@ -69,7 +69,7 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):
         raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Count the views of the fit.")
-    with jax.enable_x64(True):
+    with in_float64(fit) as fit:
         at = _At(fit)
         theta = jnp.asarray(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))

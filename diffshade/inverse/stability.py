@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ..lights import AreaLight, DirectionalLight, PointLight, SpotLight
+from ..lights import AbstractEmitter, AbstractLight, AreaLight, DirectionalLight, Path, PointLight, SpotLight
 from ..materials import Material
 from ..measured_lights import MeasuredLight
 from ..progress import Tell
 from ..rendering import render
 from ..scenes import Scene
+from ..vectors import Vec3
 from .clusters import Clusters
 from .identifiability import relative_errors
 from .outcome import Fit
@@ -113,14 +114,35 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
 
-def _bare(light: object) -> PointLight | DirectionalLight:
-    """Return a light of unit intensity in the same place that nothing fades."""
+class _Bare(AbstractEmitter):
+    """A light of unit intensity that nothing fades, whose light comes from where another's does."""
+
+    light: AbstractEmitter
+
+    @property
+    def is_local(self) -> bool:
+        """As the other."""
+        return self.light.is_local
+
+    def path(self, p: Vec3 | None) -> Path:
+        """As the other."""
+        return self.light.path(p)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and 1."""
+        return self.path(p).l, Vec3.of(np.ones(3))
+
+
+def _bare(light: AbstractLight) -> AbstractEmitter:
+    """Return a light of unit intensity in the same place that nothing fades; the usual ones share their programs."""
     if isinstance(light, DirectionalLight):
         return DirectionalLight(light.direction)
     if isinstance(light, AreaLight):
         return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
-    assert isinstance(light, PointLight | SpotLight | MeasuredLight)
-    return PointLight(light.position)
+    if isinstance(light, PointLight | SpotLight | MeasuredLight):
+        return PointLight(light.position)
+    assert isinstance(light, AbstractEmitter)  # as a scene's lights are
+    return _Bare(light)
 
 
 def refits(

@@ -9,10 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Bool, Float, Int, Int8
 
 from ..cameras import AbstractCamera
-from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete
+from ..fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number
 from ..gbuffers import as_mask
 from ..lazy_images import LazyImage, row_tiles
 from ..rendering import render, select, silhouette
@@ -32,7 +33,14 @@ def as_image(image: Any) -> Any:
     lazy = all(hasattr(image, name) for name in ("shape", "dtype", "__getitem__"))
     if lazy and not isinstance(image, np.ndarray | np.generic | jax.Array):
         return LazyImage(lambda first, last: image[first:last], image.shape, image.dtype)
+    if isinstance(image, Tracer):
+        raise TypeError(
+            "View.image must be numbers, and is traced by jax.grad, jit or vmap. Make the view and fit outside; the "
+            "derivative of a fit by a photograph is ds.image_sensitivity(fit, view)."
+        )
     array = np.asarray(image)
+    if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
+        array = array.astype(np.float32)
     return array[..., None] if array.ndim == 2 else array
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Float, Int
 
-from ..backend import check_backend
-from ..fields import as_float64, check, check_kind
+from ..backend import check_backend, in_float64
+from ..fields import as_float64, check, check_kind, refuse_traced
 from ..fresnel import NoFresnel
 from ..inverse.blocks import in_order, on_all_cores
 from ..inverse.checkpoints import fingerprint
@@ -84,7 +84,10 @@ def fit_texels(
     free = _checked(scene, views, free, regions, loss)
     check_backend()
     scene = jax.tree.map(as_float64, scene)
-    with showing("texels") if progress else contextlib.nullcontext(silent) as tell, jax.enable_x64(True):
+    with (
+        showing("texels") if progress else contextlib.nullcontext(silent) as tell,
+        in_float64((scene, views)) as (scene, views),
+    ):
         run = _Run(scene, views, free, regions, loss, out, memory, mesh, tell)
         with contextlib.closing(run.record):
             return run.maps()
@@ -347,6 +350,7 @@ def _checked(scene: Any, views: Sequence[Any], free: Iterable[str], regions: Any
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
     for i, view in enumerate(views):
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
+    refuse_traced("a fit", "Fit outside.", scene=scene, views=tuple(views))
     check((scene, tuple(views)))
     free = (free,) if isinstance(free, str) else tuple(free)
     for name in free:

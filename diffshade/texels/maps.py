@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from ..backend import in_float64
 from ..cameras import AbstractCamera
 from ..fields import Array
 from ..files import replacing
@@ -83,8 +84,8 @@ class TexelMaps:
             value = np.asarray(self.values[name], np.float64) if name in self.values else known
             maps[name] = value[..., 0] if name == "n_s" and name in self.values else value + np.zeros(3)
         normal = np.asarray(self.values["normal"], np.float64) if "normal" in self.values else None
-        with jax.enable_x64(True):
-            image = np.asarray(_shade(stack_scene(scene), self.camera, maps, normal))
+        with in_float64((scene, self.camera)) as (scene, camera):
+            image = np.asarray(_shade(stack_scene(scene), camera, maps, normal))
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
 
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:

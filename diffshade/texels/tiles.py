@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..backend import in_float64
 from ..cameras import Projection
 from ..fields import Array
 from ..gbuffers import GBuffer, as_mask
@@ -45,7 +46,7 @@ class Source:
         self.camera = views[0].camera
         self.shape = self.camera.shape
         self.surface = scene.objects[0].surface
-        with jax.enable_x64(True):
+        with in_float64():
             self.projection = projection_of(self.camera)
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
@@ -133,7 +134,7 @@ class Source:
             )
             return inside, normal, position
         row = np.arange(first, first + height, dtype=np.float64)
-        with jax.enable_x64(True):
+        with in_float64():
             seen = _points(self.surface, self.projection, row, np.arange(self.shape[1], dtype=np.float64))
         inside, normal, position = (np.asarray(a).reshape(height * self.shape[1], *a.shape[2:])[:count] for a in seen)
         return inside, normal, position if self.with_position else None

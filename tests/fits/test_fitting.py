@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenarios
-import scipy.stats
 from scenarios import SIGMA, clean_fit, clean_images, noisy_fit, noisy_images, standard_fit
 from synthetic import (
     CAMERA,
@@ -85,9 +84,8 @@ def test_errors_are_as_large_as_the_values_of_noisy_photographs_are_off():
     assert abs(mean - 1) < 3 * np.sqrt(2 / (len(fits) * p))
     assert max(np.abs(e / fit.plain_errors).max() for e, fit in zip(errors, fits, strict=True)) < 4.5
     np.testing.assert_allclose([fit.rmse for fit in fits], SIGMA, rtol=0.04)
-    t = scipy.stats.t.ppf(0.975, 7)  # of the jackknife: views - 1 degrees of freedom
-    covered = np.mean([np.abs(e) < t * fit.errors for e, fit in zip(errors, fits, strict=True)])
-    assert 0.9 < covered < 0.995
+    covered = np.mean([np.abs(e) < 1.96 * fit.errors for e, fit in zip(errors, fits, strict=True)])
+    assert 0.92 < covered < 0.985
 
 
 # --- nothing is compiled twice
@@ -117,6 +115,7 @@ def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     exposed = {"exposure": 2.0, "saturation": 0.6}
     standard_fit(images, told)
     standard_fit(images, scene, exposed)
+    standard_fit(images, scene, bounds={"k_s": (0.0, 0.3)})  # a wrong model, which a fit looks at again
     traces.clear()
     standard_fit(images, told)
     standard_fit(noisy_images(0, 0.1), scene)
@@ -125,7 +124,7 @@ def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     standard_fit(images, scene, {"mask": other_mask})
     standard_fit(images, scene, exposed)
     standard_fit(images, scene, {"camera": moved})
-    standard_fit(images[::-1], scene)
+    ds.fit(scene, one_light_each(images)[::-1], free=FREE, tied=TIED)
     assert traces == []
 
 

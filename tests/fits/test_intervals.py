@@ -112,7 +112,7 @@ def test_an_end_is_where_a_fit_that_is_bounded_there_costs_so_much_more():
         bounds = {name: (sure[j, 1], 1e3) if side > 0 else (0.0, sure[j, 0])}
         held = standard_fit(noisy_images(), bounds=bounds)
         assert held.at_bound[j]
-        away = np.sqrt(2.0 * (held.costs[-1] - fit.costs[-1]) / fit.evidence.sigma2)
+        away = np.sqrt(2.0 * (held.costs[-1] - fit.costs[-1]) / clusters.rises()[j])
         np.testing.assert_allclose(away, stats.t.ppf(0.975, clusters.evidence.spread[0] - 12), rtol=0.02)
 
 

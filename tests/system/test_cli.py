@@ -64,6 +64,8 @@ def shot(tmp_path_factory) -> Path:
     np.save(here / "nan.npy", images[0])
     ds.write_image(here / "black.png", np.zeros((24, 24, 1)))
     ds.write_image(here / "half.png", np.indices((24, 24))[0][..., None] < 12.0)
+    ball = ds.read_mask(here / "photographs" / "mask.png")
+    ds.write_image(here / "half_ball.png", (ball & (np.indices((24, 24))[0] < 12))[..., None] * 1.0)
     ds.write_image(here / "cut.png", images[1].clip(0.0, 1.0))
     (here / "cut.png").write_bytes((here / "cut.png").read_bytes()[:300])
     ds.write_material(here / "gold.mtl", ds.material("gold"), name="gold")
@@ -199,12 +201,12 @@ def test_what_is_said_of_a_fit_reaches_it(typed, monkeypatch):
 
 
 def test_a_folder_is_a_scene_and_its_photographs(typed, monkeypatch):
-    scene, views, _ = asked(typed, monkeypatch, "fit", "photographs", "--mask", "half.png", "--noise", "0.01")
+    scene, views, _ = asked(typed, monkeypatch, "fit", "photographs", "--mask", "half_ball.png", "--noise", "0.01")
     expected, of_folder = ds.read_photographs("photographs")
     assert len(views) == len(scene.lights) == len(expected.lights) == 8
     np.testing.assert_array_equal(views[5].image[:], of_folder[5].image[:])
     assert views[5].noise.read == pytest.approx(0.01)
-    np.testing.assert_array_equal(views[5].mask, np.indices((24, 24))[0] < 12)
+    np.testing.assert_array_equal(views[5].mask, ds.read_mask("half_ball.png"))
 
 
 def test_models_are_compared(typed, monkeypatch):

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+FACE, EDGE = 0.7, 0.8  # half the width of the face that a beam falls on, and of its picture
+LENGTH = 0.8  # of the ray in the middle
+RAYS = 8  # as many as the whole face takes where they fall straight on it
+BEAM = "#e08a1e"
+
 
 def diffuse_over_k_d() -> Figure:
     """Draw a ball over k_d from 0 to 1."""
@@ -71,9 +76,17 @@ def _diffuse(k_d: float, theta: np.ndarray) -> np.ndarray:
 
 
 def _draw_incidence(axes: Axes, degrees: float) -> None:
+    """Draw a beam whose rays are evenly spaced across it; of these the fewer hit the face the more they graze it."""
     l = toward(degrees)
+    x, y = float(l.x), float(l.y)
     sheet(axes, (-1.0, 1.0), (-0.1, 1.5))
-    axes.plot([-0.7, 0.7], [0, 0], color="black", linewidth=2.5)
+    axes.plot([-FACE, FACE], [0, 0], color="black", linewidth=2.5)
     axes.plot([0, 0], [0, 1.4], color=GREY, linewidth=0.8, linestyle=":")
-    for x in (-0.35, 0.0, 0.35):
-        arrow(axes, (x + 0.9 * float(l.x), 0.9 * float(l.y) + 0.06), (x, 0.06), "#e08a1e")
+    for u in (np.arange(RAYS) - 0.5 * (RAYS - 1)) * 2.0 * FACE / RAYS:
+        tail = np.array([LENGTH * x + u * y, LENGTH * y - u * x])  # u is the way across the beam
+        if abs(u) < FACE * y:
+            arrow(axes, (tail[0], tail[1]), (u / y, 0.03), BEAM)
+        elif tail[1] > 0.0:  # it passes the face, and ends where the next picture begins
+            way = min(tail[1] / max(y, 1e-9), (tail[0] + EDGE) / x)
+            end = tail - way * np.array([x, y])
+            axes.plot([tail[0], end[0]], [tail[1], end[1]], color=BEAM, alpha=0.35, linewidth=1.2)

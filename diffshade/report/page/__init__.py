@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ...backend import in_float64
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
@@ -66,7 +66,7 @@ def write_report(
     with (
         replacing(path) as temporary,
         showing("report") if progress else contextlib.nullcontext(silent) as tell,
-        jax.enable_x64(True),
+        in_float64(fit) as fit,
     ):
         residuals = look_at_residuals(fit, tell)
         which = _spread(residuals.rmse)
@@ -142,11 +142,11 @@ def _same(fit: Fit, other: Fit | Plan) -> bool:
 
 
 def _spread(rmse: Float[np.ndarray, " views"]) -> list[int]:
-    """Return the views to show: all, or some evenly spread from the worst to the best, in their order."""
+    """Return the views to show, from the one that fits worst to the one that fits best: all, or some evenly spread."""
     order = np.argsort(-np.nan_to_num(rmse), kind="stable")
     if len(order) > MOST_VIEWS:
         order = order[np.rint(np.linspace(0, len(order) - 1, MOST_VIEWS)).astype(int)]
-    return sorted(int(i) for i in order)
+    return [int(i) for i in order]
 
 
 def _profiles(examination: Examination | None) -> list[charts.Chart]:

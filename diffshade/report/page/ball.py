@@ -56,8 +56,8 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
             "center": _floats(Sphere().center if ball is None else ball.center),
             "radius": 1.0 if ball is None else float(ball.radius),
             "material": {k: _floats(_plain(getattr(item.material, k))) for k in ("k_a", "k_d", "k_s", "k_e", "n_s")},
-            "lobe": LOBES.index(type(item.material.lobe)),
-            "fresnel": FRESNEL.index(type(item.material.fresnel)),
+            "lobe": _number(LOBES, item.material.lobe),
+            "fresnel": _number(FRESNEL, item.material.fresnel),
             "eta": 1.0 if item.material.eta is None else float(item.material.eta),
         }
         for i, (item, ball) in enumerate(zip(scene.objects, balls, strict=True))
@@ -76,15 +76,24 @@ def _left_out(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
     """Say what of a scene the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
+    lobes = [type(m.lobe).__name__ for m in (item.material for item in items) if type(m.lobe) not in LOBES]
+    weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
     said = (
         (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape: it is a ball here"),
         (len(items) > 1, "more than one object at a time"),
         (any(item.material.k_t is not None for item in items), "what shines through the object (k_t)"),
         (any(item.material.patterns for item in items), "patterns, of which it has the mean of the two colours"),
+        (bool(lobes), f"the lobe {listing(sorted(set(lobes)))}: the highlight is Phong's here"),
+        (bool(weights), f"{listing(sorted(set(weights)))}, which weighs the highlight: its weight is k_s here"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
     )
     return [words for here, words in said if here]
+
+
+def _number(kinds: Sequence[type], value: object) -> int:
+    """Return the number by which the shader knows a kind, which is the first's where it knows none."""
+    return kinds.index(type(value)) if type(value) in kinds else 0
 
 
 def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
