@@ -38,7 +38,12 @@ def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: b
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
     doubt = f"- what is not determined stands in {', '.join(map(str, out))} as one of many values that fit as well."
-    said = [f"{source.encodings}", f"{found}", *([doubt] if out and not found.determined.all() else []), *map(str, written)]
+    said = [
+        f"{source.encodings}",
+        f"{found}",
+        *([doubt] if out and not found.determined.all() else []),
+        *map(str, written),
+    ]
     answer("\n".join(said), {**_fit_data(found, source), "written": written}, as_json=as_json)
 
 

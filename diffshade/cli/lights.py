@@ -62,7 +62,12 @@ def calibrate(
         found.write(out)
     files = in_folder(photos[0])[0] if len(photos) == 1 and photos[0].is_dir() else photos
     encodings = Encodings.of(files, srgb)
-    said = [f"{encodings}", f"{found}", *([f"{compared}"] if compared else []), *([f"{out}: photographs and lights"] if out else [])]
+    said = [
+        f"{encodings}",
+        f"{found}",
+        *([f"{compared}"] if compared else []),
+        *([f"{out}: photographs and lights"] if out else []),
+    ]
     data = {
         "photographs": found.names,
         "read_as": encodings.names,

@@ -60,6 +60,14 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
     }
     answer(
         "\n".join([f"{found.encodings}", f"{maps}", f"{out}: the maps"]),
-        {"photographs": found.names, "read_as": found.encodings.names, "folder": out, "status": status, "medians": medians, "written": written},
+        {
+            "photographs": found.names,
+            "read_as": found.encodings.names,
+            "folder": out,
+            "status": status,
+            "medians": medians,
+            "notes": maps.notes,
+            "written": written,
+        },
         as_json=as_json,
     )

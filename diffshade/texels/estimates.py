@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, UInt8
 
 from ..fields import Array
-from ..vectors import Vec3
+from ..vectors import Vec3, dot, normalize
 from .coefficients import RIDGE, inverse_diagonal
 from .descent import HIGH, LOW, Descent, brightest_direction, chosen, descend, sharpest
+from .geometry import FLAT, out_of_plane, scatter
 from .passes import Known, Photographs, Task, evaluate, features, first_weights, looks, reduced
 from .sights import Rig, Sights, sights_of
 
@@ -26,7 +27,15 @@ MEDIAN = {1: 0.6745, 3: 0.8880}  # of chi / sqrt(C), for C channels
 WILD = 100.0  # k_s beside the brightest sample, above which a highlight is a number that ran away
 APART = 100.0  # how much larger an error may be for what is not known beside it
 HUGE = 1e30  # a value that no map can hold
-VAGUE = 0.5  # standard error of log n_s, from which on it is not determined
+VAGUE = 0.5  # standard error of log n_s, and of k_s as a share of it, from which on a highlight is not determined
+LEANING = 0.2  # standard error of k_d n as a share of its length, up to which it is told which way it points
+FARTHER = (4.0, 1.5)  # how far along n_s a texel's valley is looked at: in errors of log n_s, and at most
+PROFILE = 6  # steps in which all else comes to its best there
+SAME = 0.02  # radians between normals, up to which two minima are one
+AS_GOOD = 9.0  # variances of a sample by which two minima may differ and explain the photographs alike
+MISFIT = 1.5  # by which what is left may exceed what is left of most texels, beside what chance does
+CHANCE = 4.0  # standard deviations that chance does
+DRIFT = 4.0  # errors by which a highlight that is not seen may move what is known without it
 
 
 class Choices(NamedTuple):
@@ -38,6 +47,8 @@ class Choices(NamedTuple):
     known_noise: bool
     shared: bool = False
     """Whether n_s is a region's, found before."""
+    narrow: bool = False
+    """Whether the lights come from so near each other that a highlight and a tilted normal look alike."""
 
 
 class Block(eqx.Module):
@@ -64,6 +75,23 @@ class Estimates(eqx.Module):
     status: UInt8[Array, " texels"]
     done: Bool[Array, " texels"]
     """Whether more patience would change nothing."""
+    variance: Float[Array, " texels"]
+    """Of a sample of weight 1, by what is left; infinite without degrees of freedom."""
+    level: Float[Array, " texels"]
+    """Weighted mean square of what the views show."""
+
+
+class Usual(eqx.Module):
+    """What is left of most texels: their variance, and that beside their level, whichever of the two noise is like."""
+
+    variance: Float[Array, ""]
+    share: Float[Array, ""]
+
+    def explains(self, variance: Array, level: Array, freedom: Array) -> Bool[Array, " texels"]:
+        """Return where what is left is no more than chance makes of it (chi squared; Wilson and Hilferty 1931)."""
+        of = 2.0 / (9.0 * jnp.maximum(freedom, 1.0))
+        chance = (1.0 - of + CHANCE * jnp.sqrt(of)) ** 3
+        return variance <= MISFIT**2 * chance * jnp.maximum(self.variance, self.share * level)
 
 
 def task_of(rig: Rig, known: Known, sights: Any, block: Block, choices: Choices, sigma: Array) -> Task:
@@ -84,17 +112,22 @@ def task_of(rig: Rig, known: Known, sights: Any, block: Block, choices: Choices,
 
 
 @partial(jax.jit, static_argnames="choices")
-def estimate(rig: Rig, known: Known, block: Block, sigma: Array, patience: Array, choices: Choices) -> Estimates:
+def estimate(
+    rig: Rig, known: Known, block: Block, sigma: Array, usual: Usual, patience: Array, choices: Choices
+) -> Estimates:
     """Return the estimates of a block: with a highlight where one explains enough, else without."""
     sights = sights_for(rig, block, choices)
 
     def best(known: Known, choices: Choices) -> Best:
         return _best(rig, known, sights, block, sigma, patience, choices)
 
-    full = best(known, choices)
+    full, alone = best(known, choices), jnp.ones(block.n.x.shape, bool)
+    if choices.narrow:
+        other = _best(rig, known, sights, block, sigma, patience, choices, _mirroring(sights, block))
+        full, alone = _better(full, other)
     every = jnp.ones(block.n.x.shape, bool)
     if "k_s" not in choices.free:
-        return _finish(full, full, block, choices, every, every)
+        return _finish(full, full, block, choices, usual, every, every, alone)
     plain = best(
         known.without_highlight(),
         choices._replace(free=tuple(name for name in choices.free if name not in ("k_s", "n_s"))),
@@ -105,7 +138,7 @@ def estimate(rig: Rig, known: Known, block: Block, sigma: Array, patience: Array
     brightest = jnp.max(jnp.where(block.seen.counts[:, None], block.seen.target.astype(float), 0.0), (0, 1))
     k_s = full.descent.found.k[full.task.known.linear.index("k_s")]
     tame = (k_s < WILD * brightest[None]).all(0) & full.descent.done & (full.descent.found.cost < HUGE)
-    return _finish(full, plain, block, choices, seen, tame)
+    return _finish(full, plain, block, choices, usual, seen, tame, alone)
 
 
 def begin(
@@ -143,12 +176,24 @@ class Best(eqx.Module):
     freedom: Float[Array, " texels"]
     """By how much those outnumber the unknowns."""
     variance: Float[Array, " texels"]
-    """Of a sample of weight 1."""
+    """Of a sample of weight 1: by what is left, or 1 where the noise is known."""
+    left: Float[Array, " texels"]
+    """The same by what is left, whatever is known."""
 
 
-def _best(rig: Rig, known: Known, sights: Any, block: Block, sigma: Array, patience: Array, choices: Choices) -> Best:
-    """Find the minimum."""
+def _best(
+    rig: Rig,
+    known: Known,
+    sights: Any,
+    block: Block,
+    sigma: Array,
+    patience: Array,
+    choices: Choices,
+    start: Vec3 | None = None,
+) -> Best:
+    """Find the minimum, from photometric stereo or from normals that are given."""
     task, n, weight = begin(rig, known, block, choices, sigma, sights)
+    n = n if start is None else start
     x = sharpest(task, n, weight) if task.sharpening else block.log_n_s
     descent = descend(task, n, x, weight, patience)
     found = descent.found
@@ -157,7 +202,60 @@ def _best(rig: Rig, known: Known, sights: Any, block: Block, sigma: Array, patie
     freedom = lit * channels - task.unknowns
     believed = jnp.minimum(found.share, lit) * channels - task.unknowns
     variance = jnp.where(freedom > 0, found.squares / jnp.maximum(believed, 1.0), jnp.inf)
-    return Best(task, descent, lit, freedom, jnp.ones_like(variance) if choices.known_noise else variance)
+    return Best(task, descent, lit, freedom, jnp.ones_like(variance) if choices.known_noise else variance, variance)
+
+
+def _mirroring(sights: Sights, block: Block) -> Vec3:
+    """Return normals that mirror to us the light of each texel's brightest observation: halfway between it and us."""
+    shown = jnp.where(block.seen.counts, block.seen.target.astype(float).mean(1), -jnp.inf)
+    strength = sights.strength.mean(1)
+    to_light = Vec3(*(jnp.sum(strength * c, 1) for c in (sights.l.x, sights.l.y, sights.l.z)))
+    view = jnp.argmax(shown, 0)
+
+    def brightest(component: Array) -> Array:
+        return jnp.take_along_axis(jnp.broadcast_to(component, shown.shape), view[None], 0)[0]
+
+    l = normalize(jax.tree.map(brightest, to_light))
+    return normalize(l + jax.tree.map(lambda c: c[0] + jnp.zeros_like(l.x), sights.v))
+
+
+def _better(one: Best, other: Best) -> tuple[Best, Array]:
+    """Return the lower of two minima of each texel, and where it is alone: the other explains less, or is the same."""
+    first = one.descent.found.cost <= other.descent.found.cost
+    of = [chosen(first, getattr(one, name), getattr(other, name)) for name in ("descent", "lit", "freedom", "variance")]
+    left = chosen(first, one.left, other.left)
+    kept = Best(one.task, of[0], of[1], of[2], of[3], left)
+    apart = 2.0 * jnp.abs(one.descent.found.cost - other.descent.found.cost)
+    a, b = one.descent.found.n, other.descent.found.n
+    same = dot(a, b) > jnp.cos(SAME)
+    return kept, same | (apart > AS_GOOD * kept.variance)
+
+
+def _farther(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> dict[str, Array]:
+    """Return errors that hold farther along n_s too, where the valley bends and is longer than its curvature says.
+
+    The cost is looked at again a few errors of log n_s up, all else at its best there (a profile: Bates and Watts 1988,
+    chapter 6): what a number changes by on the way is as many of its errors as the root of what the cost rises by.
+    """
+    task, found = best.task, best.descent.found
+    log_error = errors["n_s"][0] / values["n_s"][0]
+    step = jnp.minimum(FARTHER[0] * jnp.where(jnp.isfinite(log_error), log_error, FARTHER[1]), FARTHER[1])
+    x = jnp.minimum(found.x + step, HIGH)
+    held = dataclasses.replace(task, sharpening=False)
+    there = descend(held, found.n, x, best.descent.weight, jnp.asarray(PROFILE))
+    rise = 2.0 * jnp.maximum(there.found.cost - found.cost, 0.0) / best.variance
+    there_values = dict(zip(task.known.linear, there.found.k, strict=True)) | {"n_s": jnp.exp(x)[None]}
+    wider = {}
+    for name, error in errors.items():
+        if name == "normal":
+            off = jnp.arccos(jnp.clip(dot(found.n, there.found.n), -1.0, 1.0))[None]
+            change = jnp.rad2deg(off)
+        elif name == "n_s":
+            change = values["n_s"] * (x - found.x)[None]
+        else:
+            change = jnp.abs(there_values[name] - values[name])
+        wider[name] = jnp.maximum(error, change / jnp.sqrt(jnp.maximum(rise, 1e-12))[None])
+    return wider
 
 
 def _lit(task: Task, n: Vec3, x: Array) -> Array:
@@ -229,32 +327,39 @@ def _named(best: Best, block: Block, choices: Choices) -> tuple[dict[str, Array]
     return values, errors, apart
 
 
-def _finish(full: Best, plain: Best, block: Block, choices: Choices, seen: Array, tame: Array) -> Estimates:
+def _finish(
+    full: Best, plain: Best, block: Block, choices: Choices, usual: Usual, seen: Array, tame: Array, alone: Array
+) -> Estimates:
     """Choose between the fits with and without a highlight, and say what became of each texel.
 
-    `seen`: where a highlight explains enough; `tame`: where the fit with one ended at numbers that mean something.
+    `seen`: where a highlight explains enough; `tame`: where the fit with one ended at numbers that mean something;
+    `alone`: where no other minimum explains as much.
     """
-    shines = seen & tame
     values, errors, apart = _named(full, block, choices)
-    vague = seen & ~tame
-    if "n_s" in values:
-        x = full.descent.found.x
-        vague = vague | (shines & ((errors["n_s"][0] > VAGUE * values["n_s"][0]) | (x <= LOW) | (x >= HIGH)))
+    if full.task.sharpening:
+        errors = _farther(full, values, errors)
+    level = _level(full.task)
+    glossy = seen & tame
+    shines = glossy & _highlight_known(full, values, errors)
+    told = apart & _told(full, values, errors)
+    vague = (seen & ~shines) | ~alone
     if plain is not full:
         matte, of_matte, apart_too = _named(plain, block, choices)
+        vague = vague | (~seen & tame & _drifted(values, matte, of_matte))
+        if choices.narrow:  # a broad highlight, too weak to be seen, is as good as a part of k_d
+            of_matte = {n: jnp.where(full.descent.done, jnp.maximum(e, errors[n]), e) for n, e in of_matte.items()}
+        told = jnp.where(glossy, told, apart_too & _told(plain, matte, of_matte))
         channels, texels = full.task.seen.target.shape[1:]
         widths = {"k_s": channels, "n_s": 1}
         matte |= {name: jnp.zeros((width, texels)) for name, width in widths.items()}
         of_matte |= {name: jnp.full((width, texels), jnp.inf) for name, width in widths.items()}
-        values = {name: chosen(shines, value, matte[name]) for name, value in values.items()}
-        errors = {name: chosen(shines, error, of_matte[name]) for name, error in errors.items()}
-        apart = jnp.where(shines, apart, apart_too)
-    told = apart
-    for name, error in errors.items():
-        told = told if name in ("k_s", "n_s") else told & jnp.isfinite(error).all(0)
-    lit, freedom = (jnp.where(shines, getattr(full, of), getattr(plain, of)) for of in ("lit", "freedom"))
+        values = {name: chosen(glossy, value, matte[name]) for name, value in values.items()}
+        errors = {name: chosen(glossy, error, of_matte[name]) for name, error in errors.items()}
+    lit, freedom = (jnp.where(glossy, getattr(full, of), getattr(plain, of)) for of in ("lit", "freedom"))
+    left = jnp.where(glossy, full.left, plain.left)
+    vague = vague | ~usual.explains(left, level, freedom)
     few = (freedom <= 0) | (lit < (3 if full.task.turning else 1))
-    done = jnp.where(shines, full.descent.done, plain.descent.done)
+    done = jnp.where(glossy, full.descent.done, plain.descent.done)
     finite = jnp.ones(seen.shape, bool)
     for value in values.values():
         finite = finite & (jnp.abs(value) < HUGE).all(0)
@@ -262,12 +367,72 @@ def _finish(full: Best, plain: Best, block: Block, choices: Choices, seen: Array
     status = jnp.where(vague | ~told, UNDETERMINED, status)
     status = jnp.where(~done | ~finite, FAILED, status)
     status = jnp.where(few, SHADOWED, status)
+    if "k_s" in values:  # a highlight that is not believed is not shown: relit, it would be a firefly
+        believed = status == DETERMINED
+        for name in {"k_s", "n_s"} & values.keys():
+            values[name] = jnp.where(believed[None], values[name], 0.0)
+            errors[name] = jnp.where(believed[None], errors[name], jnp.inf)
+    if "normal" in errors:  # a direction that may be anywhere
+        errors["normal"] = jnp.where(errors["normal"] > 90.0, jnp.inf, errors["normal"])
     lost = (few | ~finite)[None]
     values = {name: jnp.where(finite[None], value, 0.0) for name, value in values.items()}
     errors = {name: jnp.where(lost | jnp.isnan(error), jnp.inf, error) for name, error in errors.items()}
-    residual = jnp.sqrt(jnp.where(shines, _mean_square(full), _mean_square(plain)))
+    residual = jnp.sqrt(jnp.where(glossy, _mean_square(full), _mean_square(plain)))
     ended = plain.descent.done & full.descent.done
-    return Estimates(values, errors, jnp.where(finite, residual, 0.0), status.astype(jnp.uint8), ended)
+    residual = jnp.where(finite, residual, 0.0)
+    return Estimates(values, errors, residual, status.astype(jnp.uint8), ended, left, level)
+
+
+def _level(task: Task) -> Array:
+    """Return the weighted mean square of what the views show."""
+    squares = jnp.sum(first_weights(task) * task.seen.target.astype(float) ** 2, (0, 1))
+    return squares / jnp.maximum(task.samples, 1.0)
+
+
+def _told(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:
+    """Return where the lights tell the normal, and every number but the highlight's has an error."""
+    told = jnp.ones(best.lit.shape, bool)
+    for name, error in errors.items():
+        told = told if name in ("k_s", "n_s") else told & jnp.isfinite(error).all(0)
+    if not best.task.turning:
+        return told
+    assert isinstance(best.task.sights, Sights)
+    S = scatter(
+        best.task.rig,
+        best.task.sights,
+        best.descent.weight,
+        best.descent.found.n,
+        ambient="k_a" in best.task.known.linear,
+    )
+    square = jnp.deg2rad(errors["normal"][0]) ** 2
+    if "k_d" in values:  # of its channels, the best known one: they all share the error of the vector's length
+        share = errors["k_d"] / jnp.where(values["k_d"] > 0.0, values["k_d"], 1e-300)
+        square = square + jnp.min(share, 0) ** 2
+    return told & (out_of_plane(S) > FLAT) & (square < LEANING**2)
+
+
+def _highlight_known(full: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:
+    """Return where the numbers of a highlight are known, so far as they were free."""
+    known = jnp.ones(full.lit.shape, bool)
+    if "n_s" in values:
+        x = full.descent.found.x
+        known = known & (errors["n_s"][0] <= VAGUE * values["n_s"][0]) & (x > LOW) & (x < HIGH)
+    if "k_s" in values:  # by the channel that shines most
+        k_s, error = values["k_s"], errors["k_s"]
+        most = k_s == jnp.max(k_s, 0)[None]
+        known = known & jnp.where(most, error <= VAGUE * k_s, True).all(0)
+    return known
+
+
+def _drifted(values: dict[str, Array], matte: dict[str, Array], of_matte: dict[str, Array]) -> Array:
+    """Return where a highlight, too weak to be seen, would move the other numbers by more than their errors allow."""
+    far = jnp.zeros(next(iter(matte.values())).shape[1:], bool)
+    for name, value in matte.items():
+        off = jnp.abs(values[name] - value)
+        if name == "normal":
+            off = jnp.rad2deg(jnp.sqrt(jnp.sum(off**2, 0)))[None]
+        far = far | (off > DRIFT * of_matte[name]).any(0)
+    return far
 
 
 def _mean_square(best: Best) -> Array:

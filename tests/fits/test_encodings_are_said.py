@@ -24,7 +24,7 @@ COMMANDS = {
 def folder(tmp_path_factory) -> Path:
     """JPEGs of a ball under distant lights, with its normals."""
     folder = tmp_path_factory.mktemp("photographs")
-    y, x = np.mgrid[1:-1 : SIZE * 1j, -1 : 1 : SIZE * 1j] * 1.1
+    y, x = np.mgrid[1 : -1 : SIZE * 1j, -1 : 1 : SIZE * 1j] * 1.1
     z2 = 1.0 - x**2 - y**2
     normals = np.where((z2 > 0)[..., None], np.stack([x, y, np.sqrt(np.maximum(z2, 0.0))], -1), (0.0, 0.0, 1.0))
     around = 2.0 * np.pi * np.arange(COUNT) / COUNT

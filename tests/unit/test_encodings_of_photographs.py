@@ -1,4 +1,4 @@
-"""What photographs are taken for: the kind of file decides, --srgb and --linear overrule it, and it is said in a line."""
+"""What photographs are taken for: the kind of file decides, --srgb and --linear overrule it, and a line says so."""
 
 from pathlib import Path
 
@@ -50,7 +50,9 @@ def test_the_kind_of_file_decides_how_a_folder_is_read(tmp_path, name):
 @pytest.mark.parametrize("srgb", [False, True])
 def test_a_flag_is_honoured_for_folders_and_for_files(tmp_path, srgb, as_files):
     other = {} if srgb else {"srgb": True}  # encoded otherwise than the kind of file says
-    folder = write_folder(tmp_path / "photographs", "{}.tif" if srgb else "{}.jpg", **({"srgb": True} if srgb else other))
+    folder = write_folder(
+        tmp_path / "photographs", "{}.tif" if srgb else "{}.jpg", **({"srgb": True} if srgb else other)
+    )
     if not srgb:
         for path in folder.glob("*.jpg"):
             ds.write_image(path, np.full((6, 8, 3), LEVEL), srgb=False)
