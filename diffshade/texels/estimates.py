@@ -16,7 +16,7 @@ from ..fields import Array
 from ..vectors import Vec3, dot, normalize
 from .coefficients import RIDGE, inverse_diagonal
 from .descent import HIGH, LOW, Descent, brightest_direction, chosen, descend, sharpest
-from .geometry import FLAT, out_of_plane, scatter
+from .geometry import FLAT, NARROW, out_of_plane, scatter
 from .passes import Known, Photographs, Task, evaluate, features, first_weights, looks, reduced
 from .sights import Rig, Sights, sights_of
 
@@ -179,6 +179,8 @@ class Best(eqx.Module):
     """Of a sample of weight 1: by what is left, or 1 where the noise is known."""
     left: Float[Array, " texels"]
     """The same by what is left, whatever is known."""
+    room: Float[Array, " texels"]
+    """How far the lights that reach it are out of one plane (`out_of_plane`), where the normal is free."""
 
 
 def _best(
@@ -202,7 +204,17 @@ def _best(
     freedom = lit * channels - task.unknowns
     believed = jnp.minimum(found.share, lit) * channels - task.unknowns
     variance = jnp.where(freedom > 0, found.squares / jnp.maximum(believed, 1.0), jnp.inf)
-    return Best(task, descent, lit, freedom, jnp.ones_like(variance) if choices.known_noise else variance, variance)
+    of_sample = jnp.ones_like(variance) if choices.known_noise else variance
+    return Best(task, descent, lit, freedom, of_sample, variance, _room(task, descent))
+
+
+def _room(task: Task, descent: Descent) -> Array:
+    """Return how far the lights that reach each texel are out of one plane."""
+    if not task.turning:
+        return jnp.ones(descent.found.x.shape)
+    assert isinstance(task.sights, Sights)
+    ambient = "k_a" in task.known.linear
+    return out_of_plane(scatter(task.rig, task.sights, descent.weight, descent.found.n, ambient=ambient))
 
 
 def _mirroring(sights: Sights, block: Block) -> Vec3:
@@ -222,9 +234,8 @@ def _mirroring(sights: Sights, block: Block) -> Vec3:
 def _better(one: Best, other: Best) -> tuple[Best, Array]:
     """Return the lower of two minima of each texel, and where it is alone: the other explains less, or is the same."""
     first = one.descent.found.cost <= other.descent.found.cost
-    of = [chosen(first, getattr(one, name), getattr(other, name)) for name in ("descent", "lit", "freedom", "variance")]
-    left = chosen(first, one.left, other.left)
-    kept = Best(one.task, of[0], of[1], of[2], of[3], left)
+    names = ("descent", "lit", "freedom", "variance", "left", "room")
+    kept = Best(one.task, *(chosen(first, getattr(one, name), getattr(other, name)) for name in names))
     apart = 2.0 * jnp.abs(one.descent.found.cost - other.descent.found.cost)
     a, b = one.descent.found.n, other.descent.found.n
     same = dot(a, b) > jnp.cos(SAME)
@@ -234,28 +245,26 @@ def _better(one: Best, other: Best) -> tuple[Best, Array]:
 def _farther(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> dict[str, Array]:
     """Return errors that hold farther along n_s too, where the valley bends and is longer than its curvature says.
 
-    The cost is looked at again a few errors of log n_s up, all else at its best there (a profile: Bates and Watts 1988,
-    chapter 6): what a number changes by on the way is as many of its errors as the root of what the cost rises by.
+    The cost is looked at again a few errors of log n_s up and down, all else at its best there (a profile: Bates and
+    Watts 1988, chapter 6): what a number changes by on the way is as many of its errors as the root of what the cost
+    rises by.
     """
     task, found = best.task, best.descent.found
     log_error = errors["n_s"][0] / values["n_s"][0]
     step = jnp.minimum(FARTHER[0] * jnp.where(jnp.isfinite(log_error), log_error, FARTHER[1]), FARTHER[1])
-    x = jnp.minimum(found.x + step, HIGH)
     held = dataclasses.replace(task, sharpening=False)
-    there = descend(held, found.n, x, best.descent.weight, jnp.asarray(PROFILE))
-    rise = 2.0 * jnp.maximum(there.found.cost - found.cost, 0.0) / best.variance
-    there_values = dict(zip(task.known.linear, there.found.k, strict=True)) | {"n_s": jnp.exp(x)[None]}
-    wider = {}
-    for name, error in errors.items():
-        if name == "normal":
-            off = jnp.arccos(jnp.clip(dot(found.n, there.found.n), -1.0, 1.0))[None]
-            change = jnp.rad2deg(off)
-        elif name == "n_s":
-            change = values["n_s"] * (x - found.x)[None]
-        else:
-            change = jnp.abs(there_values[name] - values[name])
-        wider[name] = jnp.maximum(error, change / jnp.sqrt(jnp.maximum(rise, 1e-12))[None])
-    return wider
+
+    def towards(sign: Array) -> dict[str, Array]:
+        x = jnp.clip(found.x + sign * step, LOW, HIGH)
+        there = descend(held, found.n, x, best.descent.weight, jnp.asarray(PROFILE)).found
+        rise = 2.0 * jnp.maximum(there.cost - found.cost, 0.0) / best.variance
+        change = {name: jnp.abs(a - b) for name, a, b in zip(task.known.linear, there.k, found.k, strict=True)}
+        change["n_s"] = values["n_s"] * jnp.abs(x - found.x)[None]
+        change["normal"] = jnp.rad2deg(jnp.arccos(jnp.clip(dot(found.n, there.n), -1.0, 1.0)))[None]
+        return {name: change[name] / jnp.sqrt(jnp.maximum(rise, 1e-12))[None] for name in errors}
+
+    both = jax.lax.map(towards, jnp.asarray([1.0, -1.0]))
+    return {name: jnp.maximum(error, jnp.max(both[name], 0)) for name, error in errors.items()}
 
 
 def _lit(task: Task, n: Vec3, x: Array) -> Array:
@@ -324,6 +333,8 @@ def _named(best: Best, block: Block, choices: Choices) -> tuple[dict[str, Array]
     if task.turning:
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
         errors["normal"] = jnp.rad2deg(jnp.sqrt(rest[0] ** 2 + rest[1] ** 2))[None]
+        for name in {"k_d", "normal"} & errors.keys():  # in one plane, whatever the linear theory makes of it
+            errors[name] = jnp.where((best.room > FLAT)[None], errors[name], jnp.inf)
     return values, errors, apart
 
 
@@ -345,9 +356,11 @@ def _finish(
     vague = (seen & ~shines) | ~alone
     if plain is not full:
         matte, of_matte, apart_too = _named(plain, block, choices)
-        vague = vague | (~seen & tame & _drifted(values, matte, of_matte))
-        if choices.narrow:  # a broad highlight, too weak to be seen, is as good as a part of k_d
-            of_matte = {n: jnp.where(full.descent.done, jnp.maximum(e, errors[n]), e) for n, e in of_matte.items()}
+        if full.task.turning:  # a broad highlight, too weak to be seen, may look like a part of k_d or a tilt
+            near = plain.room < NARROW
+            vague = vague | (near & ~seen & tame & _drifted(values, matte, of_matte))
+            near = (near & full.descent.done)[None]
+            of_matte = {name: jnp.where(near, jnp.maximum(e, errors[name]), e) for name, e in of_matte.items()}
         told = jnp.where(glossy, told, apart_too & _told(plain, matte, of_matte))
         channels, texels = full.task.seen.target.shape[1:]
         widths = {"k_s": channels, "n_s": 1}
@@ -390,25 +403,17 @@ def _level(task: Task) -> Array:
 
 
 def _told(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:
-    """Return where the lights tell the normal, and every number but the highlight's has an error."""
+    """Return where every number but the highlight's has an error, and the normal one that holds."""
     told = jnp.ones(best.lit.shape, bool)
     for name, error in errors.items():
         told = told if name in ("k_s", "n_s") else told & jnp.isfinite(error).all(0)
     if not best.task.turning:
         return told
-    assert isinstance(best.task.sights, Sights)
-    S = scatter(
-        best.task.rig,
-        best.task.sights,
-        best.descent.weight,
-        best.descent.found.n,
-        ambient="k_a" in best.task.known.linear,
-    )
     square = jnp.deg2rad(errors["normal"][0]) ** 2
     if "k_d" in values:  # of its channels, the best known one: they all share the error of the vector's length
         share = errors["k_d"] / jnp.where(values["k_d"] > 0.0, values["k_d"], 1e-300)
         square = square + jnp.min(share, 0) ** 2
-    return told & (out_of_plane(S) > FLAT) & (square < LEANING**2)
+    return told & (square < LEANING**2)
 
 
 def _highlight_known(full: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:

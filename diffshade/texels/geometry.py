@@ -103,7 +103,7 @@ class Plane(NamedTuple):
     normal: Float[np.ndarray, "3"]
     """Of the plane; towards +z."""
     narrow: bool
-    """Whether the lights of most texels come from near each other, or near one plane, but not in one."""
+    """Whether the lights of most other texels come from near each other, or near one plane."""
 
 
 def plane_of(S: Float[np.ndarray, "3 3 n"]) -> Plane:
@@ -114,7 +114,7 @@ def plane_of(S: Float[np.ndarray, "3 3 n"]) -> Plane:
     values, vectors = np.linalg.eigh(S)
     sine = np.sqrt(np.maximum(values, 0.0))
     flat = sine[:, 0] < FLAT
-    narrow = len(sine) > 0 and bool(FLAT < np.median(sine[:, 0]) < NARROW)
+    narrow = not flat.all() and bool(np.median(sine[~flat, 0]) < NARROW)
     if not flat.any():
         return Plane(0.0, 0.0, False, np.zeros(3), narrow)
     off = float(np.rad2deg(np.arcsin(np.sqrt(np.mean(sine[flat, 0] ** 2)))))

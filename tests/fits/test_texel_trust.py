@@ -38,6 +38,7 @@ def test_under_lights_in_one_plane_no_normal_is_called_determined(arc):
     maps, _ = arc
     assert not maps.known.any()
     assert (maps.status == maps.STATUS.index("not determined")).sum() > 300
+    assert np.isinf(maps.errors["normal"][maps.status > 0]).mean() > 0.9
 
 
 def test_it_is_said_before_the_fit_and_with_the_maps_with_the_remedy(arc):
@@ -67,16 +68,6 @@ def test_lights_all_about_are_no_cause_for_a_note():
     assert maps.known.sum() > 0.7 * ball.mask.sum()
     off = angle(maps.values["normal"], ball.truth["normal"])
     assert np.mean((off > 5.0 * maps.errors["normal"][..., 0])[maps.known]) <= 0.01
-
-
-def test_one_exponent_for_all_ends_with_texels_that_are_determined(tmp_path):
-    """Of a ball of two exponents one fits neither; yet the rest is known, and no error is beyond reason."""
-    ball = textured_ball(24, noise=0.005)
-    maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, regions=np.zeros((24, 24), int), loss="cauchy")
-    assert maps.determined.sum() > 50
-    assert np.isfinite(maps.errors["n_s"][maps.determined]).all()
-    error = maps.errors["normal"]
-    assert ((error <= 90.0) | np.isinf(error)).all()
 
 
 def test_one_wild_texel_does_not_scale_a_map(tmp_path):

@@ -7,7 +7,7 @@ from textured import angle, facing_us, lights_about, textured_ball
 import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s", "normal")
-COUNT = 16
+COUNT, SEEDS = 16, 3
 AROUND = np.linspace(-1.0, 1.0, COUNT)
 FLAT = np.zeros(COUNT)
 TILTED = np.stack([np.sin(1.1 * AROUND), 0.4 * np.cos(1.1 * AROUND), 0.9 * np.cos(1.1 * AROUND)], -1)
@@ -53,26 +53,42 @@ NOTHING += ("lamps on a line",)
 @pytest.mark.parametrize("loss", ["squares", pytest.param("cauchy", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lobe", ["phong", "blinn"])
 def test_what_is_called_determined_is_within_five_errors(lobe, loss, capsys):
-    worst = {}
+    shares = {}
     for name, lights in LIGHTS.items():
-        ball = textured_ball(32, noise=0.005, lobe=lobe, intensity=1.0 if "to_light" in lights else 6.0, **lights)
-        maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, loss=loss)
-        if name in NOTHING:
-            assert not maps.known.any(), name
-            assert "do not tell" in maps.notes[0], name
-            continue
-        shares = {}
-        for of, where in (("determined", maps.determined), ("known", maps.known)):
-            beyond = over_five_errors(maps, ball.truth, "normal")
-            shares[of] = np.mean(beyond[where]) if where.any() else 0.0
-        worst[name] = shares
-        with capsys.disabled():
-            others = {
-                of: round(100 * float(np.mean(over_five_errors(maps, ball.truth, of)[maps.trusted(of)])), 2)
-                for of in ("k_d", "k_s", "n_s")
-            }
-            print(f"{lobe:6s}{loss:8s}{name:28s}{maps.determined.sum():5d}{maps.known.sum():5d}", shares, others)
-    assert max(share for shares in worst.values() for share in shares.values()) <= 0.01, worst
+        beyond: dict[str, list[np.ndarray]] = {of: [] for of in ("determined", "known", "k_d", "k_s", "n_s")}
+        for seed in range(SEEDS):
+            intensity = 1.0 if "to_light" in lights else 6.0
+            ball = textured_ball(32, noise=0.005, lobe=lobe, intensity=intensity, seed=seed, **lights)
+            maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, loss=loss)
+            if name in NOTHING:
+                assert not maps.known.any(), name
+                assert "do not tell" in maps.notes[0], name
+                break
+            for of in ("determined", "known"):
+                beyond[of].append(over_five_errors(maps, ball.truth, "normal")[getattr(maps, of)])
+            for of in ("k_d", "k_s", "n_s"):
+                beyond[of].append(over_five_errors(maps, ball.truth, of)[maps.trusted(of)])
+        else:
+            together = {of: np.concatenate(each) for of, each in beyond.items()}
+            shares[name] = {of: float(each.mean()) if len(each) else 0.0 for of, each in together.items()}
+            said = "  ".join(
+                f"{of} {100 * each.mean():.2f} % of {len(each)}" for of, each in together.items() if len(each)
+            )
+            with capsys.disabled():
+                print(f"\n{lobe:6s}{loss:8s}{name:28s} {said}", end="")
+    for name, share in shares.items():
+        assert max(share["determined"], share["known"]) <= 0.01, (name, share)  # of the normals; required
+        assert max(share["k_d"], share["k_s"], share["n_s"]) <= 0.05, (name, share)
+
+
+def test_one_exponent_for_all_ends_with_texels_that_are_determined():
+    """Of a ball of two exponents one fits neither; yet the rest is known, and no error is beyond reason."""
+    ball = textured_ball(24, noise=0.005)
+    maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, regions=np.zeros((24, 24), int), loss="cauchy")
+    assert maps.determined.sum() > 50
+    assert np.isfinite(maps.errors["n_s"][maps.determined]).all()
+    error = maps.errors["normal"]
+    assert ((error <= 90.0) | np.isinf(error)).all()
 
 
 def over_five_errors(maps: ds.TexelMaps, truth: dict[str, np.ndarray], name: str) -> np.ndarray:
