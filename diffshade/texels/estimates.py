@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -232,17 +232,21 @@ def _mirroring(sights: Sights, block: Block) -> Vec3:
 
 
 def _better(one: Best, other: Best) -> tuple[Best, Array]:
-    """Return the lower of two minima of each texel, and where it is alone: the other explains less, or is the same."""
-    first = one.descent.found.cost <= other.descent.found.cost
+    """Return the lower of two minima of each texel, and where it is alone: the other explains less, or is the same.
+
+    Of a robust loss the first is kept, which began at photometric stereo: a lower cost may mean no more there than that
+    fewer observations are believed.
+    """
+    robust = one.task.losses != ("squares",)
+    first = (one.descent.found.cost <= other.descent.found.cost) | robust
     names = ("descent", "lit", "freedom", "variance", "left", "room")
     kept = Best(one.task, *(chosen(first, getattr(one, name), getattr(other, name)) for name in names))
-    apart = 2.0 * jnp.abs(one.descent.found.cost - other.descent.found.cost)
-    a, b = one.descent.found.n, other.descent.found.n
-    same = dot(a, b) > jnp.cos(SAME)
-    return kept, same | (apart > AS_GOOD * kept.variance)
+    worse = jnp.where(first, 1.0, -1.0) * (other.descent.found.cost - one.descent.found.cost)
+    same = dot(one.descent.found.n, other.descent.found.n) > jnp.cos(SAME)
+    return kept, same | (2.0 * worse > AS_GOOD * kept.variance)
 
 
-def _farther(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> dict[str, Array]:
+def _farther(best: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return errors that hold farther along n_s too, where the valley bends and is longer than its curvature says.
 
     The cost is looked at again a few errors of log n_s up and down, all else at its best there (a profile: Bates and
@@ -402,7 +406,7 @@ def _level(task: Task) -> Array:
     return squares / jnp.maximum(task.samples, 1.0)
 
 
-def _told(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:
+def _told(best: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> Array:
     """Return where every number but the highlight's has an error, and the normal one that holds."""
     told = jnp.ones(best.lit.shape, bool)
     for name, error in errors.items():
@@ -416,7 +420,7 @@ def _told(best: Best, values: dict[str, Array], errors: dict[str, Array]) -> Arr
     return told & (square < LEANING**2)
 
 
-def _highlight_known(full: Best, values: dict[str, Array], errors: dict[str, Array]) -> Array:
+def _highlight_known(full: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> Array:
     """Return where the numbers of a highlight are known, so far as they were free."""
     known = jnp.ones(full.lit.shape, bool)
     if "n_s" in values:
@@ -429,7 +433,7 @@ def _highlight_known(full: Best, values: dict[str, Array], errors: dict[str, Arr
     return known
 
 
-def _drifted(values: dict[str, Array], matte: dict[str, Array], of_matte: dict[str, Array]) -> Array:
+def _drifted(values: Mapping[str, Any], matte: Mapping[str, Any], of_matte: Mapping[str, Any]) -> Array:
     """Return where a highlight, too weak to be seen, would move the other numbers by more than their errors allow."""
     far = jnp.zeros(next(iter(matte.values())).shape[1:], bool)
     for name, value in matte.items():

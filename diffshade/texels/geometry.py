@@ -25,14 +25,9 @@ from ..fields import Array
 from ..vectors import Vec3, dot
 from .sights import Rig, Sights, sights_of
 
-FLAT = (
-    0.02  # sine of the angle to one plane, root mean square, up to which lights count as in it: about a degree, which
-)
-# is how well directions of lamps are known
-
-NARROW = (
-    0.2  # the same, up to which lights come from so near each other that a highlight and a tilted normal look alike
-)
+# Sines of the angle to the plane nearest to all lights, root mean square.
+FLAT = 0.02  # up to which they count as in it: about a degree, which is how well directions of lamps are known
+NARROW = 0.15  # up to which they come from so near each other that a highlight and a tilt look alike
 
 Scatter = Sequence[Sequence[Float[Array, " texels"]]]
 
