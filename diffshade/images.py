@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float64
 
 from .fields import Numbers
 from .files import replacing
-from .image_formats import format_of, save
+from .image_formats import FORMATS, format_of, png_depth, save
 from .image_headers import UnsupportedError
 
 _LOGGER = logging.getLogger("diffshade")
@@ -32,6 +32,21 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     path = Path(path)
     stored = _read(path)
     return decoded(path, as_fractions(path, stored), stored.dtype, srgb)
+
+
+def read_as(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
+    """Return the kind of an image file in a word or two, and whether `read_image` decodes it from the sRGB curve.
+
+    No more of it is read than its header. Raises FileNotFoundError, and ValueError and OSError as `read_image` does.
+    """
+    check_exists(path, folder=True)
+    suffix = path.suffix.lower()
+    kind = FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
+    dtype = np.dtype(np.uint8)
+    if suffix == ".png":
+        depth = png_depth(path)
+        kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
+    return kind, _is_srgb(path, dtype, srgb)
 
 
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:

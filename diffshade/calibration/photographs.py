@@ -94,7 +94,7 @@ def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[st
     """Return names and images, and the mask that lies beside them in a folder, if it is looked for."""
     masks: list[Path] = []
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
-        files, masks = _in_folder(Path(photographs))
+        files, masks = in_folder(Path(photographs))
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
@@ -119,7 +119,7 @@ def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[st
     return names, images, masks[0] if beside and masks else None
 
 
-def _in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
+def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
     """Return the images of a folder in the order that people count in, and its masks.
 
     Those that its `filenames.txt` names, or else all but the mask.

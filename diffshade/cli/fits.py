@@ -38,7 +38,12 @@ def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: b
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
     doubt = f"- what is not determined stands in {', '.join(map(str, out))} as one of many values that fit as well."
-    said = [f"{found}", *([doubt] if out and not found.determined.all() else []), *map(str, written)]
+    said = [
+        f"{source.encodings}",
+        f"{found}",
+        *([doubt] if out and not found.determined.all() else []),
+        *map(str, written),
+    ]
     answer("\n".join(said), {**_fit_data(found, source), "written": written}, as_json=as_json)
 
 
@@ -67,7 +72,8 @@ def report(typed: Asked, out: Path, quick: bool, as_json: bool) -> None:
         more |= {"plan": ds.plan(found, shots, progress=True)} if shots else {}
     ds.write_report(out, found, titles=[Path(name).name for name in source.names], progress=True, **more)
     data = {**_fit_data(found, source, more.get("examination")), "page": out}
-    answer(f"{more.get('examination', found)}\n{out}: open it in a browser", data, as_json=as_json)
+    said = [source.encodings, more.get("examination", found), f"{out}: open it in a browser"]
+    answer("\n".join(map(str, said)), data, as_json=as_json)
 
 
 @click.command(**asks, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
@@ -88,8 +94,10 @@ def compare(typed: Asked, model: tuple[str, ...], as_json: bool) -> None:
         raise ValueError(
             f"--model must name two or more; got {', '.join(model) or 'none'}. Give for example phong,matte."
         )
-    choice = _models(typed, typed.read(), model)
-    answer(choice, {"best": choice and choice.best, "choice": choice}, as_json=as_json)
+    source = typed.read()
+    choice = _models(typed, source, model)
+    data = {**_photographs(source), "best": choice and choice.best, "choice": choice}
+    answer(f"{source.encodings}\n{choice}", data, as_json=as_json)
 
 
 @click.command(**asks, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
@@ -105,7 +113,8 @@ def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool)
     import diffshade as ds
 
     candidates = None if lights is None else ds.read_scene(lights).lights
-    found = typed.fit(typed.read())
+    source = typed.read()
+    found = typed.fit(source)
     shots = dome(found) if candidates is None else [ds.Shot(light=light, name=place_of(light)) for light in candidates]
     if not shots:
         raise ValueError(
@@ -113,6 +122,7 @@ def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool)
         )
     ranked = ds.plan(found, shots, aim=aim or None, progress=True)
     data = {
+        **_photographs(source),
         "order": [ranked.names[i] for i in ranked.order],
         "unknowns": [unknown.name for unknown in ranked.unknowns],
         "now": ranked.now,
@@ -120,7 +130,7 @@ def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool)
         "gain": [ranked.gain[i] for i in ranked.order],
         "notes": ranked.notes,
     }
-    answer(ranked, data, as_json=as_json)
+    answer(f"{source.encodings}\n{ranked}", data, as_json=as_json)
 
 
 def _models(typed: Asked, source: Source, names: tuple[str, ...], known: Fit | None = None) -> ModelChoice:
@@ -182,6 +192,10 @@ def _put(path: Path, found: Fit, source: Source, given: Path) -> Any:
     return f"{written}: a ball of this material, under a lamp of its own" if written == path else written
 
 
+def _photographs(source: Source) -> dict[str, Any]:
+    return {"photographs": source.names, "read_as": source.encodings.names}
+
+
 def _fit_data(found: Fit, source: Source, examination: Examination | None = None) -> dict[str, Any]:
     """Return what a fit found, and what became of it by an examination."""
     determined = found.determined if examination is None else examination.determined
@@ -190,7 +204,7 @@ def _fit_data(found: Fit, source: Source, examination: Examination | None = None
     if examination is not None:
         intervals = [{"68%": a, "95%": b} for a, b in zip(examination.likely, examination.sure, strict=True)]
     return {
-        "photographs": source.names,
+        **_photographs(source),
         "parameters": [
             {
                 "name": unknown.name,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from .sources import ENCODING
+from .sources import ENCODING, Encodings
 from .terminal import FILE, FOLDER, One, answer, as_json, asks
 
 BALLS = ("mirror", "matte", "glossy")
@@ -42,6 +42,7 @@ def calibrate(
     import diffshade as ds
 
     from ..calibration.outcome import check_folder, read_directions
+    from ..calibration.photographs import in_folder
 
     if out is not None:
         check_folder(out)
@@ -59,9 +60,17 @@ def calibrate(
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
     if out is not None:
         found.write(out)
-    said = [f"{found}", *([f"{compared}"] if compared else []), *([f"{out}: photographs and lights"] if out else [])]
+    files = in_folder(photos[0])[0] if len(photos) == 1 and photos[0].is_dir() else photos
+    encodings = Encodings.of(files, srgb)
+    said = [
+        f"{encodings}",
+        f"{found}",
+        *([f"{compared}"] if compared else []),
+        *([f"{out}: photographs and lights"] if out else []),
+    ]
     data = {
         "photographs": found.names,
+        "read_as": encodings.names,
         "directions": found.directions,
         "errors": found.errors,
         "intensities": found.intensities,

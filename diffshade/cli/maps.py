@@ -59,7 +59,14 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
         for name, value in maps.values.items()
     }
     answer(
-        "\n".join([f"{maps}", f"{out}: the maps"]),
-        {"folder": out, "status": status, "medians": medians, "written": written},
+        "\n".join([f"{found.encodings}", f"{maps}", f"{out}: the maps"]),
+        {
+            "photographs": found.names,
+            "read_as": found.encodings.names,
+            "folder": out,
+            "status": status,
+            "medians": medians,
+            "written": written,
+        },
         as_json=as_json,
     )

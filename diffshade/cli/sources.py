@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import functools
 import re
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,40 @@ ROOM = click.option("--memory", type=float, metavar="GB", help="For pixels at wo
 
 
 @dataclass(frozen=True)
+class Encodings:
+    """What each photograph was read as: the kind of its file, and whether it was decoded from the sRGB curve."""
+
+    read: tuple[tuple[str, bool], ...]
+    asked: bool
+    """Whether --srgb or --linear decided, rather than the kind of file."""
+
+    @classmethod
+    def of(cls, files: Iterable[Path], srgb: bool | None) -> Encodings:
+        """Look at files that were read with `srgb`."""
+        from ..images import read_as
+
+        return cls(tuple(read_as(file, srgb=srgb) for file in files), srgb is not None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each was read as, in a word."""
+        return tuple(_curve(srgb) for _, srgb in self.read)
+
+    def __str__(self) -> str:
+        """Return one line, with the flag that would read them otherwise."""
+        curves = sorted({srgb for _, srgb in self.read}, reverse=True)
+        kinds = [Counter(kind for kind, srgb in self.read if srgb == curve) for curve in curves]
+        listed = [", ".join(f"{count} {kind}" for kind, count in of.items()) for of in kinds]
+        said = "; as ".join(f"{_curve(curve)}: {of}" for curve, of in zip(curves, listed, strict=True))
+        other = " or ".join(f"--{_curve(not curve).lower()}" for curve in curves)
+        return f"photographs read as {said} ({'as asked' if self.asked else f'by kind of file; {other} to change'})"
+
+
+def _curve(srgb: bool) -> str:
+    return "sRGB" if srgb else "linear"
+
+
+@dataclass(frozen=True)
 class Source:
     """A scene and its views, as read."""
 
@@ -55,6 +90,7 @@ class Source:
     """A name of each view: its photograph's."""
     folder: Path | None
     """Where a folder of photographs is; None of a scene file."""
+    encodings: Encodings
 
 
 @dataclass(frozen=True)
@@ -106,7 +142,7 @@ class Asked:
     def _of_folder(self, normals: bool | None) -> Source:
         from ..inverse.photographs import has_normals, mask_file, photograph_names, read_photographs
 
-        for name, given in (("PHOTOS", self.photos), ("--lit", self.lit), ("--srgb", self.srgb is True)):
+        for name, given in (("PHOTOS", self.photos), ("--lit", self.lit)):
             if given:
                 raise ValueError(
                     f"{name} and a folder of photographs do not go together. Give a scene file, or leave it out."
@@ -115,12 +151,14 @@ class Asked:
             # as calibrate writes what a camera near by took
             photos = tuple(self.source / name for name in photograph_names(self.source))
             mask = self.mask or mask_file(self.source)
-            return replace(self, source=near, photos=photos, mask=mask, srgb=False)._of_scene()
-        normals = has_normals(self.source) if normals is None else normals
-        scene, views = read_photographs(self.source, normals=normals, mask=self.mask)
+            return replace(self, source=near, photos=photos, mask=mask)._of_scene()
+        shaped = has_normals(self.source) if normals is None else normals
+        scene, views = read_photographs(self.source, normals=shaped, mask=self.mask, srgb=self.srgb)
         if self.noise is not None:
             views = tuple(replace(view, noise=self.noise) for view in views)
-        return Source(scene, views, tuple(photograph_names(self.source)), self.source)
+        names = tuple(photograph_names(self.source))
+        encodings = Encodings.of((self.source / name for name in names), self.srgb)
+        return Source(scene, views, names, self.source, encodings)
 
     def _of_scene(self) -> Source:
         import diffshade as ds
@@ -143,7 +181,8 @@ class Asked:
                 views.append(ds.View(image, camera, mask, lit=lit, noise=self.noise))
             except (ValueError, TypeError) as error:
                 raise ValueError(f"{error}" if f"{path}" in f"{error}" else f"{path}: {error}") from None
-        return Source(scene, tuple(views), tuple(str(path) for path in self.photos), None)
+        encodings = Encodings.of(self.photos, self.srgb)
+        return Source(scene, tuple(views), tuple(str(path) for path in self.photos), None, encodings)
 
     def _lights(self, scene: Scene) -> list[tuple[int, ...] | None]:
         """Return the lights that are on in each photograph."""

@@ -20,16 +20,19 @@ from .views import View
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
-def read_photographs(folder: str | Path, *, normals: bool = True, mask: Any = None) -> tuple[Scene, tuple[View, ...]]:
+def read_photographs(
+    folder: str | Path, *, normals: bool = True, mask: Any = None, srgb: bool | None = None
+) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
     lead out of it, a name not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z to
     the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
-    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The photographs are linear and the camera is
-    far away on +z. Light i is on in photograph i alone. Those in .npy and .zarr are opened without being read, as by
-    `open_image`: they may be larger than memory. `normals`: whether to read them; without, every normal is (0, 0, 1),
-    for `fit_texels` to find. `mask`: a file or an array (H, W), in place of `mask.png`.
+    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The camera is far away on +z. Light i is on
+    in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may be
+    larger than memory. `normals`: whether to read them; without, every normal is (0, 0, 1), for `fit_texels` to find.
+    `mask`: a file or an array (H, W), in place of `mask.png`. `srgb`: whether the photographs have the sRGB curve, as
+    for `read_image`; by default JPEG and 8-bit PNG have it.
 
     Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
     """
@@ -47,7 +50,7 @@ def read_photographs(folder: str | Path, *, normals: bool = True, mask: Any = No
     views = []
     for i, name in enumerate(names):
         try:
-            views.append(View(read_photograph(folder / name, srgb=False), camera, mask, lit=(i,)))
+            views.append(View(read_photograph(folder / name, srgb=srgb), camera, mask, lit=(i,)))
         except ValueError as error:
             raise ValueError(f"{folder / name}: {error}") from None
     return Scene(Object(surface, Material()), lights), tuple(views)
