@@ -173,11 +173,10 @@ def test_the_error_of_a_value_at_a_bound_is_printed_as_one_sided(bounds, bound, 
         assert found.plain_errors[j] > 0
         cells = row(found, name)
         assert cells[2].startswith(sign)
-        assert cells[3].startswith(sign)
         assert cells[-3:] == ["at", "a", "bound"]
     inside = row(found, "n_s")
     assert inside[2][0].isdigit()
-    assert inside[3][0].isdigit()
+    assert len(inside) == 3
     assert "bound" not in inside
     assert f"k_d.r, k_d.g and k_d.b are at their {side} bound {bound:g}." in found.notes
 

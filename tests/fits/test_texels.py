@@ -221,6 +221,7 @@ def test_maps_are_written_and_read_back(turned, tmp_path, suffix):
     assert not (tmp_path / "others").exists()
 
 
+@pytest.mark.thorough
 def test_shadows_are_outliers():
     ball = textured_ball(SIZE, shadows=0.1, intensity=COLOURED)
     squares, robust = (ds.fit_texels(ball.scene, ball.views, loss=loss) for loss in ("squares", "huber"))
