@@ -47,7 +47,7 @@ def test_the_jackknife_is_that_of_eight_fits_without_one_view_each():
     )
     G = len(views)
     expected = np.sqrt((G - 1) / G * np.sum((without - without.mean(0)) ** 2, 0))
-    np.testing.assert_allclose(np.asarray(standard_fit(images).errors), expected, rtol=0.05)
+    np.testing.assert_allclose(standard_fit(images).evidence.clustered_errors(), expected, rtol=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,8 @@ def off():
 def test_its_spread_is_the_jackknifes_size(off):
     fit = ds.fit(standard_scene(), one_light_each(off), free=("k_a", "k_d", "k_s", "n_s"))
     spread = ds.bootstrap(fit, draws=200).std(0)
-    assert np.all((spread > 0.5 * fit.errors) & (spread < 1.6 * fit.errors))
+    errors = fit.evidence.clustered_errors()
+    assert np.all((spread > 0.5 * errors) & (spread < 1.6 * errors))
     k_d = [name.startswith("k_d") for name in fit.names]
     assert np.all(spread[k_d] > 3 * fit.plain_errors[k_d])
 
