@@ -174,7 +174,8 @@ def test_the_error_of_a_value_at_a_bound_is_printed_as_one_sided(bounds, bound, 
         cells = row(found, name)
         assert cells[2].startswith(sign)
         assert cells[-3:] == ["at", "a", "bound"]
-    inside = row(found, "n_s")
+    free = found.determined & ~found.at_bound
+    inside = row(found, found.names[int(np.argmax(free))])
     assert inside[2][0].isdigit()
     assert len(inside) == 3
     assert "bound" not in inside
