@@ -1,6 +1,6 @@
 """Strict settings for every test, and its tier; the library itself changes no JAX configuration.
 
-Three tiers: the default one, which must stay quick; `-m thorough`, which `.ci/run` runs after it; `-m slow`, studies of
+Three tiers: the default one, which must stay quick; `-m thorough`, half an hour or so; `-m slow`, studies of
 minutes to hours. What stands in `studies/` is thorough unless it is marked slow.
 """
 
