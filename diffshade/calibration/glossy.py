@@ -83,7 +83,7 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
         notes=(
             *notes,
             *_misled(misled),
-            clusters.sentence([u.quantity for u in found.unknowns]),
+            f"errors: {clusters.sentence([u.quantity for u in found.unknowns])}",
             *_dark(taken, ball),
             *_unknowable(ball, len(views)),
             *taken.notes,

@@ -111,7 +111,7 @@ def _say(
         *_wide(fit, wide, sure),
         *dependence(fit, again, shifted),
         *_together(fit),
-        clusters.sentence([u.quantity for u in fit.unknowns]),
+        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])}",
         *(note for note in fit.notes if not note.startswith("0 within")),
         *_at_most(fit, determined, sure),
     ]

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenarios import OF_MATERIAL, clean_images, standard_fit
+from scenarios import OF_MATERIAL, assert_undetermined, clean_images, row, standard_fit
 from synthetic import (
     CAMERA,
     FREE,
@@ -207,23 +207,6 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
 
 
 # --- fits and forecasts
-
-
-def row(fit: ds.Fit | ds.Foresight, name: str) -> str:
-    (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
-    return line.removeprefix(name).strip()
-
-
-def assert_undetermined(fit: ds.Fit, *names: str) -> None:
-    """Neither the table nor the error bars give a number for these; they do for all others."""
-    for j, name in enumerate(fit.names):
-        unknown = name.removesuffix(".r").removesuffix(".g").removesuffix(".b") in names
-        assert fit.determined[j] == (not unknown), name
-        assert np.isinf(fit.plain_errors[j]) == unknown, name
-        assert np.isinf(fit.errors[j]) == unknown, name
-        assert (row(fit, name) == "not determined") == unknown, name
-        assert not (unknown and fit.covariance[j].any()), name
-    assert fit.condition == np.inf
 
 
 def test_two_gauges_are_two_sentences_and_touch_nothing_else():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenarios import assert_undetermined
 from synthetic import (
     CAMERA,
     FREE,
@@ -167,23 +168,6 @@ ONE_LIGHT = standard_scene(lights=[standard_scene().lights[0]])
 
 def one_photograph(scene: ds.Scene, **options) -> list[ds.View]:
     return [ds.View(noisy([photograph(scene)], 0.005, 0)[0], CAMERA, **options)]
-
-
-def row(fit: ds.Fit, name: str) -> str:
-    (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
-    return line.removeprefix(name).strip()
-
-
-def assert_undetermined(fit: ds.Fit, *names: str) -> None:
-    """Neither the table nor the error bars give a number for these; they do for all others."""
-    for j, name in enumerate(fit.names):
-        unknown = name.removesuffix(".r").removesuffix(".g").removesuffix(".b") in names
-        assert fit.determined[j] == (not unknown), name
-        assert np.isinf(fit.plain_errors[j]) == unknown, name
-        assert np.isinf(fit.errors[j]) == unknown, name
-        assert (row(fit, name) == "not determined") == unknown, name
-        assert not (unknown and fit.covariance[j].any()), name
-    assert fit.condition == np.inf
 
 
 def the_gauges(fit: ds.Fit) -> list[str]:

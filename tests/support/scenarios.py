@@ -79,3 +79,21 @@ def two_objects() -> ds.Scene:
 def fit_of_two_objects() -> ds.Fit:
     """One photograph without noise of two spheres, of which both materials are free."""
     return ds.fit(forget(two_objects()), ds.View(photograph(two_objects()), CAMERA), free="material")
+
+
+def row(fit: ds.Fit | ds.Foresight, name: str) -> str:
+    """Return what the printed table says of an unknown."""
+    (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
+    return line.removeprefix(name).strip()
+
+
+def assert_undetermined(fit: ds.Fit, *names: str) -> None:
+    """Neither the table nor the error bars give a number for these; they do for all others."""
+    for j, name in enumerate(fit.names):
+        unknown = name.removesuffix(".r").removesuffix(".g").removesuffix(".b") in names
+        assert fit.determined[j] == (not unknown), name
+        assert np.isinf(fit.plain_errors[j]) == unknown, name
+        assert np.isinf(fit.errors[j]) == unknown, name
+        assert (row(fit, name) == "not determined") == unknown, name
+        assert not (unknown and fit.covariance[j].any()), name
+    assert fit.condition == np.inf
