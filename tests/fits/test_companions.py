@@ -61,6 +61,7 @@ def with_noise() -> ds.Fit:
     return found(SIGMA, "scene")
 
 
+@pytest.mark.thorough
 def test_what_the_scene_has_wrong_is_found_together_with_the_material():
     fit = found(0.0, "search")
     assert np.abs(fit.values_in(told()) - fit.values_in(truth())).max() > 0.1

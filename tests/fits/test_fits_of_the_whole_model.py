@@ -90,6 +90,7 @@ def fit_of_fog(truth: ds.Scene, told: ds.Scene | None, **options: Any) -> ds.Fit
     return ds.fit(told, ds.View(photograph(truth, 0.002), CAMERA), free=CUEING, **options)
 
 
+@pytest.mark.thorough
 def test_depth_cueing_from_a_floor_that_reaches_beyond_both_ends():
     truth = floor(z_f=4.9, z_b=6.5, s_f=0.95, s_b=0.2)
     fit = fit_of_fog(truth, None)

@@ -230,6 +230,7 @@ def test_shadows_are_outliers():
     assert np.median(off(robust, ball, "n_s", robust.determined)) < 0.05
 
 
+@pytest.mark.thorough
 def test_lamps_nearby_a_near_viewer_and_noise_that_is_known():
     """`render` draws the views, so that positions, falloff and emitters count; the maps draw them again."""
     camera = ds.Camera(eye=(0, 0, 4), fov=30, shape=(24, 24))

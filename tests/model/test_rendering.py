@@ -89,6 +89,7 @@ def test_what_is_compiled_does_not_grow_with_the_number_of_lights():
         assert size(function, 100) == pytest.approx(size(function, 10), rel=0.01)  # "10x3" is written "100x3"
 
 
+@pytest.mark.thorough
 def test_many_lights_and_their_gradient():
     """The light of an image is linear in the intensities, so that they times the gradient give it back (Euler)."""
     lamps = lights(20)
@@ -193,6 +194,7 @@ def clear():
     return ds.Scene(balls, ds.PointLight((2, 3, 4)), background=0.3)
 
 
+@pytest.mark.thorough
 def test_without_fusion_the_image_is_the_same(clear, monkeypatch):
     camera = ds.Camera((0, 0, 4), shape=(9, 11))
     expected = ds.render(clear, camera)

@@ -1,0 +1,24 @@
+"""No NaN and no infinity in the image of any scene, nor in its derivatives, forward and reverse, float64 and float32.
+
+Every structure of support/random_scenes.py, and ten times as many scenes slow.
+"""
+
+import jax
+import pytest
+from random_scenes import STRUCTURES, check_batch, compiled, not_compiled
+
+
+@pytest.mark.parametrize("structure", STRUCTURES, ids=lambda of: of.__name__)
+@pytest.mark.parametrize("x64", [True, False])
+def test_images_and_derivatives_are_finite(structure, x64):
+    with jax.enable_x64(x64):
+        check_batch(not_compiled, structure, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("structure", STRUCTURES, ids=lambda of: of.__name__)
+@pytest.mark.parametrize("x64", [True, False])
+def test_images_and_derivatives_of_two_thousand_scenes_are_finite(structure, x64):
+    with jax.enable_x64(x64):
+        for batch in range(10):
+            check_batch(compiled, structure, batch)
