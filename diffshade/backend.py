@@ -87,7 +87,7 @@ def jit_quickly(program: Callable, static_argnums: int | None = None, options: d
 
     @functools.cache
     def jitted() -> Callable:
-        return jax.jit(program, static_argnums=static_argnums, compiler_options=_if_known(tuple(options.items())))
+        return jax.jit(program, static_argnums=static_argnums, compiler_options=_known(tuple(options.items())))
 
     @functools.wraps(program)
     def run(*arguments: Any) -> Any:
@@ -97,15 +97,21 @@ def jit_quickly(program: Callable, static_argnums: int | None = None, options: d
 
 
 @functools.cache
-def _if_known(options: tuple) -> dict | None:
-    """Return options on a CPU whose compiler knows them, which are no promise of XLA's; else None."""
-    if jax.default_backend() != "cpu":
-        return None
+def _known(options: tuple) -> dict:
+    """Return those of some options that this CPU's compiler knows, which are no promise of XLA's; elsewhere none.
+
+    XLA of jax 0.12, for one, has no `xla_cpu_use_fusion_emitters` any more.
+    """
+    on_cpu = jax.default_backend() == "cpu"
+    return {name: value for name, value in options if on_cpu and _compiles({name: value})}
+
+
+def _compiles(options: dict) -> bool:
     try:
-        jax.jit(lambda: 0.0, compiler_options=dict(options)).lower().compile()
+        jax.jit(lambda: 0.0, compiler_options=options).lower().compile()
     except (RuntimeError, ValueError):
-        return None
-    return dict(options)
+        return False
+    return True
 
 
 def _sums(n: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -15,7 +15,10 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import ArrayLike, Float
 
-Array: TypeAlias = np.ndarray | jax.Array
+if TYPE_CHECKING:
+    Array: TypeAlias = np.ndarray | jax.Array
+else:  # where no axis is left NumPy returns a scalar in place of an array
+    Array: TypeAlias = np.ndarray | np.generic | jax.Array
 Scalar: TypeAlias = Float[Array, ""]
 Colour: TypeAlias = Float[Array, "3"]
 Vector: TypeAlias = Float[Array, "3"]

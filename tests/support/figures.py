@@ -2,7 +2,6 @@
 
 from unittest import mock
 
-import jax
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,7 +11,7 @@ import diffshade as ds
 from diffshade import backend, rendering
 from diffshade.report.lecture import pictures as pictures_module
 
-QUICK_RENDER = jax.jit(rendering._image, compiler_options=backend.QUICKLY)
+QUICK_RENDER = backend.jit_quickly(rendering._image)
 
 
 @pytest.fixture(autouse=True)
