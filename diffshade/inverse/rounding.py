@@ -99,7 +99,7 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
         levels: How many steps there are if there are any, where that is known.
     """
     different = np.unique(values)
-    if not len(different):
+    if not len(different) or not np.isfinite(different).all():
         return 0.0, False
     encoded = srgb_encode(different)
     for count in (levels, *(2.0**bits - 1.0 for bits in BITS)):
@@ -108,7 +108,7 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
                 if _on_steps(of * count, TOLERANCE):
                     return 1.0 / count, on_curve
     for on_curve, of in ((False, different), (True, encoded)):
-        if len(of) >= 2 * FEWEST and (step := _common_step(of)):
+        if step := _common_step(of):
             return step, on_curve
     return 0.0, False
 
@@ -134,9 +134,13 @@ def _on_steps(values: Float[np.ndarray, " n"], tolerance: float) -> bool:
 
 def _common_step(values: Float[np.ndarray, " n"]) -> float:
     """Return the step of which all gaps between sorted values are multiples; 0 without one."""
+    largest = np.abs(values).max()
+    values = values[np.diff(values, prepend=-np.inf) > 1e-3 * FINEST * largest]  # equal but for their last digits
     gaps = np.diff(values)
+    if len(gaps) < FEWEST or gaps.min() < FINEST * largest:
+        return 0.0
     counts = gaps / gaps.min()
-    if gaps.min() < FINEST * np.abs(values).max() or not _on_steps(counts, 4.0 * TOLERANCE):
+    if not _on_steps(counts, 4.0 * TOLERANCE):
         return 0.0
     step = float((values[-1] - values[0]) / np.rint(counts).sum())
     return step if _on_steps((values - values[0]) / step, 4.0 * TOLERANCE) else 0.0
@@ -151,7 +155,6 @@ def waves(theta: Any, form: Any, chunk: Block) -> Float[Array, "views p waves"]:
     Samples weigh as in the Gram; those at an end of the sensor's range are left out.
     """
     rounding, p = form.problem.rounding, theta.shape[0]
-    k = jnp.arange(1.0, HARMONICS + 1.0)[:, None, None]
 
     def add(total: Any, block: Block) -> tuple[Any, None]:
         m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
@@ -160,14 +163,25 @@ def waves(theta: Any, form: Any, chunk: Block) -> Float[Array, "views p waves"]:
         where, size = rounding.steps(block.view, m)
         bend = form.likelihood.terms(m, block.observed.target, weight, None).curvature
         blur = rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0)
-        damped = jnp.exp(-2.0 * (jnp.pi * k) ** 2 * blur[None]) / (jnp.sqrt(2.0) * jnp.pi * k)
-        height, phase = (bend * size)[None] * damped, 2.0 * jnp.pi * k * where[None]
-        both = jnp.concatenate([height * jnp.cos(phase), height * jnp.sin(phase)])
+        both = _harmonics(2.0 * jnp.pi * where, bend * size, jnp.exp(-2.0 * jnp.pi**2 * blur))
         of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
         return total.at[block.view].add(of_block), None
 
     zero = jnp.zeros((form.problem.grey.shape[0], p, 2 * HARMONICS))
     return jax.lax.scan(add, zero, chunk)[0]
+
+
+def _harmonics(phase: Array, size: Array, damping: Array) -> Array:
+    """Return size damping^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products."""
+    c, s = jnp.cos(phase), jnp.sin(phase)
+
+    def following(at: tuple[Array, ...], k: Array) -> tuple[tuple[Array, ...], Array]:
+        cosine, sine, height, factor = at
+        rotated = cosine * c - sine * s, sine * c + cosine * s
+        return (*rotated, height * factor, factor * damping**2), jnp.stack([cosine, sine]) * (height / k)[None]
+
+    first = c, s, size * damping / (jnp.sqrt(2.0) * jnp.pi), damping**3
+    return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
 
 
 def rounded(form: Any, chunk: Block) -> Float[Array, "2"]:
