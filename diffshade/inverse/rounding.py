@@ -184,7 +184,7 @@ def _harmonics(phase: Array, size: Array, damping: Array) -> Array:
     return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
 
 
-def rounded(form: Any, chunk: Block) -> Float[Array, "2"]:
+def variance_of_steps(form: Any, chunk: Block) -> Float[Array, "2"]:
     """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
 
     def add(total: Array, block: Block) -> tuple[Array, None]:

@@ -24,10 +24,10 @@ from .hosts import Lanes
 from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, place, prepare
-from .rounding import MOST_NOISE, Rounded, Rounding, find_rounding, no_rounding, rounded, waves
+from .rounding import MOST_NOISE, Rounded, Rounding, find_rounding, no_rounding, variance_of_steps, waves
 from .solvers import Box, Minimum, Soft, Task, minimise
 from .starts import is_local, search, steepest, with_wide_edges
-from .streams import Passes
+from .streams import Passes, compiled
 from .tiles import Tiles
 from .views import Samples, View, is_grey
 
@@ -150,7 +150,7 @@ class Study:
         levels = [0.0 if view.noise is None else float(view.noise.levels) for view in self.views]
         self.round(find_rounding(self.part, levels))
         if self.rounding.exists:
-            count, squares = total(on_all_cores(lambda chunk: _rounded(self.form, chunk), self.part))
+            count, squares = total(on_all_cores(lambda chunk: _variance_of_steps(self.form, chunk), self.part))
             self.of_rounding = float(squares / max(count, 1.0))
 
     def round(self, rounding: Rounding) -> None:
@@ -272,7 +272,8 @@ class Study:
         """Return what rounding makes the gradient of each view vary by, over all pixels."""
         if isinstance(self.whole, Passes):
             return self.whole.summed(waves, theta, self.form)
-        return total(on_all_cores(lambda chunk: _waves(theta, self.form, chunk), self.whole))
+        program = compiled(waves, self.form.transparent)
+        return total(on_all_cores(lambda chunk: program(theta, self.form, chunk), self.whole))
 
     def spread(self, end: Minimum) -> Any:
         """Return the sums of `Likelihood.spread` at the end."""
@@ -369,4 +370,4 @@ def spread_of(theta: Any, form: Any, chunk: Block) -> Array:
     return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
 
 
-_spread, _waves, _rounded = (jax.jit(program) for program in (spread_of, waves, rounded))
+_spread, _variance_of_steps = jax.jit(spread_of), jax.jit(variance_of_steps)
