@@ -35,7 +35,8 @@ from .blocks import Block, weights
 HARMONICS = 12  # of the sawtooth, which have 95 % of its variance
 MOST_NOISE = 0.6  # steps, from which on rounding is nothing but a part of the noise
 BITS = (8, 10, 12, 14, 16)
-FEWEST = 8  # different values, from which steps are found
+FEWEST = 3  # different values, from which steps are found
+CHANCE = 1e-9  # that so many values are so near to steps that are not there
 TOLERANCE = 0.02  # steps, within which a value is on one: float32 holds 65,535 steps to .004
 FINEST = 2.0**-17  # of the largest value: smaller steps are those of floats
 
@@ -101,15 +102,14 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
     different = np.unique(values)
     if not len(different) or not np.isfinite(different).all():
         return 0.0, False
-    encoded = srgb_encode(different)
+    curves = (False, different), (True, srgb_encode(different))
     for count in (levels, *(2.0**bits - 1.0 for bits in BITS)):
-        if count > 0 and (len(different) >= FEWEST or count == levels):
-            for on_curve, of in ((False, different), (True, encoded)):
-                if _on_steps(of * count, TOLERANCE):
-                    return 1.0 / count, on_curve
-    for on_curve, of in ((False, different), (True, encoded)):
+        for srgb, of in curves if count > 0 else ():
+            if _on_steps(of * count, least=1 if count == levels else FEWEST):
+                return 1.0 / count, srgb
+    for srgb, of in curves:
         if step := _common_step(of):
-            return step, on_curve
+            return step, srgb
     return 0.0, False
 
 
@@ -128,8 +128,11 @@ def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
     return Rounding(step, srgb, np.zeros(()))
 
 
-def _on_steps(values: Float[np.ndarray, " n"], tolerance: float) -> bool:
-    return bool(np.all(np.abs(values - np.rint(values)) < tolerance))
+def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
+    """Return whether values counted in steps are whole numbers, so many and so nearly that it is no chance."""
+    values = values[np.abs(values) > TOLERANCE]
+    off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
+    return off < TOLERANCE and len(values) >= least and len(values) * np.log(max(2.0 * off, 1e-12)) < np.log(CHANCE)
 
 
 def _common_step(values: Float[np.ndarray, " n"]) -> float:
@@ -137,13 +140,13 @@ def _common_step(values: Float[np.ndarray, " n"]) -> float:
     largest = np.abs(values).max()
     values = values[np.diff(values, prepend=-np.inf) > 1e-3 * FINEST * largest]  # equal but for their last digits
     gaps = np.diff(values)
-    if len(gaps) < FEWEST or gaps.min() < FINEST * largest:
+    if len(gaps) < 4 * FEWEST or gaps.min() < FINEST * largest:
         return 0.0
     counts = gaps / gaps.min()
-    if not _on_steps(counts, 4.0 * TOLERANCE):
+    if not _on_steps(counts):
         return 0.0
     step = float((values[-1] - values[0]) / np.rint(counts).sum())
-    return step if _on_steps((values - values[0]) / step, 4.0 * TOLERANCE) else 0.0
+    return step if _on_steps((values - values[0]) / step) else 0.0
 
 
 # What they do

@@ -41,8 +41,11 @@ def test_steps_of_integers_are_found(bits, srgb, dtype):
 def test_steps_of_a_file_that_was_scaled_are_found():
     found, srgb = find_steps(np.rint(255 * radiance()) / 255 * 1.37 - 0.01)
     assert (found, srgb) == (pytest.approx(1.37 / 255), False)
-    assert find_steps(np.array([0.1, 0.2]), levels=10.0) == (0.1, False)  # known, where values are too few
-    assert find_steps(np.array([0.1, 0.2]))[0] == 0.0
+    three = np.array([17.0, 101.0, 230.0])
+    assert find_steps(three / 255) == (STEP, False)  # of three flat faces
+    assert find_steps(ds.srgb_decode(three / 255)) == (STEP, True)
+    assert find_steps(three[:2] / 255)[0] == 0.0
+    assert find_steps(three[:1] / 99, levels=99.0) == (1 / 99, False)  # known
     assert find_steps(np.zeros(0))[0] == 0.0
 
 
