@@ -132,7 +132,8 @@ def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
     """Return whether values counted in steps are whole numbers, so many and so nearly that it is no chance."""
     values = values[np.abs(values) > TOLERANCE]
     off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
-    return off < TOLERANCE and len(values) >= least and len(values) * np.log(max(2.0 * off, 1e-12)) < np.log(CHANCE)
+    chance = max(2.0 * off, 1e-12) ** min(len(values), 20)
+    return off < TOLERANCE and len(values) >= least and chance < CHANCE
 
 
 def _common_step(values: Float[np.ndarray, " n"]) -> float:
