@@ -86,9 +86,9 @@ def foresee(
         study.lay_out()
         study.whole = study.reweigh(theta, study.whole or study.chunks())
         end = Minimum(look(theta, study.task(), study.whole), 0, "")
-        beside, spread = study.evidence(end)
+        evidence = study.evidence(end)
         fit = diagnose(
-            scene, views, unknowns, study.likelihood, "hinge", end, beside, spread, counts, study.squares, foreseen=True
+            scene, views, unknowns, study.likelihood, "hinge", end, *evidence, counts, study.squares, foreseen=True
         )
     return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 

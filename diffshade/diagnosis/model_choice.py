@@ -15,13 +15,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..backend import in_float64
 from ..fields import Array, check_kind
-from ..inverse.blocks import BLOCK, CHUNK, Block, Piece
+from ..inverse.blocks import BLOCK, CHUNK, Block, Piece, weights
 from ..inverse.identifiability import listing
 from ..inverse.losses import LOSSES
 from ..inverse.outcome import Fit
 from ..inverse.refits import Laid
 from ..inverse.solvers import look
-from ..inverse.study import weights
 from ..inverse.uncertainty import lone_views
 from ..inverse.views import is_grey, setups
 from ..progress import showing, silent

@@ -16,6 +16,7 @@ from ..inverse.clusters import Clusters, compared, independent
 from ..inverse.outcome import Fit
 from ..inverse.parameters import coordinate_slopes
 from ..inverse.refits import Laid
+from ..inverse.rounding import waves
 from ..inverse.views import Samples, setups
 
 FEWEST = 6  # patches for a jackknife
@@ -37,13 +38,17 @@ def find_clusters(fit: Fit) -> Clusters:
     laid_out = laid.study.reweigh(laid.theta, laid.study.lay(parts, size))
     theta = jnp.asarray(laid.theta)
     grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.study.form, chunk), laid_out)
-    H, g = (
-        np.concatenate([np.asarray(getattr(gram, name)) for gram in grams])[: len(parts)]
-        for name in ("hessian", "gradient")
-    )
-    H, g = (np.array([of[patch == k].sum(0) for k in range(count)]) for of in (H, g))
+
+    def by_patch(found: Sequence[Array]) -> Float[np.ndarray, "patches ..."]:
+        of = np.concatenate([np.asarray(one) for one in found])[: len(parts)]
+        return np.array([of[patch == k].sum(0) for k in range(count)])
+
+    H, g = (by_patch([getattr(gram, name) for gram in grams]) for name in ("hessian", "gradient"))
     slope = coordinate_slopes(fit.values, fit.unknowns)
     evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope)
+    if fit.evidence.waves is not None:
+        waves = on_all_cores(lambda chunk: _waves_of_each_block(theta, laid.study.form, chunk), laid_out)
+        evidence = dataclasses.replace(evidence, waves=by_patch(waves) * slope[:, None])
     if evidence.deciding() is not None:
         return independent(fit.evidence, f"{count} patches, one of which decides,")
     return compared(evidence, count, f"{count} patches of {width} x {width} pixels")
@@ -54,6 +59,14 @@ def _gram_of_each_block(theta: Array, form: object, chunk: Block) -> object:
     def of_block(block: Block) -> object:
         one = jax.tree.map(lambda leaf: leaf[None], block)
         return jax.tree.map(lambda leaf: leaf.sum(0), form.gram(theta, form.summary(theta, one)))  # pyright: ignore
+
+    return jax.lax.map(of_block, chunk)
+
+
+@jax.jit
+def _waves_of_each_block(theta: Array, form: object, chunk: Block) -> Array:
+    def of_block(block: Block) -> Array:
+        return waves(theta, form, jax.tree.map(lambda leaf: leaf[None], block)).sum(0)
 
     return jax.lax.map(of_block, chunk)
 

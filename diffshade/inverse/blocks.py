@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, Int8
 
@@ -39,6 +40,14 @@ class Block(eqx.Module):
     view: Int[Array, "..."]
     points: Any
     observed: Observed
+
+
+def weights(form: Any, block: Block) -> Array:
+    """Return the weight of each sample, which a form that projects keeps for the view."""
+    seen = block.observed
+    if seen.weight is not None:
+        return seen.weight
+    return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
 
 
 class Piece(eqx.Module):

@@ -39,13 +39,13 @@ class Clusters:
         """Return the standard errors: by jackknife where the clusters disagree, else for independent noise.
 
         The latter are multiplied by the root of the scatter where that is above 1 (Birge 1932), so that they grow
-        smoothly with a disagreement too small to be noticed.
+        smoothly with a disagreement too small to be noticed. What rounding adds is in both.
         """
-        plain = self.evidence.plain_errors()
-        scaled = np.sqrt(max(self.scatter, 1.0)) * plain
+        plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
+        scaled = np.hypot(np.sqrt(max(self.scatter, 1.0)) * plain, rounding)
         if not self.shaken.any():
             return scaled
-        return np.where(self.shaken, np.maximum(self.evidence.clustered_errors(), plain), scaled)
+        return np.where(self.shaken, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled)
 
     def wide_errors(self) -> Vector:
         """Return the errors 1.96 of which hold the truth 95 % of the time: `errors` times Student's t over 1.96."""
@@ -53,13 +53,19 @@ class Clusters:
 
     def inflation(self) -> Vector:
         """Return the variances over those of independent noise, with nothing held at a bound."""
-        scaled = np.full(len(self.shaken), max(self.scatter, 1.0))
+        free = dataclasses.replace(self.evidence, at_bound=np.zeros_like(self.evidence.at_bound))
+        plain = free.plain_errors()
+        usable = np.isfinite(plain) & (plain > 0)
+
+        def over_plain(errors: Vector) -> Vector:
+            return np.where(usable, errors / np.where(usable, plain, 1.0), 0.0) ** 2
+
+        rounding = over_plain(free.rounding_errors())
+        scaled = max(self.scatter, 1.0) + rounding
         if not self.shaken.any():
             return scaled
-        free = dataclasses.replace(self.evidence, at_bound=np.zeros_like(self.evidence.at_bound))
-        plain, clustered = free.plain_errors(), free.clustered_errors()
-        usable = self.shaken & np.isfinite(plain) & (plain > 0) & (clustered > 0)
-        return np.where(usable, np.maximum(clustered / np.where(usable, plain, 1.0), 1.0) ** 2, scaled)
+        clustered = over_plain(free.clustered_errors())
+        return np.where(self.shaken & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
 
     def rises(self) -> Vector:
         """Return for each unknown by how much the cost, twice, rises where it is held one error away.
@@ -76,26 +82,36 @@ class Clusters:
 
     def sentence(self, quantities: Sequence[str]) -> str:
         """Say what the errors are made of, and what is not in them; given the unknowns' quantities."""
+        rounding = self._of_rounding()
+        noise = f"for independent noise{f' and {rounding}' if rounding else ''}"
         if not self.count:
-            return f"for independent noise; {self.what} cannot show whether the residuals are correlated."
+            return f"{noise}; {self.what} cannot show whether the residuals are correlated."
         factor = np.sqrt(max(self.scatter, 1.0))
         if not self.disagree:
             times = f", times {factor:.3g} for their scatter" if factor > 1.005 else ""
-            return f"for independent noise{times}; the {self.what} agree within it."
+            return f"{noise}{times}; the {self.what} agree within it."
         if not self.shaken.any():
             return (
-                f"for independent noise, times {factor:.3g}, since the {self.what} disagree more than it explains and "
+                f"{noise}, times {factor:.3g}, since the {self.what} disagree more than it explains and "
                 "are too few to leave out one at a time."
             )
         names = list(dict.fromkeys(q for q, here in zip(quantities, self.shaken, strict=True) if here))
         # where one unknown alone disagrees, the scatter of all together says nothing
         much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
+        also = f"; and {rounding}" if rounding else ""
         rough = f"; {self.count} are few for that" if self.count < FEW and "patches" in self.what else ""
         return (
             f"by leaving out one at a time of the {self.what}, which disagree about {listing(names)} more than "
-            f"independent noise explains{much}{rough}; errors that all of them share, such as texture or wrong "
+            f"independent noise explains{much}{rough}{also}; errors that all of them share, such as texture or wrong "
             "normals, are not included."
         )
+
+    def _of_rounding(self) -> str:
+        """Say what rounding adds; nothing where it adds nothing that is seen."""
+        plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
+        known = np.isfinite(plain) & (plain > 0)
+        times = float(np.max(np.hypot(1.0, rounding[known] / plain[known]), initial=1.0))
+        return f"for rounding to {self.evidence.steps} (up to {times:.2g} times as large)" if times > 1.05 else ""
 
 
 def compared(evidence: Evidence, count: int, what: str) -> Clusters:

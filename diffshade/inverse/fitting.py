@@ -85,6 +85,9 @@ def fit(
     FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly;
     `LostProcess` where another process of the fit was lost.
 
+    The rounding errors of an integer file whose images have less noise than its steps are shared by many pixels: the
+    steps are found from the values, and what rounding can do is added to the errors (`Fit.rounding`).
+
     Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
     brightest half of the highlight: a number that then moves by 30 % or three errors is not determined.
     """

@@ -30,6 +30,7 @@ from .losses import Likelihood, variance
 from .parameters import Unknown, coordinate_slopes, put_back, unit_vectors, values_at, values_in
 from .parameters import everything as everything_in
 from .residuals import Counts
+from .rounding import Rounded, Rounding, no_rounding
 from .solvers import Minimum
 from .uncertainty import Evidence
 from .views import View, find_samples, has_mask, photograph, repeated, setups
@@ -52,7 +53,8 @@ class Fit:
     errors: Float[np.ndarray, " p"]
     """Standard errors: the truth lies within 1.96 of them 95 % of the time; infinite where nothing is determined. They
     are for independent noise where the views agree within it, else by leaving out one view at a time, widened by
-    Student's t (`clusters`)."""
+    Student's t (`clusters`); where the images are rounded to steps larger than their noise, with what that adds
+    (`rounding`)."""
     plain_errors: Float[np.ndarray, " p"]
     """Standard errors sigma^2 (J^T J)^-1 for independent noise, of equal size or as the views' `Noise` says; too small
     on real photographs, whose residuals are correlated. Infinite where nothing is determined."""
@@ -85,6 +87,8 @@ class Fit:
     """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
     notes: tuple[str, ...]
     """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
+    rounding: Rounding
+    """The steps of the views' files where their rounding adds to the errors, else none."""
     memory: float | int = MEMORY
     """Bytes that the pixels may take laid out, as given to the fit."""
 
@@ -178,6 +182,7 @@ def diagnose(
     end: Minimum,
     beside: Gram,
     spread: Float[np.ndarray, "5"],
+    rounded: Rounded | None,
     counts: Counts,
     squares: float,
     *,
@@ -185,8 +190,9 @@ def diagnose(
 ) -> Fit:
     """Say what is known at the end of a fit: values, errors, bounds, what is not determined.
 
-    `beside` is the Gram of what is known beside the views, `spread` the sums of `Likelihood.spread`, `squares` the sum
-    of squares of the images. `foreseen` says that nothing was measured, so that no view disagrees with another.
+    `beside` is the Gram of what is known beside the views, `spread` the sums of `Likelihood.spread`, `rounded` what the
+    files' steps add, `squares` the sum of squares of the images. `foreseen` says that nothing was measured, so that no
+    view disagrees with another.
     """
     theta = end.theta
     if not (np.isfinite(theta).all() and np.isfinite(end.point.total.cost)):
@@ -214,6 +220,10 @@ def diagnose(
     groups = [group for group in setups(scene, views) if H[group].any()] or [[*range(len(views))]]
     H, g = (np.array([of[group].sum(0) for group in groups]) for of in (H, g))
     evidence = Evidence(H, g, H_0, g_0, values, at_bound, regular, units, sigma2, spread)
+    if rounded is not None:
+        waves = slope[:, None] * rounded.waves
+        waves = np.array([waves[group].sum(0) for group in groups])
+        evidence = dataclasses.replace(evidence, waves=waves, steps=str(rounded.rounding))
     fitted, seen = put_back(scene, views, unknowns, values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), squares)
     # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held
@@ -271,6 +281,7 @@ def diagnose(
         clusters=clusters,
         scales=scales,
         notes=tuple(notes),
+        rounding=no_rounding(len(views)) if rounded is None else rounded.rounding,
     )
 
 

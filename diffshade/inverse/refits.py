@@ -48,6 +48,7 @@ class Laid:
         )
         self.study.use(float(fit.likelihood.sigma), fit.likelihood.loss)
         self.study.squares = fit.squares
+        self.study.round(fit.rounding)
         self.theta = coordinates(np.array([*fit.values, *(u.start for u in beside)]), self.unknowns)
         self.parts = pieces(samples, self.study.size, at_most)
         self.chunks = self.study.reweigh(self.theta, self.study.lay(self.parts, self.study.size))

@@ -21,6 +21,7 @@ from .blocks import Block, Observed, Piece
 from .gram import Gram
 from .losses import Likelihood
 from .parameters import Setup, Slots, without_gbuffers
+from .rounding import Rounding, no_rounding
 from .views import View, is_grey, lights_on, noises, switches
 
 
@@ -55,6 +56,8 @@ class Problem(eqx.Module):
     grey: Float[Array, " views"]
     noise: Any
     """For each view its `Noise`; None where it is not known."""
+    rounding: Rounding
+    """The steps of the views' files, once they are found."""
 
 
 class Rendered(eqx.Module):
@@ -153,6 +156,7 @@ def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
         noises(views),
+        no_rounding(len(views)),
     )
 
 

@@ -217,6 +217,8 @@ def moved(
         ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8) for theta in begins]
         return min(float(end.point.total.cost) for end in ends)
 
+    if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
+        rises = np.maximum(rises, again.clusters.rises().max())
     best = cost(held, there, laid.theta)
     for j in suspects:
         rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
@@ -229,8 +231,8 @@ def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]
     said = []
     for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
         members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
-        moves = [(how_far(fit, r.fit.values)[j], j, r) for r in again for j in members if r.moved[j]]
-        _, j, worst = max(moves, key=lambda move: move[0])
+        moves = [(r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members]
+        *_, j, worst = max(moves, key=lambda move: move[:2])
         said.append(
             f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} from all, and "
             f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what the model does not cover."

@@ -78,7 +78,7 @@ class Passes:
 
     def _on_cores(self, name: str, program: Any, theta: Any, form: Any, total: Any) -> Any:
         """Sum on this process's cores."""
-        lay, run = _compiled(self.lay), _compiled(program, form.transparent)
+        lay, run = compiled(self.lay), compiled(program, form.transparent)
 
         def work(item: tuple[int, Any]) -> Any:
             k, read = item
@@ -224,7 +224,8 @@ def _pieces_of(tiles: Tiles, tile: Tile, read: Any, size: int) -> list:
 
 
 @functools.lru_cache
-def _compiled(program: Callable[..., Any], unfused: bool = False) -> Callable[..., Any]:
+def compiled(program: Callable[..., Any], unfused: bool = False) -> Callable[..., Any]:
+    """Return a program compiled, without fusing what XLA's CPU compiler then takes long for."""
     return jax.jit(program, compiler_options=UNFUSED if unfused and jax.default_backend() == "cpu" else None)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..fields import Array
 from ..gbuffers import GBuffer
 from ..progress import Tell
 from ..scenes import Scene
-from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total
+from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total, weights
 from .checkpoints import Checkpoint
 from .features import feature_form, has_features
 from .gram import Gram
@@ -23,9 +24,10 @@ from .hosts import Lanes
 from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, place, prepare
+from .rounding import MOST_NOISE, Rounded, Rounding, find_rounding, no_rounding, variance_of_steps, waves
 from .solvers import Box, Minimum, Soft, Task, minimise
 from .starts import is_local, search, steepest, with_wide_edges
-from .streams import Passes
+from .streams import Passes, compiled
 from .tiles import Tiles
 from .views import Samples, View, is_grey
 
@@ -57,6 +59,8 @@ class Study:
         self.uniform = all(view.noise is None or view.noise.is_uniform for view in views)
         self.grey = all(is_grey(view) for view in views)
         self.likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
+        self.rounding = no_rounding(len(views))
+        self.of_rounding = 0.0  # mean square of the weighted residuals that rounding alone makes
         problem = prepare(scene, views, slots_of(scene, views, unknowns))
         if has_features(scene, views, unknowns) and not rendered:
             plain = loss == "squares" and not self.clips and self.uniform
@@ -138,7 +142,21 @@ class Study:
         theta = begin if from_scene else self.search(tell)
         if self.loss != "squares" or not self.uniform or (not self.noisy and any(u.prior for u in self.unknowns)):
             theta = self.settle(theta)
+        self.find_rounding()
         return theta
+
+    def find_rounding(self) -> None:
+        """Find the steps of the views' files, and how much of the residuals they make."""
+        levels = [0.0 if view.noise is None else float(view.noise.levels) for view in self.views]
+        self.round(find_rounding(self.part, levels))
+        if self.rounding.exists:
+            count, squares = total(on_all_cores(lambda chunk: _variance_of_steps(self.form, chunk), self.part))
+            self.of_rounding = float(squares / max(count, 1.0))
+
+    def round(self, rounding: Rounding) -> None:
+        """Take the steps of the views' files."""
+        self.rounding = jax.tree.map(np.asarray, rounding)
+        self.form = eqx.tree_at(lambda f: f.problem.rounding, self.form, jax.tree.map(jnp.asarray, rounding))
 
     def finish(self, theta: np.ndarray, tell: Tell) -> Minimum:
         """Return the minimum over all pixels."""
@@ -165,17 +183,21 @@ class Study:
         assert self.tiles is not None
 
         def begin() -> list[np.ndarray]:
-            numbers = np.zeros(len(self.unknowns) + 2)
+            numbers = np.zeros(len(self.unknowns) + 3 + 2 * len(self.views))
             if lanes is None or lanes.first:
                 self.lay_out()
                 theta = self.begin(from_scene=from_scene, tell=tell)
-                numbers = np.array([*theta, float(self.likelihood.sigma), self.squares])
+                known = float(self.likelihood.sigma), self.squares, self.of_rounding
+                numbers = np.array([*theta, *known, *self.rounding.step, *self.rounding.srgb])
                 self.part, self.measured = [], []
             return [numbers if lanes is None else lanes.from_first(numbers)]
 
-        *theta, sigma, self.squares = kept.once("start", begin)[0].tolist()
+        theta, known, step, srgb = np.split(
+            kept.once("start", begin)[0], np.cumsum([len(self.unknowns), 3, len(self.views)])
+        )
+        sigma, self.squares, self.of_rounding = known.tolist()
         self.use(sigma, self.loss)
-        theta = np.array(theta)
+        self.round(Rounding(step, srgb, np.zeros(())))
         self.whole = Passes(
             self.tiles,
             lambda parts, length: self.gathered(parts, self.size, length),
@@ -233,18 +255,37 @@ class Study:
         r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
         return float(1.4826 * np.median(np.abs(r)) if robust else np.sqrt(np.mean(r**2)))
 
-    def evidence(self, end: Minimum) -> tuple[Any, Any]:
-        """Return the Gram of what is known beside the views, and the sums of `Likelihood.spread` at the end."""
+    def evidence(self, end: Minimum) -> tuple[Any, Any, Rounded | None]:
+        """Return the Gram of what is known beside the views, sums of `Likelihood.spread`, and what rounding adds."""
+        spread = self.spread(end)
+        return _beside(end.point.theta, self.soft()), spread, self.rounded(end.point.theta, spread)
+
+    def rounded(self, theta: Any, spread: Any) -> Rounded | None:
+        """Return what rounding adds to the errors; None where the views have no steps, or noise hides them."""
+        beyond = max(float(spread[2] / spread[0]) - self.of_rounding, 0.0)
+        if not self.rounding.exists or beyond > 12.0 * MOST_NOISE**2 * self.of_rounding:
+            return None
+        self.round(dataclasses.replace(self.rounding, noise=np.asarray(np.sqrt(beyond))))
+        return Rounded(self.rounding, self.waves(theta))
+
+    def waves(self, theta: Any) -> Any:
+        """Return what rounding makes the gradient of each view vary by, over all pixels."""
+        if isinstance(self.whole, Passes):
+            return self.whole.summed(waves, theta, self.form)
+        program = compiled(waves, self.form.transparent)
+        return total(on_all_cores(lambda chunk: program(theta, self.form, chunk), self.whole))
+
+    def spread(self, end: Minimum) -> Any:
+        """Return the sums of `Likelihood.spread` at the end."""
         theta = end.point.theta
         cost = float(end.point.views.cost.sum())
         if self.form.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
             numbers = self.tiles.pixels if self.tiles is not None else [len(s.pixels) for s in self.samples]
             count = float(sum(n * (1 if is_grey(view) else 3) for n, view in zip(numbers, self.views, strict=True)))
-            return _beside(theta, self.soft()), np.array([count, *[2 * cost] * 2, *[count] * 2])
+            return np.array([count, *[2 * cost] * 2, *[count] * 2])
         if isinstance(self.whole, Passes):
-            return _beside(theta, self.soft()), self.whole.summed(spread_of, theta, self.form)
-        spread = total(on_all_cores(lambda chunk: _spread(theta, self.form, chunk), self.whole))
-        return _beside(theta, self.soft()), spread
+            return self.whole.summed(spread_of, theta, self.form)
+        return total(on_all_cores(lambda chunk: _spread(theta, self.form, chunk), self.whole))
 
 
 @jit_quickly
@@ -280,14 +321,6 @@ def _without_clipped(chunk: Block) -> Block:
 def _squares(form: Any, chunk: Block) -> Array:
     """Return the weighted sum of squares of a chunk's samples."""
     return jnp.sum(jax.lax.map(lambda block: jnp.sum(weights(form, block) * block.observed.target**2), chunk))
-
-
-def weights(form: Any, block: Block) -> Array:
-    """Return the weight of each sample, which a form that projects keeps for the view."""
-    seen = block.observed
-    if seen.weight is not None:
-        return seen.weight
-    return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
 
 
 @jax.jit
@@ -337,4 +370,4 @@ def spread_of(theta: Any, form: Any, chunk: Block) -> Array:
     return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
 
 
-_spread = jax.jit(spread_of)
+_spread, _variance_of_steps = jax.jit(spread_of), jax.jit(variance_of_steps)

@@ -46,11 +46,17 @@ def jackknife_covariance(
     Without view v the optimum moves, to first order, by -(H - H_v)^-1 (g - g_v); the covariance is (G-1)/G times the
     sum of squared deviations of these moves from their mean (Tukey 1958; Efron and Tibshirani 1993, ch. 11).
     """
-    G = len(H)
-    H_all, g_all = H.sum(0) + H_0, g.sum(0) + g_0
+    deviations = jackknife_deviations(H, g, H_0, g.sum(0) + g_0)
+    return deviations.T @ deviations
+
+
+def jackknife_deviations(
+    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p *_"], H_0: Matrix, g_all: Float[np.ndarray, "p *_"]
+) -> Float[np.ndarray, "views p *_"]:
+    """Return how far the optimum without each view is from their mean, times the root of (G-1)/G; g may be many."""
+    G, H_all = len(H), H.sum(0) + H_0
     moves = np.array([-inverse(H_all - H_v) @ (g_all - g_v) for H_v, g_v in zip(H, g, strict=True)])
-    deviations = moves - moves.mean(0)
-    return (G - 1) / G * deviations.T @ deviations
+    return np.sqrt((G - 1) / G) * (moves - moves.mean(0))
 
 
 def jackknife_of_noise(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> tuple[Vector, Vector]:
@@ -78,8 +84,8 @@ def lone_views(H: Float[np.ndarray, "views p p"]) -> Int[np.ndarray, " p"]:
 
 
 def without_lone(
-    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p"], H_0: Matrix, lone: Int[np.ndarray, " p"]
-) -> tuple[Float[np.ndarray, "views s s"], Float[np.ndarray, "views s"]]:
+    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p *_"], H_0: Matrix, lone: Int[np.ndarray, " p"]
+) -> tuple[Float[np.ndarray, "views s s"], Float[np.ndarray, "views s *_"]]:
     """Return the Gram of each view for the unknowns that several views see, at the best of those it alone sees.
 
     The Schur complement: a view that is deleted takes its own unknowns with it.
@@ -151,6 +157,10 @@ class Evidence:
     """The factor of H^-1 in the covariance for independent noise."""
     spread: Float[np.ndarray, "5"]
     """Sums over the samples that were measured (`Likelihood.spread`): their number, r^2, psi^2, psi', rho'."""
+    waves: Float[np.ndarray, "clusters p waves"] | None = None
+    """A^T of each cluster, where A^T A is what rounding makes the gradients vary (`rounding`); None without."""
+    steps: str = ""
+    """The steps of the files in words."""
 
     @property
     def total(self) -> Matrix:
@@ -188,6 +198,11 @@ class Evidence:
         H, g = without_lone(H, g, self.known_hessian[np.ix_(which, which)], self.lone[which])
         return H, g, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept]
 
+    def _shared_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
+        assert self.waves is not None
+        H, known = self.hessian[:, which][:, :, which], self.known_hessian[np.ix_(which, which)]
+        return without_lone(H, self.waves[:, which], known, self.lone[which])[1]
+
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
         return np.where(self.determined, standard_errors(self.covariance, self.at_bound), np.inf)
@@ -195,6 +210,17 @@ class Evidence:
     def clustered_errors(self) -> Vector:
         """Return the standard errors by deleting one cluster at a time; infinite where nothing is determined."""
         return np.where(self.determined, standard_errors(self.clustered_covariance, self.at_bound), np.inf)
+
+    def rounding_errors(self) -> Vector:
+        """Return what rounding adds to the standard errors, by the sum of squares; 0 without rounding."""
+        if self.waves is None:
+            return np.zeros(len(self.values))
+        return np.where(self.determined, standard_errors(self._rounding_covariance, self.at_bound), 0.0)
+
+    def _rounding_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
+        assert self.waves is not None
+        moves = inverse(self.total[np.ix_(which, which)]) @ self.waves.sum(0)[which]
+        return self._on_units(moves @ moves.T, which)
 
     def deciding(self) -> int | None:
         """Return a cluster without which less is determined than with it, so that there is no jackknife; or None."""
@@ -214,8 +240,15 @@ class Evidence:
         H, g, known, slope = self._shared(self.determined)
         variance = self.stiffness**2 * np.diag(jackknife_covariance(H, g, known, slope))
         expected, of_noise = jackknife_of_noise(H, known)
+        expected = self.sigma2 * expected
+        if self.waves is not None:  # each a normal number
+            waves = self._shared_waves(self.determined)
+            each = self.stiffness**2 * np.sum(jackknife_deviations(H, waves, known, waves.sum(0)) ** 2, 0)
+            both = expected + each.sum(-1)
+            of_noise = both**2 / np.maximum(expected**2 / of_noise + np.sum(each**2, -1), 1e-300)
+            expected = both
         freedom[kept] = np.clip(of_noise, 1.0, len(H) - 1.0)
-        ratio = np.where(expected > 0, variance / (self.sigma2 * np.where(expected > 0, expected, 1.0)), 0.0)
+        ratio = np.where(expected > 0, variance / np.where(expected > 0, expected, 1.0), 0.0)
         p_value[kept] = special.chdtrc(freedom[kept], freedom[kept] * ratio)
         return p_value, freedom
 
@@ -225,24 +258,38 @@ class Evidence:
         At the optimum the gradients g_c of the clusters add up to none; of independent noise each has the covariance
         sigma^2 H_c, so that sum g_c H_c^+ g_c / sigma^2 is chi^2 with as many degrees of freedom as the clusters have
         unknowns of their own, less those fitted (White 1982, the information matrix test). The residuals within the
-        clusters give sigma^2.
+        clusters give sigma^2. What rounding makes the gradients vary is expected too, with the degrees of freedom of
+        the sum (Satterthwaite 1946).
         """
         count, _, psi2, _, weight = self.spread
         inside = self.determined & ~self.at_bound
         fitted = np.sum(inside) - len(self.units)
         between, freedom = 0.0, -float(fitted)
-        for H, g in zip(self.hessian[:, inside][:, :, inside], self.gradient[:, inside], strict=True):
+        waves = self._own_waves(inside)
+        rounding = np.zeros((waves.shape[-1], waves.shape[-1]))
+        for H, g, A_c in zip(self.hessian[:, inside][:, :, inside], self.gradient[:, inside], waves, strict=True):
             A, lengths = scaled(H)
             w, V = np.linalg.eigh(A)
             seen = w > 1e-9 * w.max(initial=0.0)
-            turned = V.T @ np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
-            between += float(np.sum(turned[seen] ** 2 / w[seen]) * weight / count)
+            unit = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
+            turned, of_waves = (V.T @ (unit * g))[seen], (V.T @ (unit[:, None] * A_c))[seen]
+            between += float(np.sum(turned**2 / w[seen]) * weight / count)
+            rounding += of_waves.T @ (of_waves / w[seen, None]) * weight / count
             freedom += float(np.sum(seen))
         within = count - fitted - freedom
         if freedom <= 0 or within <= 0 or not between < psi2:
             return 1.0, 1.0
-        ratio = between / freedom / ((psi2 - between) / within)
-        return float(ratio), float(special.fdtrc(freedom, within, ratio))
+        noise = (psi2 - between) / within
+        expected = freedom * noise + np.trace(rounding)
+        freedom = expected**2 / (freedom * noise**2 + np.sum(rounding**2))
+        return float(between / expected), float(special.fdtrc(freedom, within, between / expected))
+
+    def _own_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
+        """Return what rounding makes the gradients of the clusters vary at the optimum, where they add up to none."""
+        if self.waves is None:
+            return np.zeros((len(self.hessian), int(which.sum()), 0))
+        moves = inverse(self.total[np.ix_(which, which)]) @ self.waves.sum(0)[which]
+        return self.waves[:, which] - self.hessian[:, which][:, :, which] @ moves
 
     def _on_units(self, covariance: np.ndarray, which: Bool[np.ndarray, " p"]) -> np.ndarray:
         whole = np.zeros((len(which), len(which)))

@@ -10,7 +10,16 @@ from synthetic import CAMERA, noisy, photographs, standard_scene
 
 import diffshade as ds
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.stability import _enough, angle_to_highlight, highlight, how_far, left_out, refits
+from diffshade.inverse.stability import (
+    Refit,
+    _enough,
+    angle_to_highlight,
+    dependence,
+    highlight,
+    how_far,
+    left_out,
+    refits,
+)
 from diffshade.progress import silent
 
 
@@ -121,3 +130,12 @@ def test_a_highlight_of_another_shape_moves_and_the_rest_does_not():
     assert taken_along.any()  # and is where it was, with what is to blame held
     first = next(refit for refit in done if "highlight" in refit.without)
     assert first.moved[fit.names.index("n_s")]
+
+
+def test_what_moves_with_a_number_that_is_not_determined_is_said_too():
+    """Its own refits did not move it by themselves."""
+    fit = noisy_fit()
+    still = Refit("the odd views", fit, np.zeros(len(fit.unknowns), bool))
+    said = dependence(fit, [still], np.array([u.quantity == "k_s" for u in fit.unknowns]))
+    assert "k_s depends on which data are included" in said[0]
+    assert "the odd views" in said[0]
