@@ -223,7 +223,7 @@ def diagnose(
     if rounded is not None:
         waves = slope[:, None] * rounded.waves
         waves = np.array([waves[group].sum(0) for group in groups])
-        evidence = dataclasses.replace(evidence, waves=waves, steps=str(rounded.rounding))
+        evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
     fitted, seen = put_back(scene, views, unknowns, values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), squares)
     # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held

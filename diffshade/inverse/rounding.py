@@ -47,6 +47,8 @@ class Rounded(NamedTuple):
     rounding: Rounding
     waves: Float[np.ndarray, "views p waves"]
     """See `waves`; in the solver's coordinates."""
+    shared: float
+    """Which part of the residuals' mean square is of the rounding that the waves hold."""
 
 
 class Rounding(eqx.Module):
@@ -186,6 +188,12 @@ def _harmonics(phase: Array, size: Array, damping: Array) -> Array:
 
     first = c, s, size * damping / (jnp.sqrt(2.0) * jnp.pi), damping**3
     return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
+
+
+def share_of_waves(noise2: float) -> float:
+    """Return which part of the variance of rounding the waves hold, given the noise's variance in steps squared."""
+    k = np.arange(1.0, HARMONICS + 1.0)
+    return float(6.0 / np.pi**2 * np.sum(np.exp(-4.0 * np.pi**2 * k**2 * noise2) / k**2))
 
 
 def variance_of_steps(form: Any, chunk: Block) -> Float[Array, "2"]:

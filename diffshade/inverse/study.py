@@ -24,7 +24,16 @@ from .hosts import Lanes
 from .losses import NOT_CONVEX, Likelihood
 from .parameters import Unknown, coordinates, slots_of, unit_vectors
 from .residuals import Counts, Rendered, place, prepare
-from .rounding import MOST_NOISE, Rounded, Rounding, find_rounding, no_rounding, variance_of_steps, waves
+from .rounding import (
+    MOST_NOISE,
+    Rounded,
+    Rounding,
+    find_rounding,
+    no_rounding,
+    share_of_waves,
+    variance_of_steps,
+    waves,
+)
 from .solvers import Box, Minimum, Soft, Task, minimise
 from .starts import is_local, search, steepest, with_wide_edges
 from .streams import Passes, compiled
@@ -262,11 +271,13 @@ class Study:
 
     def rounded(self, theta: Any, spread: Any) -> Rounded | None:
         """Return what rounding adds to the errors; None where the views have no steps, or noise hides them."""
-        beyond = max(float(spread[2] / spread[0]) - self.of_rounding, 0.0)
+        square = float(spread[2] / spread[0])
+        beyond = max(square - self.of_rounding, 0.0)
         if not self.rounding.exists or beyond > 12.0 * MOST_NOISE**2 * self.of_rounding:
             return None
         self.round(dataclasses.replace(self.rounding, noise=np.asarray(np.sqrt(beyond))))
-        return Rounded(self.rounding, self.waves(theta))
+        held = self.of_rounding * share_of_waves(beyond / (12.0 * self.of_rounding))
+        return Rounded(self.rounding, self.waves(theta), min(held / max(square, 1e-300), 1.0))
 
     def waves(self, theta: Any) -> Any:
         """Return what rounding makes the gradient of each view vary by, over all pixels."""

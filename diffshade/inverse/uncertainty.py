@@ -159,6 +159,8 @@ class Evidence:
     """Sums over the samples that were measured (`Likelihood.spread`): their number, r^2, psi^2, psi', rho'."""
     waves: Float[np.ndarray, "clusters p waves"] | None = None
     """A^T of each cluster, where A^T A is what rounding makes the gradients vary (`rounding`); None without."""
+    shared: float = 0.0
+    """Which part of sigma2 is of the rounding that the waves hold: between 0, where noise hides it, and 1."""
     steps: str = ""
     """The steps of the files in words."""
 
@@ -212,10 +214,15 @@ class Evidence:
         return np.where(self.determined, standard_errors(self.clustered_covariance, self.at_bound), np.inf)
 
     def rounding_errors(self) -> Vector:
-        """Return what rounding adds to the standard errors, by the sum of squares; 0 without rounding."""
+        """Return what rounding adds to the standard errors, by the sum of squares; 0 without rounding.
+
+        Rounding is in the residuals too, as if it were independent: that part of it is counted once.
+        """
         if self.waves is None:
             return np.zeros(len(self.values))
-        return np.where(self.determined, standard_errors(self._rounding_covariance, self.at_bound), 0.0)
+        whole = standard_errors(self._rounding_covariance, self.at_bound)
+        counted = self.shared * standard_errors(self.covariance, self.at_bound) ** 2
+        return np.where(self.determined, np.sqrt(np.maximum(whole**2 - counted, 0.0)), 0.0)
 
     def _rounding_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         assert self.waves is not None

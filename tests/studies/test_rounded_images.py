@@ -125,8 +125,7 @@ def shifted(one: Ball, way: tuple[int, bool], shifts: int) -> tuple[np.ndarray, 
 def test_intervals_are_no_wider_than_the_errors_ask_for(tmp_path, materials, shifts):
     """The whole width of an interval beside the RMS error, over shifts of the camera, in errors, and materials.
 
-    Together: of one material alone a dark side's one rounding error may be 0, and is so at every shift. It should be
-    3.92, and is up to the root of 2 times that where samples round on their own: that counts as noise and as rounding.
+    Together: of one material alone a dark side's one rounding error may be 0, and is so at every shift.
     """
     for way in WAYS:
         found = [shifted(ball(seed, tmp_path, 3 if materials < 3 else None), way, shifts) for seed in range(materials)]
@@ -134,7 +133,7 @@ def test_intervals_are_no_wider_than_the_errors_ask_for(tmp_path, materials, shi
         each = 2 * 1.96 * np.nanmedian(said, 1) / np.sqrt(np.nanmean(off**2, 1))
         ratio = 2 * 1.96 / np.sqrt(np.nanmean((off / said) ** 2, (0, 1)))
         print("\n", way, "width over RMS error, all:", ratio.round(2), "median material:", np.median(each, 0).round(2))
-        assert ratio.mean() < 5.5 if materials < 3 else ratio.max() < 1.05 * np.sqrt(2) * 3.92
+        assert ratio.mean() < 5.5 if materials < 3 else ratio.max() < 5.0
 
 
 def test_profile_intervals_hold_the_truth_too(tmp_path):
