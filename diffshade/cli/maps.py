@@ -66,6 +66,7 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
             "folder": out,
             "status": status,
             "medians": medians,
+            "notes": maps.notes,
             "written": written,
         },
         as_json=as_json,

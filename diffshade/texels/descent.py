@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import equinox as eqx
@@ -91,15 +92,23 @@ def _tried(task: Task, found: Found, damping: Array, weight: Array) -> tuple[Fou
     damped = [[scale[i] * (1.0 + damping) if i == j else A[i][j] for j in range(count)] for i in range(count)]
     step = [-s for s in solve(damped, found.slope)]
     promised = -sum((g * s for g, s in zip(found.slope, step, strict=True)), jnp.zeros(found.x.shape))
-    n, x = found.n, found.x
+    n, x = moved(task, found.n, found.x, step)
+    return evaluate(task, n, x, weight), promised
+
+
+def moved(task: Task, n: Vec3, x: Array, step: Sequence[Array]) -> tuple[Vec3, Array]:
+    """Return n and x = log n_s a step on, which is no longer than what a linear model is good for."""
     if task.sharpening:
         x = jnp.clip(x + jnp.clip(step[-1], -FARTHEST[1], FARTHEST[1]), LOW, HIGH)
-    if task.turning:
-        along, across = tangents(n)
-        far = jnp.sqrt(step[0] ** 2 + step[1] ** 2)
-        shorter = jnp.where(far > FARTHEST[0], FARTHEST[0] / jnp.where(far > 0, far, 1.0), 1.0)
-        n = normalize(n + along * (step[0] * shorter) + across * (step[1] * shorter))
-    return evaluate(task, n, x, weight), promised
+    return (tilted(n, step[0], step[1]) if task.turning else n), x
+
+
+def tilted(n: Vec3, a: Array, b: Array) -> Vec3:
+    """Return normals tilted by a and b along their tangents."""
+    along, across = tangents(n)
+    far = jnp.sqrt(a**2 + b**2)
+    shorter = jnp.where(far > FARTHEST[0], FARTHEST[0] / jnp.where(far > 0, far, 1.0), 1.0)
+    return normalize(n + along * (a * shorter) + across * (b * shorter))
 
 
 def costs_on_grid(task: Task, n: Vec3, weight: Array) -> Float[Array, "grid texels"]:

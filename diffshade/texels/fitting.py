@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import logging
 import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -28,7 +29,8 @@ from ..progress import Tell, showing, silent
 from ..rendering import select
 from ..scenes import Scene, check_positions, check_shapes
 from .descent import GRID
-from .estimates import Choices, Estimates, estimate, residual_sizes
+from .estimates import Choices, Estimates, Usual, estimate, residual_sizes
+from .geometry import Plane, note_of, plane_of, scatter_of_block
 from .maps import TexelMaps
 from .passes import COEFFICIENTS, Known
 from .records import Record
@@ -36,10 +38,12 @@ from .shared import MOST_PASSES, STILL, by_region, grid_costs, slopes, stepped
 from .sights import Rig, rig_of
 from .tiles import Source, Tile
 
+_LOGGER = logging.getLogger("diffshade")
 FREE = (*COEFFICIENTS, "n_s", "normal")
 MEMORY = 1 << 28
 QUICK, PATIENT = 8, 60  # steps for all texels, and for the few that need more
 SAMPLED = 4096  # texels from which the scale of a robust loss is taken
+FEW = 256  # texels from which it is taken how the lights lie about them, and what is left of most
 
 
 def fit_texels(
@@ -138,20 +142,29 @@ class _Run:
 
     def maps(self) -> TexelMaps:
         """Find the maps, tile by tile."""
+        some = self.source.sample(FEW)
+        plane = self.lights_about(some) if "normal" in self.free else None
+        notes = () if plane is None or (note := note_of(plane)) is None else (note,)
+        for note in notes:  # before the work begins
+            _LOGGER.warning(note)
         sigma = np.asarray(1.0 if self.choices.known_noise or self.choices.loss == "squares" else self._scale())
         x, error = (None, None) if self.regions is None else self._exponents(sigma)
         choices = self.choices
         if x is not None:
             choices = choices._replace(free=tuple(name for name in self.free if name != "n_s"), shared=True)
 
+        if plane is not None:
+            choices = choices._replace(narrow=plane.narrow)
+        usual = self._usual(some, choices, sigma, self._exponent_of(some, x, error))
+
         def fit(tile: Tile) -> None:
             if not len(tile.pixels):
                 return
             log_n_s = self._exponent_of(tile, x, error)
-            found = self._fit(tile, choices, sigma, log_n_s, QUICK)
+            found = self._fit(tile, choices, sigma, usual, log_n_s, QUICK)
             slow = np.flatnonzero(~found.done)
             if len(slow):
-                again = self._fit(tile, choices, sigma, log_n_s, PATIENT, slow)
+                again = self._fit(tile, choices, sigma, usual, log_n_s, PATIENT, slow)
                 jax.tree.map(lambda all_, some: all_.__setitem__((..., slow), some), found, again)
             self._write(tile, found)
 
@@ -168,7 +181,10 @@ class _Run:
             )
         values, errors = ({name: self.record.read(name + end) for name in self._names()} for end in ("", "_error"))
         status, residual = (self.record.read(name)[..., 0] for name in ("status", "residual"))
-        return TexelMaps(values, errors, status, residual, self.scene, self.source.camera)
+        maps = TexelMaps(values, errors, status, residual, self.scene, self.source.camera, notes)
+        if self.record.folder is not None and self.record.first:
+            maps.describe(self.record.folder)
+        return maps
 
     def _over_tiles(
         self, work: Callable[[Tile], Any], done: np.ndarray, verb: str, finish: Callable[[int], None]
@@ -199,14 +215,45 @@ class _Run:
 
         return on_all_cores(on_device, list(enumerate(blocks)))
 
+    def lights_about(self, some: Tile) -> Plane:
+        """Return how the lights lie about some texels."""
+
+        def of_block(cut: Any) -> np.ndarray:
+            part, laid = cut
+            block = self.source.lay_out(*laid)
+            return np.asarray(scatter_of_block(self.rig, block, "k_a" in self.free))[..., : len(part)]
+
+        found = self._on_devices(of_block, self.source.blocks(some, self._exponent_of(some)))
+        return plane_of(np.concatenate([np.zeros((3, 3, 0)), *found], -1))
+
+    def _usual(self, some: Tile, choices: Choices, sigma: np.ndarray, log_n_s: np.ndarray) -> Usual:
+        """Return what is left of most texels, at some of them."""
+        any_ = Usual(np.asarray(np.inf), np.asarray(np.inf))
+        if not len(some.pixels):
+            return any_
+        found = self._fit(some, choices, sigma, any_, log_n_s, QUICK)
+        free = np.isfinite(found.variance) & (found.level > 0.0)
+        if not free.any():
+            return any_
+        variance, level = found.variance[free], found.level[free]
+        return Usual(np.median(variance), np.median(variance / level))
+
     def _fit(
-        self, tile: Tile, choices: Choices, sigma: np.ndarray, log_n_s: np.ndarray, patience: int, which: Any = None
+        self,
+        tile: Tile,
+        choices: Choices,
+        sigma: np.ndarray,
+        usual: Usual,
+        log_n_s: np.ndarray,
+        patience: int,
+        which: Any = None,
     ) -> Estimates:
         """Return the estimates of a tile, or of some of its texels."""
 
         def of_block(cut: Any) -> Estimates:
             part, laid = cut
-            found = estimate(self.rig, self.known, self.source.lay_out(*laid), sigma, np.asarray(patience), choices)
+            block = self.source.lay_out(*laid)
+            found = estimate(self.rig, self.known, block, sigma, usual, np.asarray(patience), choices)
             return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(part)], found)
 
         found = self._on_devices(of_block, self.source.blocks(tile, log_n_s, which))
@@ -245,7 +292,7 @@ class _Run:
             "search", len(GRID), regions, lambda block: grid_costs(self.rig, self.known, block, self.choices)
         )
         x = GRID[np.argmin(costs, 0)]
-        error, still = np.full(regions, np.inf), np.zeros(regions, bool)
+        error, moved = np.full(regions, np.inf), np.full(regions, np.inf)
         patience = np.asarray(PATIENT)
         for k in range(MOST_PASSES):
             at = x
@@ -257,10 +304,10 @@ class _Run:
                 at,
             )
             x, error = stepped(at, sums)
-            still = np.abs(x - at) <= STILL * np.minimum(error, 1.0)
-            if still.all():
+            moved = np.abs(x - at)
+            if (moved <= STILL).all():
                 break
-        return x, np.where(still, error, np.inf)
+        return x, np.maximum(error, moved)  # where it still moves, by that it is not known
 
     def _pass(
         self, name: str, rows: int, regions: int, program: Callable[[Any], Any], x: np.ndarray | None = None

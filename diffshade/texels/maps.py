@@ -28,6 +28,15 @@ from ..vectors import Vec3
 from .estimates import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
 SUFFIXES = (".npy", ".exr", ".png")
+MOST = 99.5  # percent of the texels that a PNG holds without clipping
+UNITS = {
+    "k_a": "of the ambient light",
+    "k_d": "of the light that arrives",
+    "k_s": "of the light that arrives",
+    "n_s": "none: an exponent",
+    "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
+}
+SHOWN = 98.0  # percent of them that a preview does
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +45,16 @@ class TexelMaps:
 
     `values`: k_a, k_d, k_s (H, W, 3), (H, W, 1) of grey photographs; n_s (H, W, 1); normal (H, W, 3), unit. `errors`:
     standard errors of the same shapes, that of the normal in degrees, (H, W, 1); infinite where nothing is known, 0
-    outside. `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight seen, where k_s and n_s are 0
-    with infinite errors; not determined, where the views cannot tell the numbers apart, leave log n_s an error over
-    0.5, or show a highlight whose numbers run away, which are then 0; shadowed, where no more observations are lit and
-    unclipped than there are numbers; failed, where the fit did not converge. `residual`: root mean square of the
-    residuals, in the photographs' units, or those of their noise where that is known.
+    outside. They hold up to five of them, farther than the curvature at the minimum tells: where k_s, say, has no upper
+    end, its error is many times itself. `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight
+    seen, where errors allow for one too weak to be seen if the normal is free; not determined; shadowed, where no more
+    observations are lit and unclipped than there are numbers; failed, where the fit did not converge. A texel is not
+    determined where the views cannot tell its numbers apart; where its normal is free and the lights that reach it lie
+    in one plane, or k_d times the normal is known to no better than 20 %; where k_s, by the curvature at the minimum,
+    has an error over itself, or log n_s one over 0.5; and where much more is left than of most texels. Where k_s is
+    free, k_s and n_s are 0 with infinite errors wherever the status is not "determined". `residual`: root mean square
+    of the residuals, in the photographs' units, or those of their noise where that is known. `notes`: what the lights
+    cannot tell, said before the fit.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -49,6 +63,7 @@ class TexelMaps:
     residual: Float[np.ndarray, "h w"]
     scene: Scene
     camera: AbstractCamera
+    notes: tuple[str, ...] = ()
 
     STATUS = STATUS
 
@@ -92,9 +107,9 @@ class TexelMaps:
         """Write every map to a folder, each file whole or not at all; return their paths.
 
         `suffix`: ".npy" and ".exr" hold the numbers as they are; ".png" is 16 bits, where normals are (n + 1)/2 and any
-        other map is divided by its `scale`, the larger of 1 and its greatest value that is known, which `maps.toml`
-        lists, and clipped. Beside them `NAME_error` and `residual`, but for PNGs, and as a PNG of 8 bits `status`,
-        whose levels `maps.toml` names.
+        other map is divided by its `scale`, the larger of 1 and what 99.5 % of its known values stay below, which
+        `maps.toml` lists, and clipped. Beside them `NAME_error` and `residual`, but for PNGs; as PNGs of 8 bits
+        `NAME_preview`, bright enough to look at, and `status`, whose levels `maps.toml` names beside all units.
 
         Raises ValueError for another suffix, and what writing a file raises.
         """
@@ -106,32 +121,53 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                scales[name] = 1.0 if name == "normal" else float(np.max(value[self.trusted(name)], initial=1.0))
+                scales[name] = 1.0 if name == "normal" else max(1.0, self._reach(name, MOST))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
-                continue
-            for target, numbers in ((path, value), (folder / f"{name}_error{suffix}", self.errors[name])):
-                with replacing(target) as temporary:
-                    np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
-                written.append(target)
+            else:
+                written += [
+                    _put(path, value, suffix),
+                    _put(folder / f"{name}_error{suffix}", self.errors[name], suffix),
+                ]
+            written.append(self._put_preview(folder / f"{name}_preview.png", name))
         if suffix != ".png":
-            path = folder / f"residual{suffix}"
-            with replacing(path) as temporary:
-                numbers = np.asarray(self.residual)[..., None]
-                np.save(temporary, numbers) if suffix == ".npy" else save(temporary, numbers)
-            written.append(path)
+            written.append(_put(folder / f"residual{suffix}", np.asarray(self.residual)[..., None], suffix))
         path = folder / "status.png"
         write_image(path, self.status[..., None] / 255.0, srgb=False)
-        written.append(path)
+        return [*written, path, self.describe(folder, scales)]
+
+    def describe(self, folder: Path, scales: Mapping[str, float] | None = None) -> Path:
+        """Write `maps.toml`, which says what the levels of `status` are, in which units all maps are, and the notes."""
         import tomli_w
 
-        about = {"status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True))}
+        units = {name: UNITS[name] for name in self.values}
+        units |= {f"{name}_error": "degrees" if name == "normal" else f"those of {name}" for name in self.values}
+        about = {
+            "status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True)),
+            "units": units | {"residual": "those of the photographs, or their noise where that was given"},
+        }
+        if self.notes:
+            about["notes"] = list(self.notes)
         if scales:
-            about["scale"] = scales
-        with replacing(folder / "maps.toml") as temporary:
+            about["scale"] = dict(scales)
+        path = folder / "maps.toml"
+        with replacing(path) as temporary:
             temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
-        return [*written, folder / "maps.toml"]
+        return path
+
+    def _reach(self, name: str, percent: float) -> float:
+        """Return what so many percent of a map's known values stay below; 0 where none is known."""
+        known = self.values[name][self.trusted(name)]
+        return float(np.percentile(known, percent)) if known.size else 0.0
+
+    def _put_preview(self, path: Path, name: str) -> Path:
+        """Write a map to look at: a normal as (n + 1)/2, any other with what most texels have as white, in sRGB."""
+        value = self.values[name]
+        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._reach(name, SHOWN) or 1.0)
+        shown = np.where((self.status != OUTSIDE)[..., None], shown, 0.0)
+        write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
+        return path
 
     def __str__(self) -> str:
         """Return how many texels became what, and the median of each map and of its errors."""
@@ -154,7 +190,14 @@ class TexelMaps:
         if "normal" in self.values and self.known.any():
             error = np.median(self.errors["normal"][..., 0][self.known])
             lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+
+def _put(path: Path, numbers: np.ndarray, suffix: str) -> Path:
+    """Write a map's numbers as they are."""
+    with replacing(path) as temporary:
+        np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
+    return path
 
 
 @jax.jit

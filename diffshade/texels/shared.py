@@ -22,7 +22,7 @@ from .passes import Found, Known, evaluate, reduced
 from .sights import Rig
 
 MOST_PASSES = 12
-STILL = 1e-3  # a step of log n_s, as a share of its standard error, below which it has arrived
+STILL = 1e-3  # a step of log n_s below which it has arrived: weights and the texels that count change by less no more
 
 
 @partial(jax.jit, static_argnames="choices")

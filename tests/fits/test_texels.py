@@ -69,7 +69,7 @@ def test_colours_and_exponents_of_a_textured_ball_are_found(ball, maps):
 def test_every_texel_is_where_scipy_ends_from_the_truth(ball, maps):
     """No texel's cost is above that of SciPy's bounded least squares begun at the truth."""
     l, y = lights_about(20), np.stack([view.image for view in ball.views])
-    checked = 0
+    ratios = []
     for row, column in np.argwhere(maps.determined)[::19]:
         n = ball.truth["normal"][row, column]
         u, cosine = np.maximum(l @ n, 0.0), 2.0 * (l @ n) * n[2] - l[:, 2]
@@ -90,9 +90,13 @@ def test_every_texel_is_where_scipy_ends_from_the_truth(ball, maps):
         covariance = np.linalg.inv(best.jac.T @ best.jac) * 2.0 * best.cost / freedom
         errors = np.concatenate([maps.errors[name][row, column] for name in MAPS])
         errors[-1] /= maps.values["n_s"][row, column, 0]
-        np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=0.03)
-        checked += 1
-    assert checked > 10
+        ratios.append(errors / np.sqrt(np.diag(covariance)))
+    assert len(ratios) > 10
+    assert np.min(ratios) > 0.97
+    # those of the curvature at the minimum, but for highlights of which a flank is seen alone: there k_s and n_s may go
+    # farther up than the curvature says
+    np.testing.assert_allclose(np.array(ratios)[:, :3], 1.0, atol=0.1)
+    np.testing.assert_allclose(np.median(ratios, 0), 1.0, atol=0.1)
 
 
 def test_every_texel_says_what_became_of_it(ball, maps):
@@ -155,8 +159,11 @@ def test_what_does_not_count_is_left_out():
 def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypatch):
     read, count = tiles.Source.read, iter(range(5))
 
+    def of_band(source, first, last, height):  # a sample for what is usual is read row by row, before the bands
+        return last - first > 1
+
     def stopped(*arguments):
-        if next(count, None) is None:
+        if of_band(*arguments) and next(count, None) is None:
             raise KeyboardInterrupt
         return read(*arguments)
 
@@ -166,9 +173,11 @@ def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypa
     done = np.load(tmp_path / "maps" / "done.npy")
     assert 0 < done.sum() <= 5 < len(done)
     again = []
-    monkeypatch.setattr(tiles.Source, "read", lambda *arguments: again.append(1) or read(*arguments))
+    monkeypatch.setattr(tiles.Source, "read", lambda *arguments: again.append(of_band(*arguments)) or read(*arguments))
     banded = ds.fit_texels(ball.scene, ball.views, memory=100_000, out=tmp_path / "maps")
-    assert len(again) == len(done) - done.sum()
+    assert sum(again) == len(done) - done.sum()
+    about = tomllib.loads((tmp_path / "maps" / "maps.toml").read_text())
+    assert about["units"]["k_d_error"] == "those of k_d"
     for name in MAPS:
         np.testing.assert_allclose(banded.values[name], maps.values[name], rtol=1e-5, atol=1e-6)
         np.testing.assert_allclose(banded.errors[name], maps.errors[name], rtol=1e-5)
@@ -196,12 +205,79 @@ def test_normals_are_found_with_the_rest(turned):
     assert 0.004 < np.sqrt(np.mean(drawn**2)) < 0.006  # the noise
 
 
+def test_errors_of_normals_hold_where_lights_are_all_about(turned):
+    ball, maps = turned
+    assert maps.notes == ()
+    assert maps.known.sum() > 0.8 * ball.mask.sum()
+    assert (
+        np.mean((angle(maps.values["normal"], ball.truth["normal"]) > 5.0 * maps.errors["normal"][..., 0])[maps.known])
+        <= 0.01
+    )
+
+
+AROUND = np.linspace(-1.1, 1.1, 20)
+ARC = np.stack([np.sin(AROUND), 0.4 * np.cos(AROUND), 0.9 * np.cos(AROUND)], -1)
+
+
+def test_lights_in_one_plane_tell_no_normal_and_it_is_said_before_with_the_remedy(turned, caplog):
+    """Within half a degree of it, as people set them up by hand."""
+    lights = ARC + 0.005 * np.random.default_rng(3).standard_normal(ARC.shape)
+    ball = textured_ball(SIZE, noise=0.005, to_light=lights)
+    maps = ds.fit_texels(facing_us(ball), ball.views, free=(*MAPS, "normal"))
+    assert not maps.known.any()
+    assert np.isinf(maps.errors["normal"][maps.status > 0]).mean() > 0.9
+    assert [record.getMessage() for record in caplog.records] == list(maps.notes)
+    for words in ("lights of the texels lie in one plane", "Add photographs under lights out of the plane"):
+        assert words in maps.notes[0]
+    assert maps.notes[0] in f"{maps}"
+    doubted = maps.status > 0  # none is determined
+    for name in ("k_s", "n_s"):
+        assert (maps.values[name] == 0).all()
+        assert np.isinf(maps.errors[name][doubted]).all()
+    error = maps.errors["normal"]
+    assert ((error <= 90.0) | np.isinf(error)).all()
+
+
+def test_lights_about_one_texel_count_where_they_reach_it(turned):
+    """Half of the lights lie in a plane, and where a mask leaves those alone nothing is known."""
+    even = np.arange(20) % 2 == 0
+    ball = textured_ball(SIZE, noise=0.005, to_light=np.where(even[:, None], ARC, lights_about(20)))
+    right = np.broadcast_to(np.arange(SIZE) >= SIZE // 2, ball.mask.shape)
+    views = [v if i % 2 == 0 else ds.View(v.image, v.camera, right, lit=v.lit) for i, v in enumerate(ball.views)]
+    maps = ds.fit_texels(facing_us(ball), views, free=(*MAPS, "normal"))
+    assert not maps.known[~right].any()
+    assert maps.known[right].mean() > 0.4
+    assert len(maps.notes) == 1
+    assert "% of the texels" in maps.notes[0]
+
+
+def test_one_wild_texel_does_not_scale_a_map(ball, tmp_path):
+    """Nor its preview, which is there to be looked at; units stand beside."""
+    k_s = np.random.default_rng(0).uniform(0.2, 0.6, (*ball.mask.shape, 1)).astype(np.float32)
+    k_s[7, 9] = 31.0
+    normal = np.broadcast_to(np.array((0, 0, 1), np.float32), (*ball.mask.shape, 3))
+    values = {"k_s": k_s, "n_s": 10.0 * k_s, "normal": normal}
+    status = np.ones(ball.mask.shape, np.uint8)
+    camera = ball.views[0].camera
+    maps = ds.TexelMaps(values, values, status, k_s[..., 0], ball.scene, camera, ("a note",))
+    written = maps.write(tmp_path, suffix=".png")
+    about = tomllib.loads((tmp_path / "maps.toml").read_text())
+    assert about["scale"]["k_s"] == 1.0
+    assert about["scale"]["n_s"] == pytest.approx(6.0, rel=0.05)
+    assert about["units"]["normal_error"] == "degrees"
+    assert about["notes"] == ["a note"]
+    assert tmp_path / "k_s_preview.png" in written
+    assert np.median(ds.read_image(tmp_path / "k_s_preview.png")) > 0.5
+    kept = ds.read_image(tmp_path / "n_s.png", srgb=False) * about["scale"]["n_s"]
+    np.testing.assert_allclose(np.delete(kept, 7 * SIZE + 9), np.delete(10.0 * k_s, 7 * SIZE + 9), atol=0.05)
+
+
 @pytest.mark.parametrize("suffix", [".npy", ".exr", ".png"])
 def test_maps_are_written_and_read_back(turned, tmp_path, suffix):
     ball, maps = turned
     written = maps.write(tmp_path / "maps", suffix=suffix)
     assert sorted(written) == sorted((tmp_path / "maps").iterdir())
-    assert len(written) == (6 if suffix == ".png" else 11)
+    assert len(written) == (10 if suffix == ".png" else 15)  # 4 of them to look at
     about = tomllib.loads((tmp_path / "maps" / "maps.toml").read_text())
     assert about["status"]["1"] == "determined"
     status = ds.read_image(tmp_path / "maps" / "status.png", srgb=False)[..., 0]
@@ -209,9 +285,10 @@ def test_maps_are_written_and_read_back(turned, tmp_path, suffix):
     for name, value in maps.values.items():
         read = ds.read_image(tmp_path / "maps" / f"{name}{suffix}", srgb=False)
         where, scale = maps.trusted(name) & ball.mask, 1.0
-        if suffix == ".png":  # of what is not known, numbers above the scale are clipped
+        if suffix == ".png":
             scale = about["scale"].get(name, 1.0)
             read = 2.0 * read - 1.0 if name == "normal" else scale * read
+            value = value if name == "normal" else np.minimum(value, scale)  # the largest half percent
         else:
             error = ds.read_image(tmp_path / "maps" / f"{name}_error{suffix}", srgb=False)
             np.testing.assert_array_equal(error, maps.errors[name])

@@ -35,10 +35,13 @@ def textured_ball(
     gloss: float = 1.0,
     lobe: str = "phong",
     seed: int = 0,
+    to_light: np.ndarray | None = None,
+    at: np.ndarray | None = None,
 ) -> Ball:
     """Left a dull red material, right a shiny blue one, both with a texture; every light in a view of its own.
 
-    `shadows`: the share of the observations that something else keeps the light from. `gloss`: times k_s.
+    `shadows`: the share of the observations that something else keeps the light from. `gloss`: times k_s. `to_light`:
+    other directions than those of `lights_about`; `at`: places of lamps nearby instead, with a falloff of 1/d^2.
     """
     rng = np.random.default_rng(seed)
     y, x = 1.1 - 2.2 * (np.arange(size)[:, None] + 0.5) / size, -1.1 + 2.2 * (np.arange(size)[None] + 0.5) / size
@@ -51,24 +54,33 @@ def textured_ball(
     k_d = np.where(left[..., None], (0.7, 0.25, 0.2), (0.15, 0.3, 0.6)) * texture[..., None]
     k_s = gloss * np.where(left, 0.3, 0.6)[..., None] * np.ones(3)
     n_s = np.where(left, 12.0, 40.0)
-    to_light, v = lights_about(lights), np.array([0.0, 0.0, 1.0])
-    intensity = np.ones((lights, 3)) * np.asarray(intensity)
+    far_off = lights_about(lights) if to_light is None else to_light / np.linalg.norm(to_light, axis=-1)[:, None]
+    v = np.array([0.0, 0.0, 1.0])
+    count = len(far_off if at is None else at)
+    intensity = np.ones((count, 3)) * np.asarray(intensity)
     camera = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(size, size), height=2.2, local_viewer=False)
     views = []
-    for i, l in enumerate(to_light):
-        n_l = n @ l
-        h = (l + v) / np.linalg.norm(l + v)
-        cosine = n @ h if lobe == "blinn" else 2.0 * n_l * n[..., 2] - l[2]
+    for i in range(count):
+        way = far_off[i] + 0.0 * n if at is None else at[i] - n
+        far = np.linalg.norm(way, axis=-1)[..., None]
+        l = way / far
+        n_l = np.sum(n * l, -1)
+        h = (l + v) / np.linalg.norm(l + v, axis=-1)[..., None]
+        cosine = np.sum(n * h, -1) if lobe == "blinn" else 2.0 * n_l * n[..., 2] - l[..., 2]
         shine = np.where((n_l > 0) & (cosine > 0), np.maximum(cosine, 1e-12) ** n_s, 0.0)
         dark = rng.random((size, size)) < shadows
         light = np.where(dark[..., None], 0.0, k_d * np.maximum(n_l, 0.0)[..., None] + k_s * shine[..., None])
-        image = k_a + intensity[i] * light + noise * rng.standard_normal((size, size, 3))
+        image = (
+            k_a + intensity[i] * light / (1.0 if at is None else far**2) + noise * rng.standard_normal((size, size, 3))
+        )
         views.append(ds.View(image, camera, lit=(i,)))
     material = ds.Material(k_a=k_a, lobe=ds.Blinn() if lobe == "blinn" else ds.Phong())
-    scene = ds.Scene(
-        ds.Object(ds.GBuffer(n, mask=mask), material),
-        [ds.DirectionalLight(-l, i) for l, i in zip(to_light, intensity, strict=True)],
-    )
+    if at is None:
+        lamps = [ds.DirectionalLight(-l, i) for l, i in zip(far_off, intensity, strict=True)]
+    else:
+        fade = ds.RadialAttenuation(0.0, 0.0, 1.0)
+        lamps = [ds.PointLight(p, i, attenuation=fade) for p, i in zip(at, intensity, strict=True)]
+    scene = ds.Scene(ds.Object(ds.GBuffer(n, None if at is None else n, mask=mask), material), lamps)
     return Ball(scene, tuple(views), {"k_d": k_d, "k_s": k_s, "n_s": n_s, "normal": n}, mask)
 
 
@@ -77,7 +89,10 @@ def facing_us(ball: Ball) -> ds.Scene:
     flat = np.zeros_like(ball.truth["normal"])
     flat[..., 2] = 1.0
     item = ball.scene.objects[0]
-    return ds.Scene(ds.Object(ds.GBuffer(flat, mask=ball.mask), item.material), ball.scene.lights)
+    assert isinstance(item.surface, ds.GBuffer)
+    return ds.Scene(
+        ds.Object(ds.GBuffer(flat, item.surface.position, mask=ball.mask), item.material), ball.scene.lights
+    )
 
 
 def angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -1,0 +1,60 @@
+"""What lights about a texel can tell of its normal: one plane, one line, or room."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from textured import facing_us, lights_about, textured_ball
+
+from diffshade.progress import silent
+from diffshade.texels.fitting import _Run
+from diffshade.texels.geometry import note_of, out_of_plane, plane_of
+
+COUNT = 12
+AROUND = np.linspace(-1.0, 1.0, COUNT)
+
+
+def test_the_angle_to_the_nearest_plane_is_the_smallest_singular_value():
+    rng = np.random.default_rng(0)
+    l = rng.standard_normal((50, 6, 3)) * np.array([1.0, 0.5, 0.0]) + rng.uniform(0, 0.1, (50, 1, 1)) * rng.random(3)
+    l[0] = 0.0  # a texel that no light reaches
+    S = np.einsum("tvi,tvj->ijt", l, l)
+    found = np.asarray(out_of_plane([list(map(jnp.asarray, row)) for row in S]))
+    values = np.linalg.svd(l[1:], compute_uv=False)
+    np.testing.assert_allclose(found[1:], values[:, 2] / np.linalg.norm(l[1:], axis=(1, 2)), atol=1e-7)
+    assert found[0] == 0.0
+
+
+def spread(directions: np.ndarray) -> np.ndarray:
+    l = directions / np.linalg.norm(directions, axis=-1)[:, None]
+    return (l.T @ l)[..., None]
+
+
+def test_lights_in_a_plane_and_on_a_line_are_said_with_the_remedy():
+    plane = plane_of(spread(np.stack([AROUND, 0.4 * np.ones(COUNT), 0.8 * np.ones(COUNT)], -1)))
+    note = note_of(plane)
+    assert note is not None
+    np.testing.assert_allclose(np.abs(plane.normal), (0.0, 0.8944, 0.4472), atol=1e-3)
+    assert "in one plane" in note
+    assert "(-0, -0.89, 0.45)" in note or "(0, -0.89, 0.45)" in note
+    assert "or give the normals" in note
+    line = note_of(plane_of(spread(np.ones((COUNT, 3)) + 1e-3 * AROUND[:, None] * (1.0, 0.0, 0.0))))
+    assert line is not None
+    assert "one direction" in line
+    assert note_of(plane_of(spread(lights_about(COUNT)))) is None
+    assert note_of(plane_of(np.zeros((3, 3, 0)))) is None
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_lights_near_each_other_are_noticed(narrow):
+    l = lights_about(COUNT) * ((0.1, 0.1, 1.0) if narrow else (1.0, 1.0, 1.0))
+    assert plane_of(spread(l)).narrow is narrow
+
+
+def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a_ceiling_with_none():
+    line = np.stack([3.0 * AROUND, 1.5 + 0.0 * AROUND, 2.5 + 0.0 * AROUND], -1)
+    ceiling = 2.5 * lights_about(COUNT)
+    ceiling[:, 2] = 2.5
+    for at, share in ((line, 1.0), (ceiling, 0.0)):
+        ball = textured_ball(12, at=at)
+        run = _Run(facing_us(ball), ball.views, ("k_d", "normal"), None, "squares", None, 1 << 28, None, silent)
+        assert run.lights_about(run.source.sample(64)).share == share
