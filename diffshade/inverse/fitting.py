@@ -22,7 +22,7 @@ from .losses import LOSSES
 from .outcome import MEMORY, Fit, diagnose
 from .parameters import Unknown, find_unknowns
 from .running import check_enough, counted, laid_bytes, look_at, moves_surface, run
-from .stability import checked
+from .stability import checked, unchecked
 from .streams import surveyed
 from .study import Study
 from .tiles import Tiles
@@ -89,7 +89,8 @@ def fit(
     steps are found from the values, and what rounding can do is added to the errors (`Fit.rounding`).
 
     Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
-    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined.
+    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined. A fit by tiles
+    is not made again, and says so.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
@@ -115,6 +116,7 @@ def fit(
             found = run_by_tiles(
                 scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
             )
+            found = unchecked(found)
         return dataclasses.replace(found, memory=memory)
 
 

@@ -29,6 +29,10 @@ from .views import View, lights_on
 MOVED = 0.3  # of the value, or of a logarithm's unit
 ERRORS = 3.0
 ROUNDING = 1e-10  # of the sum of squares of the images: residuals below it show nothing
+UNCHECKED = (
+    "whether a number depends on the saturated pixels, or on the brightest half of the highlight, was not checked, "
+    "since the fit was made by tiles. Give it more memory, or fit some of the rows."
+)
 SEEN = 0.02  # of the brightest highlight of a view: where a highlight begins
 
 
@@ -248,10 +252,21 @@ def checked(fit: Fit, tell: Tell) -> Fit:
     The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
     the highlight. It is made where the views disagree or samples are clipped; else the noise explains the residuals.
     """
-    doubtful = fit.clusters.disagree or fit.counts.clipped or fit.counts.left_out
-    if not (doubtful and _is_glossy(fit)):
+    if not _doubtful(fit):
         return fit
     again, shifted = refits(fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], tell)
     shifted &= fit.determined
     notes = (*dependence(fit, again, shifted), *fit.notes)
     return replace(fit, determined=fit.determined & ~shifted, notes=notes)
+
+
+def unchecked(fit: Fit) -> Fit:
+    """Return a fit whose pixels do not fit in memory, with a note where it would have been `checked`."""
+    if not _doubtful(fit):
+        return fit
+    return replace(fit, notes=(*fit.notes, UNCHECKED))
+
+
+def _doubtful(fit: Fit) -> bool:
+    """Whether a few pixels may decide a highlight's numbers: the views disagree, or samples are clipped."""
+    return bool(fit.clusters.disagree or fit.counts.clipped or fit.counts.left_out) and _is_glossy(fit)
