@@ -12,12 +12,14 @@ from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
+from ..inverse.intensities import taken_as_exact
 from ..inverse.outcome import Fit, count
 from ..inverse.parameters import logarithms
 from ..inverse.stability import Refit, dependence, left_out, refits
 from ..inverse.uncertainty import Vector
 from ..progress import showing, silent
 from .intervals import Profile, intervals
+from .leftovers import inflated
 from .patches import find_clusters
 from .suspicions import Suspicion, suspicions
 
@@ -82,14 +84,14 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as own:
         tell("errors")
-        clusters = find_clusters(own)
+        clusters, alike = inflated(own, find_clusters(own))
         profile = Profile(own, clusters)
         found = intervals(profile, LEVELS, tell)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         again, shifted = refits(own, clusters, left_out(own), tell)
         tell("looking at the residuals")
         suspected = suspicions(own)
-    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
+    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected, alike)
 
 
 def _say(
@@ -100,6 +102,7 @@ def _say(
     again: list[Refit],
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
+    alike: str = "",
 ) -> Examination:
     errors = clusters.wide_errors()
     likely, sure = found
@@ -115,7 +118,8 @@ def _say(
         *_wide(fit, wide, sure),
         *dependence(fit, again, shifted),
         *_together(fit),
-        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])}",
+        *([alike] if alike else []),
+        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])} {taken_as_exact(fit.unknowns)}".rstrip(),
         *(n for n in fit.notes if not n.startswith("0 within") and n not in [s.sentence for s in suspected]),
         *_at_most(fit, determined, sure),
     ]

@@ -183,9 +183,7 @@ def _other_lobe(scene: Scene) -> Scene | None:
             return None
         lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
         n_s = factor * np.asarray(material.n_s, np.float64)
-        scene = eqx.tree_at(
-            lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s)
-        )
+        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
     return scene if shiny else None
 
 
@@ -201,7 +199,9 @@ def _spheres(fit: Fit) -> list[list[str]]:
     """Return the radius and the centre of each sphere."""
     objects = fit.scene.objects
     names = [item.name or str(i) for i, item in enumerate(objects) if isinstance(item.surface, Sphere)]
-    return [[f"objects.{n}.surface.radius", f"objects.{n}.surface.center"] for n in names] if len(names) <= SPHERES else []
+    return (
+        [[f"objects.{n}.surface.radius", f"objects.{n}.surface.center"] for n in names] if len(names) <= SPHERES else []
+    )
 
 
 def _lights(fit: Fit) -> list[list[str]]:
@@ -243,7 +243,15 @@ def _of_geometry(
     fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
 ) -> list[Direction]:
     """Return what faults of geometry change, but for rims seen at a grazing angle, where it is not linear."""
-    rim = samples.of([np.broadcast_to(rims(fit.scene.objects, view.camera)[0][..., None], (*view.camera.shape, 3)) for view in fit.views]) > 0
+    rim = (
+        samples.of(
+            [
+                np.broadcast_to(rims(fit.scene.objects, view.camera)[0][..., None], (*view.camera.shape, 3))
+                for view in fit.views
+            ]
+        )
+        > 0
+    )
     found, first = [], 0
     for (kind, i), of in moves.items():
         rows = change[first : first + len(of)]

@@ -82,9 +82,7 @@ class ScoreTests:
         gain = float(score @ from_information @ score) / rows.sigma2
         # the channels of a pixel may share their noise, and the noise may differ from pixel to pixel
         left = rows.slope + rows.weight * (amount @ beyond)
-        p_value = max(
-            float(special.chdtrc(len(direction), gain)), _p_value_by_pixels(beyond * left, rows.pixel, score)
-        )
+        p_value = max(float(special.chdtrc(len(direction), gain)), _p_value_by_pixels(beyond * left, rows.pixel, score))
         errors = np.sqrt(rows.sigma2 * np.diag(from_information))
         return Score(amount, errors, gain, p_value, (to_unknowns.T @ amount)[: self.count])
 

@@ -14,7 +14,7 @@ from ..inverse.parameters import coordinate_slopes, values_at
 from ..inverse.uncertainty import Vector
 from ..materials import Blinn
 from .faults import BLURS, Direction, Linearised, Mask, linearised
-from .leftovers import Leftovers
+from .leftovers import Leftovers, neighbours_of
 from .score_tests import Score, ScoreTests
 
 FALSE_ALARM = 1e-4  # of the test of one fault
@@ -25,6 +25,7 @@ FAULTS = 3  # named at most
 MOVES, CORRUPTS = 1.0, 2.0  # errors, by which a fault moves a number: to be named, and for the number to be withdrawn
 GROSS = 0.2  # of the cost, from which a fault is named whatever it moves to first order
 SIMPLER = 0.5  # of what the radius leaves over, which the centre in its place must explain
+NEARLY = 0.85  # of the centre's gain, with which the radius is named in its place
 STEPS = 12  # of the search for a sphere's place
 CERTAIN = 5.0  # standard deviations of the structure in the residuals, from which a far fault is searched for
 DARKEST, STEEPEST, WIDEST = 0.9, 0.7, 4.0  # vignetting, gamma less 1, and a blur in pixels, at most
@@ -59,7 +60,7 @@ def wrong_set_ups(fit: Fit, out: Sequence[Mask | None] | None = None) -> list[Wr
     fault explains them, a sphere's place is searched for. `out`: for each view the pixels that do not count.
     """
     at_end = linearised(fit, out)
-    left = Leftovers.of(fit, out)
+    left = neighbours_of(fit, out)
     found, rivals = _greedy(fit, at_end, left)
     if left.errors > CERTAIN and sum(f.share for f in found) < 0.8 * left.least:
         far = _far(fit, at_end, left)
@@ -86,6 +87,9 @@ def _greedy(fit: Fit, at_end: Linearised, left: Leftovers) -> tuple[list[_Found]
         if not usable:
             break
         best = max(usable, key=lambda f: f.share)
+        if best.direction.kind == "center":  # three amounts, of which one does nearly what the radius does
+            simpler = (f for f in usable if f.direction.kind == "radius" and f.share > NEARLY * best.share)
+            best = next(simpler, best)
         if not found:
             rivals = [f for f in seen if f is not best and f.share > RIVAL * best.share]
         found.append(best)
@@ -95,7 +99,9 @@ def _greedy(fit: Fit, at_end: Linearised, left: Leftovers) -> tuple[list[_Found]
 def _found(fit: Fit, at_end: Linearised, direction: Direction, score: Score) -> _Found:
     moves = np.zeros(len(fit.values))
     moves[at_end.inside] = score.moves
-    return _Found(direction, score.amount, score.gain / at_end.count, moves / coordinate_slopes(fit.values, fit.unknowns))
+    return _Found(
+        direction, score.amount, score.gain / at_end.count, moves / coordinate_slopes(fit.values, fit.unknowns)
+    )
 
 
 def _matters(fit: Fit, found: _Found) -> bool:
@@ -111,7 +117,7 @@ def plausible(direction: Direction, amount: Float[np.ndarray, " k"]) -> bool:
     if direction.kind == "gamma":
         return abs(one) < STEEPEST
     if direction.kind == "blur":
-        return 0.0 < one and BLURS[direction.which] * np.sqrt(one) < WIDEST
+        return one > 0.0 and BLURS[direction.which] * np.sqrt(one) < WIDEST
     if direction.kind == "lobe":
         return LOBES[0] < one < LOBES[1]
     return True
@@ -187,13 +193,8 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
             "Measure it again, or free 'surface.center' and give each View a mask.",
         )
     axis = ", ".join(f"{x:.2g}" for x in amount / max(size, 1e-300))
+    places = [f"'{n}'" for n in ("direction", "position") if any(hasattr(light, n) for light in fit.scene.lights)]
     return (
         f"all lights together are turned by about {size:.2g} degrees about the axis ({axis})",
-        "Check the axes that the lights and the camera are given in, or free their "
-        f"{listing(_turned(fit))}.",
+        f"Check the axes that the lights and the camera are given in, or free {listing(places)}.",
     )
-
-
-def _turned(fit: Fit) -> list[str]:
-    names = [f"'{name}'" for name in ("direction", "position") if any(hasattr(light, name) for light in fit.scene.lights)]
-    return names

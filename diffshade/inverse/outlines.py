@@ -23,7 +23,9 @@ BEYOND_NOISE = 1.5  # residuals over the photographs' own noise, from which outl
 FAR = 3.0  # pixels from the outline, from which a photograph shows the background
 BACKGROUND = 64  # pixels of it, at least
 DARK = 5.0  # standard deviations above the background, within which a pixel looks like it
-UNIFORM = 0.1  # of the object's brightness: what the background's level and its scatter are at most
+UNIFORM = 0.1  # of the object's brightness, by which the background varies at most
+BLACK = 0.2  # of the object's brightness, which the background has at most
+ALIKE = 0.98  # of the background, that is so
 BORDER = 0.5  # of the outline, along which the background is inside
 STEP = 0.15  # of the object's brightness, which it has right behind the background that is inside
 STEEP = 0.6  # of the edge of that background, along which the object is so bright
@@ -117,7 +119,7 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
     scatter = float(1.4826 * np.median(np.abs(brightness[far] - level)))
     light = bright - level
     alike = np.abs(brightness[far] - level) <= max(DARK * scatter, UNIFORM * light)
-    if not light > 0 or scatter > UNIFORM * light or alike.mean() < 0.98:
+    if not light > 0 or level > BLACK * bright or scatter > UNIFORM * light or alike.mean() < ALIKE:
         return None
     dark = brightness <= level + max(DARK * scatter, 1e-3 * light)
     above = brightness - level
@@ -139,7 +141,7 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
     next_to = behind & ndimage.binary_dilation(border, iterations=2)
     if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < STEEP:
         return None
-    width = float(border.sum() / max((border & rim).sum(), 1))
+    width = _width(depth[border])
     return WrongOutline(True, int(border.sum()), width, share) if width > THIN else None
 
 
@@ -153,8 +155,13 @@ def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.n
     reached = np.unique(labels[ring & shows])
     border = np.isin(labels, reached[reached > 0])
     share = float((border & ring).sum() / ring.sum())
-    width = float(border.sum() / max((border & ring).sum(), 1))
+    width = _width(outside[border])
     return WrongOutline(False, int(border.sum()), width, share) if share > LIKE and width > THIN else None
+
+
+def _width(distances: np.ndarray) -> float:
+    """Return how wide a border is, from its pixels' distances to the nearest pixel beyond the outline, 1 and more."""
+    return 2.0 * float(distances.mean()) - 1.0 if len(distances) else 0.0
 
 
 def said(scene: Scene, found: WrongOutline) -> str:
@@ -171,6 +178,6 @@ def said(scene: Scene, found: WrongOutline) -> str:
         where = f"{found.pixels:,} pixels outside the outline show the object, {along}"
     nothing = " Nothing is determined until that is corrected." if found.large else ""
     return (
-        f"{where}: {wrong} by about {max(found.width, 1.0):.0f} px.{nothing} Measure it again, check the camera, or give "
-        f"each View a mask and free {'it' if sphere else 'what is wrong'}."
+        f"{where}: {wrong} by about {max(found.width, 1.0):.0f} px.{nothing} Measure it again, check the camera, or "
+        f"give each View a mask and free {'it' if sphere else 'what is wrong'}."
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +24,19 @@ KINDS = {
     "lobe": ("lobe",),
     "prior": ("prior",),
 }
+
+
+# views, pixels along a side, whether the lights are near, Blinn's lobe: a few, so that few programs are compiled
+STRUCTURES = (
+    (3, 64, False, False),
+    (8, 64, True, False),
+    (5, 96, False, True),
+    (4, 128, True, False),
+    (6, 64, False, False),
+    (8, 96, True, True),
+    (3, 256, False, False),
+    (5, 64, True, False),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +67,26 @@ class SetUp:
 
 
 def set_up(seed: int) -> SetUp:
-    """Return a random set-up; few views and resolutions, so that few programs are compiled."""
+    """Return a random set-up of one of the structures, by turns."""
     random = np.random.default_rng(1000 + seed)
-    count = int(random.choice([3, 5, 8]))
-    size = int(random.choice([64, 96, 128, 256], p=[0.4, 0.3, 0.22, 0.08]))
+    count, size, near, blinn = STRUCTURES[seed % len(STRUCTURES)]
     polar = np.deg2rad(random.uniform(10, 65, count))
     azimuth = 2 * np.pi * (np.arange(count) / count) + random.uniform(-0.4, 0.4, count)
     towards = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
-    if random.random() < 0.5:
-        lights: list[Any] = [ds.DirectionalLight(-t) for t in towards]
+    if near:
+        lights: list[Any] = [ds.PointLight(d * t) for d, t in zip(random.uniform(3, 6, count), towards, strict=True)]
     else:
-        lights = [ds.PointLight(d * t) for d, t in zip(random.uniform(3, 6, count), towards, strict=True)]
-    lobe = ds.Blinn() if random.random() < 0.3 else ds.Phong()
+        lights = [ds.DirectionalLight(-t) for t in towards]
     material = ds.Material(
         random.uniform(0.0, 0.12, 3) * (random.random() < 0.8),
         random.uniform(0.15, 0.8, 3),
         random.uniform(0.1, 0.6) * np.ones(3),
         float(np.exp(random.uniform(np.log(6), np.log(150)))),
-        lobe=lobe,
+        lobe=ds.Blinn() if blinn else ds.Phong(),
     )
     camera = ds.Camera(eye=(0, 0, 4), fov=float(random.uniform(34, 44)), shape=(size, size))
-    return SetUp(ds.Scene(ds.Object(ds.Sphere(), material), lights), camera, float(np.exp(random.uniform(np.log(1e-3), np.log(1e-2)))), seed)
+    noise = float(np.exp(random.uniform(np.log(1e-3), np.log(1e-2))))
+    return SetUp(ds.Scene(ds.Object(ds.Sphere(), material), lights), camera, noise, seed)
 
 
 def turned(scene: ds.Scene, degrees: float, axis: np.ndarray) -> ds.Scene:
@@ -104,10 +115,8 @@ def faulty(of: SetUp, fault: str | None) -> tuple[ds.Scene, list[ds.View], dict[
         told = of.told(radius=1.1)
     if fault == "radius small":
         told = of.told(radius=0.95)
-    if fault == "lights turned":
-        images = of.images(turned(of.truth, 2.0, random.standard_normal(3)))
-    else:
-        images = of.images()
+    axis = random.standard_normal(3)
+    images = of.images(turned(of.truth, 2.0, axis) if fault == "lights turned" else None)
     if fault == "vignetting":
         h, w = of.camera.shape
         row, column = np.mgrid[:h, :w]
@@ -130,14 +139,3 @@ def faulty(of: SetUp, fault: str | None) -> tuple[ds.Scene, list[ds.View], dict[
 def fitted(of: SetUp, fault: str | None) -> ds.Fit:
     told, views, options = faulty(of, fault)
     return ds.fit(told, views, free=FREE, **options)
-
-
-@dataclasses.dataclass(frozen=True)
-class Moved:
-    """By how many of its errors a fault moves each number."""
-
-    errors: np.ndarray
-
-    @property
-    def corrupted(self) -> np.ndarray:
-        return np.abs(self.errors) > 2.0
