@@ -48,13 +48,13 @@ def residuals(fit: Fit, out: Sequence[Mask | None] | None = None) -> tuple[list[
     found, counted = [], []
     for i, view in enumerate(fit.views):
         seen = fit.predict(view)
-        counts = seen.counts.all(-1)
+        counts = np.all(seen.counts, -1)
         if out is not None and (mask := out[i]) is not None:
             counts = counts & ~mask
         r = seen.difference
         if view.noise is not None:
             r = r / np.sqrt(np.asarray(view.noise.variance(seen.image)))
-        found.append(np.where(counts[..., None], r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
+        found.append(np.where(np.expand_dims(counts, -1), r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
         counted.append(counts)
     return found, counted
 

@@ -13,11 +13,11 @@ from ..inverse.identifiability import listing
 from ..inverse.outcome import Fit
 from ..inverse.outlines import said, wrong_outline
 from ..lights import DirectionalLight
-from .alternatives import Key, State
+from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Desk, Explanation, matters, union
 from .regions import measure_rim
-from .wrong_set_ups import WrongSetUp, wrong_set_ups
+from .wrong_set_ups import BESIDE, WrongSetUp, wrong_set_ups
 
 ROUNDS = 12
 ROUNDING = 1e-10  # of the sum of squares of the images, below which residuals show nothing
@@ -69,7 +69,9 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         everywhere = wrong_set_ups(fit)
         if found and not any(fault.share > found[0].share for fault in everywhere):
             end = desk.alternatives.settle(state)
-            return (*_said(desk, end, found), *_of_all_views(fit, wrong_set_ups(end.fit, end.out)))
+            rest = 1.0 - share(desk.alternatives.base, end)
+            beside = [f for f in wrong_set_ups(end.fit, end.out) if rest * f.share > BESIDE * found[0].share]
+            return (*_said(desk, end, found), *_of_all_views(fit, beside))
         return _of_all_views(fit, everywhere)
 
 

@@ -13,6 +13,7 @@ from ..inverse.outcome import Fit
 from ..inverse.parameters import coordinate_slopes, values_at
 from ..inverse.uncertainty import Vector
 from ..materials import Blinn
+from ..surfaces import Sphere
 from .faults import BLURS, Direction, Linearised, Mask, linearised
 from .leftovers import Leftovers, neighbours_of
 from .score_tests import Score, ScoreTests
@@ -117,7 +118,7 @@ def plausible(direction: Direction, amount: Float[np.ndarray, " k"]) -> bool:
     if direction.kind == "gamma":
         return abs(one) < STEEPEST
     if direction.kind == "blur":
-        return one > 0.0 and BLURS[direction.which] * np.sqrt(one) < WIDEST
+        return one > 0.0 and _blur(direction, one) < WIDEST
     if direction.kind == "lobe":
         return LOBES[0] < one < LOBES[1]
     return True
@@ -153,9 +154,8 @@ def _sentence(fit: Fit, found: _Found) -> str:
 
 
 def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]:
-    one, size = float(amount[0]), float(np.linalg.norm(amount))
-    item = fit.scene.objects[direction.which] if direction.kind in ("lobe", "radius", "center") else None
-    name = "" if item is None else f"objects.{item.name or direction.which}"
+    """Return what a fault is, with its size, and the remedy."""
+    one = float(amount[0])
     if direction.kind == "vignetting":
         return (
             f"the images darken towards their corners by about {one:.0%} (vignetting)",
@@ -169,32 +169,47 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
             f"Raise them to the power {1.0 / power:.3g}, or read them with the curve that the camera gave them.",
         )
     if direction.kind == "blur":
-        width = BLURS[direction.which] * np.sqrt(one)
         return (
-            f"the images are blurred by about {width:.2g} pixels (standard deviation)",
+            f"the images are blurred by about {_blur(direction, one):.2g} pixels (standard deviation)",
             "Focus, or shrink the images, and leave the pixels next to outlines out with View.mask.",
         )
+    return _rotation(fit, amount) if direction.kind == "rotation" else _of_object(fit, direction, amount)
+
+
+def _of_object(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]:
+    item = fit.scene.objects[direction.which]
     if direction.kind == "lobe":
         own, other = ("Blinn", "Phong") if isinstance(item.material.lobe, Blinn) else ("Phong", "Blinn")
         return (
             f"the highlights have the form of {other}'s lobe rather than {own}'s",
-            f"Give Material(lobe=ds.{other}()), or compare both with ds.compare_models.",
+            f"Give Material(lobe=ds.{other}()), or compare both with ds.compare.",
         )
+    name = f"objects.{item.name or direction.which}.surface"
+    assert isinstance(item.surface, Sphere)
     if direction.kind == "radius":
-        now = float(np.asarray(item.surface.radius))
+        now = float(item.surface.radius)
         return (
-            f"{name}.surface.radius seems to be about {now + one:.3g} where the scene has {now:.3g}",
+            f"{name}.radius seems to be about {now + float(amount[0]):.3g} where the scene has {now:.3g}",
             "Measure it again, or free 'surface.radius' and give each View a mask.",
         )
-    if direction.kind == "center":
-        place = ", ".join(f"{x:.3g}" for x in np.asarray(item.surface.center) + amount)
-        return (
-            f"{name}.surface.center seems to be about {size:.2g} away from where the scene has it, near ({place})",
-            "Measure it again, or free 'surface.center' and give each View a mask.",
-        )
+    place = ", ".join(f"{x:.3g}" for x in np.asarray(item.surface.center) + amount)
+    away = float(np.linalg.norm(amount))
+    return (
+        f"{name}.center seems to be about {away:.2g} away from where the scene has it, near ({place})",
+        "Measure it again, or free 'surface.center' and give each View a mask.",
+    )
+
+
+def _rotation(fit: Fit, amount: Vector) -> tuple[str, str]:
+    size = float(np.linalg.norm(amount))
     axis = ", ".join(f"{x:.2g}" for x in amount / max(size, 1e-300))
     places = [f"'{n}'" for n in ("direction", "position") if any(hasattr(light, n) for light in fit.scene.lights)]
     return (
         f"all lights together are turned by about {size:.2g} degrees about the axis ({axis})",
         f"Check the axes that the lights and the camera are given in, or free {listing(places)}.",
     )
+
+
+def _blur(direction: Direction, amount: float) -> float:
+    """Return the standard deviation of a blur whose amount is so much of one of those tried."""
+    return BLURS[direction.which] * float(np.sqrt(amount))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -130,15 +131,15 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
     """Return where the background reaches into the silhouette, and the object begins at once behind it."""
     rim = inside & (depth < 1.5)
     # filled up over single pixels of noise
-    like = ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1) & inside
+    closed: Any = ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1)
+    like = closed & inside
     labels = np.asarray(ndimage.label(like, np.ones((3, 3)))[0])  # pyright: ignore[reportIndexIssue]
     reached = np.unique(labels[rim & like])
-    border = np.isin(labels, reached[reached > 0]) & inside
+    border = np.isin(labels, reached[reached > 0])
     share = float((border & rim).sum() / rim.sum())
     if share < BORDER:
         return None
-    behind = ndimage.binary_dilation(border | ~inside, iterations=2) & inside & ~border
-    next_to = behind & ndimage.binary_dilation(border, iterations=2)
+    next_to = np.asarray(ndimage.binary_dilation(border, iterations=2)) & inside & ~border
     if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < STEEP:
         return None
     width = _width(depth[border])
@@ -147,8 +148,10 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
 
 def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.ndarray) -> WrongOutline | None:
     """Return where the object goes on outside the silhouette nearly as bright as next to the outline inside."""
-    _, (row, column) = ndimage.distance_transform_edt(~(inside & (depth > 1.5)), return_indices=True)
-    next_inside = np.maximum(above[row, column], 0.0)
+    nearest: Any = ndimage.distance_transform_edt(
+        ~(inside & (depth > 1.5)), return_distances=False, return_indices=True
+    )
+    next_inside = np.maximum(above[nearest[0], nearest[1]], 0.0)
     ring = (outside > 0) & (outside < 1.5)
     shows = (above > OUTSIDE * next_inside) & (next_inside > 0.05 * float(np.quantile(above[inside], 0.9))) & ~inside
     labels = np.asarray(ndimage.label(shows)[0])  # pyright: ignore[reportIndexIssue]

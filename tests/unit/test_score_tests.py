@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -26,7 +28,7 @@ def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
     return theta, Rows(jacobian, slope, weight, pixel, np.diag(stiffness), stiffness * (theta - mean), sigma2)
 
 
-def measured(amounts=(0.0, 0.0), seed=1, scale=1.0):
+def measured(amounts=(0.0, 0.0), seed=1, scale: Any = 1.0):
     noise = SIGMA * scale * np.random.default_rng(seed).standard_normal(J.shape[1])
     return THETA @ J + np.asarray(amounts) @ FAULTS + noise
 
