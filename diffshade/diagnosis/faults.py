@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ..fields import Array
-from ..inverse.blocks import Block
-from ..inverse.blocks import chunks as in_chunks
 from ..inverse.outcome import Fit
 from ..inverse.parameters import find_unknowns
 from ..inverse.refits import Laid
-from ..inverse.study import weights
-from ..inverse.views import View, is_grey, photograph
+from ..inverse.views import View, photograph
 from ..lights import DirectionalLight, PointLight, SpotLight
 from ..materials import Blinn, Phong
 from ..measured_lights import MeasuredLight
 from ..scenes import Scene
 from ..surfaces import Sphere
+from .laid_samples import LaidSamples, Samples
 from .regions import centre_of, rims
 from .score_tests import Rows
 
@@ -44,41 +38,22 @@ class Direction:
     which: int
     """The number of the object, or 0; of a blur which one it is."""
     change: Float[np.ndarray, "k n"]
-    index: tuple[int, ...] = ()
-    """Which numbers of the fit laid out again are its amounts, where they are."""
+    along: tuple[int, ...] = ()
+    """Where the fault is of the geometry, which directions of the laid samples it is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A fit as a linear problem at its end, and the faults as directions of it."""
 
-    laid: Laid
-    """The fit, with the numbers of the geometry beside its own unknowns."""
+    samples: LaidSamples
+    """With the numbers of the geometry beside the fit's own unknowns."""
     rows: Rows
     inside: Int[np.ndarray, " q"]
     """The unknowns that are not at a bound, which the rows' Jacobian is of."""
     count: int
     """Samples that were measured."""
     directions: list[Direction]
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """The samples that count at the end of a fit, in the order of `Rows`."""
-
-    view: Int[np.ndarray, " n"]
-    pixel: Int[np.ndarray, " n"]
-    """In its view's flattened image."""
-    channel: Int[np.ndarray, " n"]
-    predicted: Float[np.ndarray, " n"]
-
-    def of(self, images: Sequence[np.ndarray]) -> Float[np.ndarray, " n"]:
-        """Return the samples of images (h, w, c), one for each view."""
-        found = np.zeros(len(self.view))
-        for i, image in enumerate(images):
-            here = self.view == i
-            found[here] = image.reshape(-1, image.shape[2])[self.pixel[here], self.channel[here]]
-        return found
 
 
 def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised:
@@ -93,51 +68,23 @@ def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised
     p = len(fit.unknowns)
     at = {unknown.places[0]: p + j for j, unknown in enumerate(beside)}
     moves = _moves(fit, at, len(laid.theta))
-    tangents = np.concatenate([np.eye(p, len(laid.theta)), *moves.values()])
-    theta, blocks = jnp.asarray(laid.theta), []
-    for chunk, parts in zip(laid.chunks, in_chunks(laid.parts), strict=True):
-        m, change, slope, weight, base = map(np.asarray, _changes(theta, jnp.asarray(tangents), laid.study.form, chunk))
-        for b, part in enumerate(parts):
-            n, used = len(part.pixels), 1 if is_grey(fit.views[part.view]) else 3
-            place = [np.full((used, n), part.view), np.broadcast_to(part.pixels, (used, n))]
-            place.append(np.broadcast_to(np.arange(used)[:, None], (used, n)))
-            numbers = [of[b, :used, :n] for of in (m, slope, weight, base)]
-            blocks.append(([x.reshape(-1) for x in (*place, *numbers)], change[b, :, :used, :n].reshape(-1, used * n)))
-    view, pixel, channel, m, slope, weight, base = (np.concatenate([of[0][k] for of in blocks]) for k in range(7))
-    change = np.concatenate([of[1] for of in blocks], 1)
-    samples = Samples(view.astype(int), pixel.astype(int), channel.astype(int), m)
-    inside = np.flatnonzero(~fit.at_bound)
-    known = jax.tree.map(np.asarray, laid.study.soft().gram(theta))
-    measured = base > 0
+    laid_samples = LaidSamples(laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
+    end = laid_samples.at(laid.theta)
+    samples = Samples(laid_samples.view, laid_samples.pixel, laid_samples.channel, end.predicted)
+    inside, known = laid_samples.inside, laid_samples.known(laid.theta)
+    measured = end.base > 0
+    noise, bend = ((of[measured] / end.base[measured]).sum() for of in (end.slope**2, end.weight))
     rows = Rows(
-        change[inside],
-        slope,
-        weight,
+        end.change[inside],
+        end.slope,
+        end.weight,
         _pixels(fit, samples),
-        known.hessian[np.ix_(inside, inside)],
-        known.gradient[inside],
-        float(np.sum((slope**2)[measured] / base[measured]) / np.sum(weight[measured] / base[measured])),
+        np.asarray(known.hessian)[np.ix_(inside, inside)],
+        np.asarray(known.gradient)[inside],
+        float(noise / bend),
     )
-    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, change[p:], moves)]
-    return Linearised(laid, rows, inside, int(measured.sum()), directions)
-
-
-@jax.jit
-def _changes(theta: Array, tangents: Array, form: Any, chunk: Block) -> tuple[Array, ...]:
-    """Return the predictions of a chunk, their changes along tangents, the cost's slopes and curvatures, and weights.
-
-    A clipped sample, which was not measured, weighs nothing.
-    """
-
-    def of_block(block: Block) -> tuple[Array, ...]:
-        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
-        seen = block.observed
-        weight = weights(form, block)
-        terms = form.likelihood.terms(m, seen.target, weight, seen.clipped)
-        measured = weight if seen.clipped is None else jnp.where(seen.clipped == 0, weight, 0.0)
-        return m, jax.vmap(derivative)(tangents), terms.slope, terms.curvature, measured
-
-    return jax.lax.map(of_block, chunk)
+    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.change[p:], moves)]
+    return Linearised(laid_samples, rows, inside, int(measured.sum()), directions)
 
 
 def _pixels(fit: Fit, samples: Samples) -> Int[np.ndarray, " n"]:
@@ -243,22 +190,16 @@ def _of_geometry(
     fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
 ) -> list[Direction]:
     """Return what faults of geometry change, but for rims seen at a grazing angle, where it is not linear."""
-    rim = (
-        samples.of(
-            [
-                np.broadcast_to(rims(fit.scene.objects, view.camera)[0][..., None], (*view.camera.shape, 3))
-                for view in fit.views
-            ]
-        )
-        > 0
-    )
+    shapes = [(*view.camera.shape, 3) for view in fit.views]
+    grazing = [rims(fit.scene.objects, view.camera)[0][..., None] for view in fit.views]
+    rim = samples.of([np.broadcast_to(*of) for of in zip(grazing, shapes, strict=True)]) > 0
     found, first = [], 0
     for (kind, i), of in moves.items():
-        rows = change[first : first + len(of)]
+        along = tuple(range(first, first + len(of)))
         first += len(of)
+        rows = change[list(along)]
         if kind in ("radius", "center"):
             rows = np.where(rim, 0.0, rows)
-        index = tuple(np.flatnonzero(of.any(0)).tolist()) if kind in ("radius", "center") else ()
         if np.isfinite(rows).all():
-            found.append(Direction(kind, i, rows, index))
+            found.append(Direction(kind, i, rows, along))
     return found

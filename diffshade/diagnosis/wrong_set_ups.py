@@ -27,7 +27,6 @@ MOVES, CORRUPTS = 1.0, 2.0  # errors, by which a fault moves a number: to be nam
 GROSS = 0.2  # of the cost, from which a fault is named whatever it moves to first order
 SIMPLER = 0.5  # of what the radius leaves over, which the centre in its place must explain
 NEARLY = 0.85  # of the centre's gain, with which the radius is named in its place
-STEPS = 12  # of the search for a sphere's place
 CERTAIN = 5.0  # standard deviations of the structure in the residuals, from which a far fault is searched for
 DARKEST, STEEPEST, WIDEST = 0.9, 0.7, 4.0  # vignetting, gamma less 1, and a blur in pixels, at most
 LOBES = (0.4, 1.7)  # between what the amount of another lobe lies that is one
@@ -67,6 +66,9 @@ def wrong_set_ups(fit: Fit, out: Sequence[Mask | None] | None = None) -> list[Wr
         far = _far(fit, at_end, left)
         if far is not None and far.share > sum(f.share for f in found):
             found, rivals = [far], [f for f in (*found, *rivals) if f.share > RIVAL * far.share]
+    elif found and found[0].direction.along:
+        again = _searched(fit, at_end, found[0].direction)
+        found, rivals = ([again, *found[1:]], [found[0], *rivals]) if again.share > found[0].share else (found, rivals)
     sizes = [np.abs(f.moves) / fit.errors for f in (*found, *rivals)]
     corrupted = fit.determined & (np.max([np.zeros(len(fit.values)), *sizes], 0) > CORRUPTS)
     withdrawn = tuple(name for name, here in zip(fit.names, corrupted, strict=True) if here)
@@ -127,21 +129,22 @@ def plausible(direction: Direction, amount: Float[np.ndarray, " k"]) -> bool:
 def _far(fit: Fit, at_end: Linearised, left: Leftovers) -> _Found | None:
     """Return the sphere's radius or centre that explains the residuals best, searched for beyond first order."""
     best: _Found | None = None
-    laid, p = at_end.laid, len(fit.unknowns)
-    before = laid.cost()
     for direction in at_end.directions:
-        if direction.kind not in ("radius", "center") or not direction.index:
+        if direction.kind not in ("radius", "center"):
             continue
-        held = {j: laid.theta[j] for j in range(p, len(laid.theta)) if j not in direction.index}
-        end = laid.minimise(held, laid.theta, laid.chunks, rtol=1e-4, max_steps=STEPS)
-        share = 1.0 - float(end.point.total.cost) / before
-        amount = end.theta[list(direction.index)] - laid.theta[list(direction.index)]
-        moves = fit.values - values_at(end.theta[:p], fit.unknowns)
-        found = _Found(direction, amount, share, moves)
+        found = _searched(fit, at_end, direction)
         # the centre has three amounts, so that it must explain clearly more
-        if share > max(EXPLAINED * left.least, (best.share + SIMPLER * (1.0 - best.share)) if best else 0.0):
-            best = found if _matters(fit, found) else best
+        least = max(EXPLAINED * left.least, (best.share + SIMPLER * (1.0 - best.share)) if best else 0.0)
+        if found.share > least and _matters(fit, found):
+            best = found
     return best
+
+
+def _searched(fit: Fit, at_end: Linearised, direction: Direction) -> _Found:
+    """Return a fault of the geometry at its best, beyond first order."""
+    end = at_end.samples.search(direction.along)
+    moves = fit.values - values_at(end.theta[: len(fit.unknowns)], fit.unknowns)
+    return _Found(direction, end.amount, end.share, moves)
 
 
 def _sentence(fit: Fit, found: _Found) -> str:
