@@ -79,12 +79,7 @@ class Laid:
         ]
 
     def minimise(
-        self,
-        held: Mapping[int, float],
-        theta: Float[np.ndarray, " p"],
-        chunks: Sequence[Block],
-        rtol: float = 1e-16,
-        max_steps: int = MAX_STEPS,
+        self, held: Mapping[int, float], theta: Float[np.ndarray, " p"], chunks: Sequence[Block], rtol: float = 1e-16
     ) -> Minimum:
         """Return the minimum from theta, with some unknowns held at a value; all in the solver's coordinates."""
         which, at = np.array(list(held), int), np.array(list(held.values()), float)
@@ -94,7 +89,7 @@ class Laid:
             array[which] = at
         box = Box(jnp.asarray(lower), jnp.asarray(upper), self.study.box.linear)
         task = Task(self.study.form, self.study.soft(), box)
-        return minimise(theta, task, chunks, squares=self.study.squares, max_steps=max_steps, rtol=rtol)
+        return minimise(theta, task, chunks, squares=self.study.squares, max_steps=MAX_STEPS, rtol=rtol)
 
 
 def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Counts]:
