@@ -12,12 +12,14 @@ from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
+from ..inverse.intensities import taken_as_exact
 from ..inverse.outcome import Fit, count
 from ..inverse.parameters import logarithms
 from ..inverse.stability import Refit, dependence, left_out, refits
 from ..inverse.uncertainty import Vector
 from ..progress import showing, silent
 from .intervals import Profile, intervals
+from .leftovers import inflated
 from .patches import find_clusters
 from .suspicions import Suspicion, suspicions
 
@@ -73,21 +75,23 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     views, without saturated pixels and 1 and 3 px about them, without the brightest half of the highlight, and without
     2 and 5 degrees about it: a number that moves by 30 %, or by three errors, and to whose old value what is left
     objects, is not determined. At last the residuals are asked for what is other than was said: the files' curve, an
-    exposure, a light's place, cast shadows, light between surfaces at a rim. `progress`: show a line on the terminal.
+    exposure, a light's place, cast shadows, light between surfaces at a rim, and, in all views together, vignetting, a
+    gamma, blur, the other lobe, a sphere's size or place, and all lights turned. What such a fault moves by two errors
+    is not determined. `progress`: show a line on the terminal.
 
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as own:
         tell("errors")
-        clusters = find_clusters(own)
+        clusters, alike = inflated(own, find_clusters(own))
         profile = Profile(own, clusters)
         found = intervals(profile, LEVELS, tell)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         again, shifted = refits(own, clusters, left_out(own), tell)
         tell("looking at the residuals")
         suspected = suspicions(own)
-    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected)
+    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected, alike)
 
 
 def _say(
@@ -98,24 +102,36 @@ def _say(
     again: list[Refit],
     shifted: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
+    alike: str = "",
 ) -> Examination:
     errors = clusters.wide_errors()
     likely, sure = found
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     anything = fit.determined & (sure[:, 0] <= lower) & (sure[:, 1] >= upper)
     wide = _too_wide(fit, sure) & fit.determined & ~anything
-    determined = fit.determined & ~anything & ~wide & ~shifted
+    corrupted = fit.determined & np.isin(fit.names, [name for of in suspected for name in of.withdrawn])
+    determined = fit.determined & ~anything & ~wide & ~shifted & ~corrupted
     notes = [
         *(suspicion.sentence for suspicion in suspected),
+        *_withdrawn(fit, corrupted),
         *([f"{listing(_names(fit, anything))} may be anything within the bounds."] if anything.any() else []),
         *_wide(fit, wide, sure),
         *dependence(fit, again, shifted),
         *_together(fit),
-        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])}",
-        *(note for note in fit.notes if not note.startswith("0 within")),
+        *([alike] if alike else []),
+        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])} {taken_as_exact(fit.unknowns)}".rstrip(),
+        *(n for n in fit.notes if not n.startswith("0 within") and n not in [s.sentence for s in suspected]),
         *_at_most(fit, determined, sure),
     ]
     return Examination(fit, errors, likely, sure, profiles, determined, tuple(again), suspected, tuple(notes))
+
+
+def _withdrawn(fit: Fit, corrupted: Bool[np.ndarray, " p"]) -> list[str]:
+    """Say what is not determined for what the residuals show to be wrong."""
+    if not corrupted.any():
+        return []
+    names = _names(fit, corrupted)
+    return [f"until that is corrected {listing(names)} {'is' if len(names) == 1 else 'are'} not determined."]
 
 
 def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:

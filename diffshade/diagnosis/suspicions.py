@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,11 +11,13 @@ from jaxtyping import Bool
 from ..backend import in_float64
 from ..inverse.identifiability import listing
 from ..inverse.outcome import Fit
+from ..inverse.outlines import said, wrong_outline
 from ..lights import DirectionalLight
-from .alternatives import Key, State
+from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Desk, Explanation, matters, union
 from .regions import measure_rim
+from .wrong_set_ups import BESIDE, WrongSetUp, wrong_set_ups
 
 ROUNDS = 12
 ROUNDING = 1e-10  # of the sum of squares of the images, below which residuals show nothing
@@ -28,12 +30,15 @@ class Suspicion:
     """What the residuals of a fit show to be other than the user said."""
 
     kind: str
-    """"encoding", "exposure", "light", "shadow" or "rim"."""
+    """"encoding", "exposure", "light", "shadow" or "rim"; of all views together "vignetting", "gamma", "blur", "lobe",
+    "radius", "center", "rotation" (of all lights) or "outline"."""
     views: tuple[int, ...]
     region: tuple[Mask, ...] | None
     """For each of these views the pixels where it shows; None where that is the whole image."""
     sentence: str
     """What it is, how much, where, and the remedy."""
+    withdrawn: tuple[str, ...] = field(default=())
+    """The numbers that are not determined as long as it is not put right."""
 
 
 def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
@@ -41,11 +46,16 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
 
     Explanations compete: each is a refit with one thing let go, an encoding, an exposure, a light's place, or the
     pixels of shadows or rims. The one that explains most of the cost is taken and put right, and what is left is looked
-    at again, so that no echo of it is reported. Images that are encoded otherwise leave nothing else to be said.
+    at again, so that no echo of it is reported. Images that are encoded otherwise leave nothing else to be said, and
+    neither does background inside the outline. What is wrong with all views together (`wrong_set_ups`) competes with
+    the best of these, and, where it loses, is looked for in what they leave over.
     """
     with in_float64(fit) as fit:
         if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING * fit.squares:
             return ()
+        outline = wrong_outline(fit)
+        if outline is not None and outline.large:
+            return (Suspicion("outline", tuple(range(len(fit.views))), None, said(fit.scene, outline), fit.names),)
         desk = Desk(fit)
         state, found = desk.alternatives.base, []
         for _ in range(ROUNDS):
@@ -56,7 +66,19 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
                 break
             found.append(max(explanations, key=lambda e: e.share))
             state = found[-1].after
-        return _said(desk, desk.alternatives.settle(state), found)
+        everywhere = wrong_set_ups(fit)
+        if found and not any(fault.share > found[0].share for fault in everywhere):
+            end = desk.alternatives.settle(state)
+            rest = 1.0 - share(desk.alternatives.base, end)
+            beside = [f for f in wrong_set_ups(end.fit, end.out) if rest * f.share > BESIDE * found[0].share]
+            return (*_said(desk, end, found), *_of_all_views(fit, beside))
+        return _of_all_views(fit, everywhere)
+
+
+def _of_all_views(fit: Fit, found: Sequence[WrongSetUp]) -> tuple[Suspicion, ...]:
+    """Return the faults of all views as suspicions."""
+    views = tuple(range(len(fit.views)))
+    return tuple(Suspicion(f.kind, views, None, f.sentence, f.withdrawn) for f in found)
 
 
 def _said(desk: Desk, end: State, found: Sequence[Explanation]) -> tuple[Suspicion, ...]:

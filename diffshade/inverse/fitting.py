@@ -17,9 +17,11 @@ from ..fields import as_float64, check, check_kind, refuse_traced
 from ..progress import Tell, showing, silent
 from ..scenes import Scene
 from .constraints import Grey, Proportional
+from .contradictions import check_priors
 from .hosts import Lanes, open_checkpoint
 from .losses import LOSSES
 from .outcome import MEMORY, Fit, diagnose
+from .outlines import check_outlines
 from .parameters import Unknown, find_unknowns
 from .running import check_enough, counted, laid_bytes, look_at, moves_surface, run
 from .stability import checked, unchecked
@@ -89,8 +91,10 @@ def fit(
     steps are found from the values, and what rounding can do is added to the errors (`Fit.rounding`).
 
     Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
-    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined. A fit by tiles
-    is not made again, and says so.
+    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined. Nor is anything
+    where views without a mask show a dark background inside the scene's silhouette, nor what a prior moves by two
+    errors that is four standard deviations from what the images say without it. Of a fit by tiles only priors are
+    checked, and a note says so.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
@@ -111,13 +115,13 @@ def fit(
         if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
             samples, counts = look_at(scene, views, unknowns, clipped)
             found = run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
-            found = checked(found, tell)
+            found = check_outlines(checked(found, tell))
         else:
             found = run_by_tiles(
                 scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
             )
             found = unchecked(found)
-        return dataclasses.replace(found, memory=memory)
+        return dataclasses.replace(check_priors(found), memory=memory)
 
 
 def run_by_tiles(

@@ -26,6 +26,7 @@ from .identifiability import (
     weak_directions,
     weak_sentences,
 )
+from .intensities import taken_as_exact
 from .losses import Likelihood, variance
 from .parameters import Unknown, coordinate_slopes, put_back, unit_vectors, values_at, values_in
 from .parameters import everything as everything_in
@@ -148,7 +149,8 @@ class Fit:
             side = "+" if self.at_lower[j] else "-" if self.at_bound[j] else ""  # at a bound, the only way to err
             flag = "  at a bound" if side else ""
             lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {f'{side}{self.errors[j]:.2g}':>11}{flag}")
-        lines.append(f"errors: {self.clusters.sentence([u.quantity for u in self.unknowns])}")
+        made = self.clusters.sentence([u.quantity for u in self.unknowns])
+        lines.append(f"errors: {made} {taken_as_exact(self.unknowns)}".rstrip())
         lines.append(f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 

@@ -129,6 +129,12 @@ def test_what_is_suspected_and_what_the_fit_said_is_said_too():
     assert notes[0] == "a rim."
     assert "other." in notes
     assert "0 within the noise." not in notes
+    gamma = Suspicion("gamma", (0,), None, "other.", ("n_s", "k_d.r"))
+    examination = said(fit=fit, suspected=(gamma,))
+    assert examination.notes[0] == "other."
+    assert examination.notes[1] == "until that is corrected k_d.r and n_s are not determined."
+    assert examination.notes.count("other.") == 1
+    assert [n for n, known in zip(fit.names, examination.determined, strict=True) if not known] == ["k_d.r", "n_s"]
 
 
 # --- faults
@@ -200,6 +206,31 @@ def test_a_bright_rim_is_found():
     assert all((region == expected).mean() > 0.95 for region in found.region)
     assert "8 views (views[0] to views[7])" in found.sentence
     assert f"{sum(region.sum() for region in found.region):,} pixels" in found.sentence
+
+
+def test_faults_of_all_views_are_named_with_their_size_and_withdraw_what_they_move():
+    row, column = np.mgrid[:24, :24] - 11.5
+    rho2 = (row**2 + column**2) / (2 * 12**2)
+    dim = [image * (1 - 0.3 * rho2[..., None]) for image in clean_images()]
+    fit = standard_fit(noisy(dim, 0.003, 0))
+    (found,) = suspicions(fit)
+    assert (found.kind, found.region, found.views) == ("vignetting", None, tuple(range(8)))
+    assert float(found.sentence.split(" by about ")[1].split("%")[0]) == pytest.approx(30, abs=5)
+    assert "Divide them by" in found.sentence
+    assert set(found.withdrawn) <= set(fit.names)
+    moved = np.abs(fit.values - noisy_fit().values) > 3 * fit.errors
+    assert moved.any()
+    assert not (moved & fit.determined & ~np.isin(fit.names, found.withdrawn)).any()
+    scene = standard_scene()
+    for i, light in enumerate(scene.lights):
+        x, y, z = np.asarray(light.position)  # pyright: ignore[reportAttributeAccessIssue]
+        there = np.array([x * np.cos(0.05) - y * np.sin(0.05), x * np.sin(0.05) + y * np.cos(0.05), z])
+        scene = eqx.tree_at(lambda s, i=i: s.lights[i].position, scene, there)
+    images = [photograph(scene, CAMERA, (i,)) for i in range(8)]
+    (found,) = suspicions(standard_fit(noisy(images, 0.003, 0)))
+    assert found.kind == "rotation"
+    assert "2.9 degrees about the axis (" in found.sentence
+    assert "'position'" in found.sentence
 
 
 # --- regions

@@ -102,11 +102,12 @@ def test_right_data_raises_none(material, only):
 
 @pytest.mark.parametrize(("truth", "model"), [(BLINN, MATERIAL), (MATERIAL, BLINN)], ids=["blinn", "phong"])
 @pytest.mark.parametrize("only", [None, (3,)], ids=str)
-def test_a_lobe_of_the_other_form_raises_none(truth, model, only):
+def test_a_lobe_of_the_other_form_is_named_or_within_the_noise(truth, model, only):
     clean = photographs(standard_scene(truth))
     for sigma in (0.0, 0.005, 0.02):
         found = suspicions(fitted(noisy(clean, sigma, 0), scene=standard_scene(model), only=only))
-        assert found == (), [s.sentence for s in found]
+        assert {s.kind for s in found} <= {"lobe"}, [s.sentence for s in found]
+        assert found or sigma > 0.01
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
+from ...inverse.intensities import taken_as_exact
 from ...inverse.outcome import Fit
 
 REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
@@ -77,10 +78,11 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
     known = fit.determined if examination is None else examination.determined
     errors = fit.errors if examination is None else examination.errors
     quantities = [unknown.quantity for unknown in fit.unknowns]
+    made = f"{fit.clusters.sentence(quantities)} {taken_as_exact(fit.unknowns)}".rstrip()
     kind = (
         "Errors are standard errors as the examination found them; the interval holds the truth with 95 %."
         if examination is not None
-        else f"The true value lies within 1.96 errors 95 % of the time; {fit.clusters.sentence(quantities)}"
+        else f"The true value lies within 1.96 errors 95 % of the time; {made}"
     )
     likely, sure = (
         (examination.likely, examination.sure)

@@ -1,0 +1,66 @@
+"""Residuals beside their neighbours: noise of any size is not alike, what a model lacks is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from diffshade.diagnosis import leftovers
+from diffshade.diagnosis.leftovers import cells, inflated, neighbours
+from diffshade.inverse.clusters import independent
+
+SHAPE = (40, 60, 3)
+COUNTS = [np.ones(SHAPE[:2], bool)] * 3
+
+
+def white(seed=0):
+    random = np.random.default_rng(seed)
+    return [random.standard_normal(SHAPE) for _ in range(3)]
+
+
+def smooth():
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    return np.sin(row / 15)[..., None] * np.cos(column / 12)[..., None] * np.ones(3)
+
+
+def test_independent_noise_is_not_alike():
+    uneven = np.where(np.arange(60) < 30, 1.0, 20.0)[None, :, None]
+    for make in (lambda r: r, lambda r: uneven * r, lambda r: r[..., :1] * np.ones(3)):
+        found = [[make(r) for r in white(seed)] for seed in range(20)]
+        for look in (lambda r: neighbours(r, COUNTS), lambda r: cells(r, 2), lambda r: cells(r, 8)):
+            errors = [look(r).errors for r in found]
+            assert abs(np.mean(errors)) < 1.0
+            assert np.max(np.abs(errors)) < 4.5
+
+
+def test_of_neighbours_the_share_is_that_of_a_smooth_misfit():
+    found = neighbours([r + smooth() for r in white()], COUNTS)
+    power = np.mean(smooth() ** 2)
+    assert found.share == pytest.approx(power / (1 + power), rel=0.1)
+    assert found.errors > 10
+    assert 0.5 * found.share < found.least < found.share
+    assert neighbours([0.0 * r for r in white()], COUNTS).least == 0.0
+
+
+def test_of_cells_the_share_is_the_variance_that_sums_have_beyond_independent_ones():
+    found = [np.repeat(np.repeat(r[:20, :30], 2, 0), 2, 1) for r in white()]
+    for side, share in ((2, 3.0), (4, 3.0)):
+        assert cells(found, side).share == pytest.approx(share, rel=0.25)
+        assert cells(found, side).errors > 10
+    assert cells(white()[:1], 16).errors == 0.0  # too few
+
+
+def test_errors_are_widened_where_residuals_are_alike_and_the_views_have_not_said_so(monkeypatch):
+    evidence: Any = SimpleNamespace(values=np.zeros(2))
+    clusters = independent(evidence, "1 view")
+    for found, times in ((white(), 1.0), ([ndimage.gaussian_filter(r, (2, 2, 0)) for r in white()], 6.0)):
+        monkeypatch.setattr(leftovers, "residuals", lambda fit, found=found: (found, COUNTS))
+        wide, sentence = inflated(evidence, clusters)
+        assert np.sqrt(wide.scatter) == pytest.approx(times, rel=0.2)
+        assert ("neighbouring residuals are alike" in sentence) == (times > 1)
+    disagree: Any = SimpleNamespace(disagree=True)
+    assert inflated(evidence, disagree) == (disagree, "")

@@ -1,0 +1,84 @@
+"""Outlines: a silhouette beside photographs of a ball before a dark wall."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import diffshade as ds
+from diffshade.inverse.outlines import WrongOutline, compare, said
+
+ROW, COLUMN = np.mgrid[:80, :80] - 39.5
+
+
+def ball(radius: float, lights=((0.5, 0.3, 0.8), (-0.5, -0.3, 0.8), (0.0, 0.0, 1.0)), k_a=0.0, noise=0.003):
+    """The brightest of photographs of a matte ball under these lights."""
+    random = np.random.default_rng(0)
+    z2 = 1.0 - (ROW**2 + COLUMN**2) / radius**2
+    normal = np.stack([COLUMN / radius, -ROW / radius, np.sqrt(np.maximum(z2, 0.0))], -1)
+    images = [
+        np.where(z2 > 0, k_a + 0.6 * np.maximum(normal @ np.array(light) / np.linalg.norm(light), 0.0), 0.0)
+        + noise * random.standard_normal(ROW.shape)
+        for light in lights
+    ]
+    return np.max(images, 0)
+
+
+def disc(radius: float, right: float = 0.0):
+    return ROW**2 + (COLUMN - right) ** 2 < radius**2
+
+
+@pytest.mark.parametrize("k_a", [0.0, 0.05])
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.02])
+def test_a_radius_too_large_or_too_small_is_seen_with_its_width(k_a, noise):
+    found = compare(disc(27.5), ball(25, k_a=k_a, noise=noise))
+    assert found is not None
+    assert found.large
+    assert found.width == pytest.approx(2.5, abs=0.7)
+    assert found.pixels == pytest.approx(disc(27.5).sum() - disc(25).sum(), rel=0.15)
+    assert found.share > 0.9
+    found = compare(disc(23), ball(25, k_a=k_a, noise=noise))
+    assert found is not None
+    assert not found.large
+    assert found.width == pytest.approx(2, abs=0.7)
+
+
+@pytest.mark.parametrize("k_a", [0.0, 0.05])
+def test_the_right_outline_is_right(k_a):
+    for brightness in (
+        ball(25, k_a=k_a),
+        ball(25, k_a=k_a, noise=0.03),
+        ball(25, k_a=k_a, lights=((1.0, 0.0, 0.2),)),  # half of it is dark
+        ball(25, k_a=k_a, lights=((0.3, 0.0, 1.0),)),
+        ball(25, k_a=k_a, lights=((0.0, 0.0, 1.0),)),
+        ndimage.gaussian_filter(ball(25, k_a=k_a), 1.5),
+        0.0 * ball(25),
+    ):
+        assert compare(disc(25), brightness) is None
+
+
+def test_before_another_background_nothing_is_said():
+    table = np.where(disc(25), ball(25), 0.3 + 0.1 * np.sin(ROW / 7))
+    assert compare(disc(27.5), table) is None
+    assert compare(disc(23), table) is None
+    assert compare(disc(27.5), np.where(disc(25), ball(25), 0.4)) is None
+    assert compare(disc(200), ball(25)) is None
+    assert compare(disc(0), ball(25)) is None
+
+
+def test_a_centre_that_is_off_shows_on_one_side():
+    assert compare(disc(25, right=0.4), ball(25)) is None
+    found = compare(disc(25, right=6), ball(25))
+    assert found is None or found.share < 0.8
+
+
+def test_it_is_said_where_and_what_to_do():
+    scene = ds.Scene(ds.Object(ds.Sphere()))
+    sentence = said(scene, WrongOutline(True, 1234, 2.6, 0.9))
+    for word in ("1,234 pixels inside", "radius is too large", "3 px", "Nothing is determined", "View a mask"):
+        assert word in sentence
+    sentence = said(ds.Scene(ds.Object(ds.Box())), WrongOutline(False, 12, 1.0, 0.9))
+    assert "outside the outline" in sentence
+    assert "Nothing is determined" not in sentence
+    assert "an object is too small" in sentence
