@@ -70,6 +70,7 @@ def test_what_the_scene_has_wrong_is_found_together_with_the_material():
     assert fit.determined.all()
 
 
+@pytest.mark.thorough
 def test_its_errors_are_honest():
     fit = with_noise()
     assert fit.converged
@@ -79,6 +80,7 @@ def test_its_errors_are_honest():
     assert fit.rmse == pytest.approx(SIGMA, rel=0.06)
 
 
+@pytest.mark.thorough
 def test_a_direction_is_fitted_as_a_unit_vector_that_does_not_vary_along_itself():
     fit = with_noise()
     of = [fit.names.index(f"direction.{axis}") for axis in "xyz"]

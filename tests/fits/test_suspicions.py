@@ -196,6 +196,7 @@ def grazing():
     return np.where(np.asarray(buffer.mask), 1.0 - n_v, 0.0)
 
 
+@pytest.mark.thorough
 def test_a_bright_rim_is_found():
     extra = 0.15 * grazing()[..., None] ** 4 * np.array([0.6, 0.4, 0.25])
     (found,) = suspicions(standard_fit([image + extra for image in noisy_images()]))
