@@ -38,6 +38,7 @@ import diffshade as ds
 from diffshade.attenuation import angular_attenuation
 from diffshade.rendering import pixel_rays
 
+TIERS = {"a floor, a turned box and a ball": pytest.mark.slow}
 QUICK = ["a ball under lights that are clamped and cut off"]
 AMBIENT = {"0.objects.0.material.k_a", "0.objects.0.material.k_e", "0.ambient"}
 
@@ -51,8 +52,7 @@ def test_a_scene_has_the_derivative_of_finite_differences(name):
     assert abs(reverse.sum() - differences) <= tolerance
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=TIERS.get(n, pytest.mark.thorough)) for n in SCENES])
 def test_every_number_has_the_derivative_of_finite_differences(name):
     claimed, errors = committed_orders(), errors_in(name)
     for field, error in worst_errors({name: errors}).items():

@@ -155,6 +155,7 @@ def test_with_the_noise_known_errors_are_in_its_units(eight):
     assert 0.95 * SIGMA < choice.rmse[0] < 1.05 * SIGMA
 
 
+@pytest.mark.slow
 def test_clipped_samples_and_outliers_do_not_decide():
     scene = scene_of()
     images = noisy(photographs(scene), SIGMA, 0)

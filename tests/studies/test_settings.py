@@ -13,11 +13,12 @@ import pytest
 TESTS = Path(__file__).parents[1]
 RUNS = {
     "the flag off": ({"DIFFSHADE_TEST_X64": "0"}, ["fits/test_fitting.py", "system/test_messages.py"]),
-    "types checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["unit", "model"]),
+    "types checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["unit"]),
+    "types of the model checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["model"]),
 }
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * ("model" in name)) for name in RUNS])
 def test_it_passes_with(name):
     settings, places = RUNS[name]
     outer = ("DIFFSHADE_TEST_", "PYTEST_")  # this run's programs are of other settings

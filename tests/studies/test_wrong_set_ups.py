@@ -29,7 +29,7 @@ def judge(right: ds.Fit, fit: ds.Fit, fault: str) -> tuple[bool, bool, bool]:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("seed", [0, 7])
+@pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.slow)])
 def test_a_fault_is_named_with_what_to_do(seed, fault):
     of = set_up(seed)
     fit = fitted(of, fault)
