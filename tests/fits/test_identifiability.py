@@ -272,3 +272,10 @@ def test_one_view_has_no_jackknife_and_a_number_lost_at_its_bound_is_not_known()
     k_d = fit.names.index("k_d.r")
     assert fit.plain_errors[k_d] > 2 * held.plain_errors()[k_d]
     assert abs(fit.values[k_d] - fit.values_in(SCENE)[k_d]) < 3 * fit.plain_errors[k_d]
+
+
+@pytest.mark.parametrize(("alike", "condition"), [(1e-6, np.sqrt((2 - 1e-6) / 1e-6)), (1.5e-12, np.inf), (0.0, np.inf)])
+def test_a_jacobian_is_singular_by_its_largest_singular_value(alike, condition):
+    """Two columns alike but for this much, and a third at right angles: the eigenvalues are alike, 1 and 2 - alike."""
+    H = np.array([[1, 1 - alike, 0], [1 - alike, 1, 0], [0, 0, 1]])
+    np.testing.assert_allclose(condition_number(H), condition, rtol=1e-6)

@@ -218,3 +218,9 @@ def test_within_a_program_of_the_callers_own_it_is_left_to_him(clear, monkeypatc
     np.testing.assert_allclose(jax.jit(image)(), expected, rtol=1e-12)
     np.testing.assert_allclose(jax.vmap(image)(half[None])[0], expected, rtol=1e-12)
     np.testing.assert_allclose(jax.grad(lambda x: x * image().sum())(1.0), expected.sum(), rtol=1e-12)
+
+
+def test_a_picture_of_more_pixels_than_can_be_counted_is_refused():
+    camera = dataclasses.replace(CAMERA, shape=(1 << 16, 1 << 16))
+    with pytest.raises(ValueError, match="65536 x 65536 has 4,294,967,296 pixels"):
+        ds.render(ds.Scene(BALL, lights(1)), camera)

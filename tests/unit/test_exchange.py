@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.exchange import threejs
 from diffshade.exchange.gltf import Surface, ggx, kept
 from diffshade.exchange.reference import Reference, differences, radiance, reference, reference_of
 from diffshade.exchange.srgb import from_hex, to_hex
@@ -352,6 +353,20 @@ def test_a_bad_file_is_refused_in_one_sentence(file, text, message, tmp_path):
     with pytest.raises(ValueError, match=re.escape(message)) as caught:
         ds.read_material(tmp_path / file)
     assert "\n" not in str(caught.value)
+
+
+def test_the_highlights_of_three_js_are_those_of_its_shader():
+    """BRDF_BlinnPhong of three.js, with Schlick's weight as its F_Schlick has it, under a light of pi."""
+    points, n, specular = reference(20.0), 20.0, np.array([0.7, 0.2, 0.0])
+    weight = 2.0 ** ((-5.55473 * points.v_h - 6.98316) * points.v_h)
+    F = specular * (1.0 - weight)[:, None] + weight[:, None]
+    expected = F * (0.25 * (0.5 * n + 1.0) * points.n_h**n * points.n_l)[:, None]
+    np.testing.assert_allclose(threejs.highlights(points).of(n, specular), expected, rtol=1e-12)
+
+
+def test_a_shininess_below_1_is_read(tmp_path):
+    (tmp_path / "a.json").write_text('{"type": "MeshPhongMaterial", "color": 255, "specular": 65793, "shininess": 0.5}')
+    assert 0 < float(ds.read_material(tmp_path / "a.json").n_s) < 5
 
 
 def test_lights_are_read_from_c_alone(tmp_path):

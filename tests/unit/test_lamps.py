@@ -40,6 +40,8 @@ def test_a_profile_is_linear_between_its_angles():
     two = ds.Profile([0, 90], [0, 180, 360], [[1.0, 0], [0.5, 0], [1.0, 0]])  # planes that meet at another value
     light = ds.MeasuredLight((0, 0, 0), (0, -1, 0), two)
     np.testing.assert_allclose(looked_up(light, towards(1e-6, [0.0, 90, 180, 270])), 0.75, rtol=1e-7)
+    straight = ds.MeasuredLight((0, 0, 0), (0, -1, 0), ds.Profile([0, 90, 180], [0], [[1.0, 0.5, 0.0]]))
+    np.testing.assert_allclose(looked_up(straight, np.array([[2.0, 0, 0]])), 0.5, rtol=1e-12)  # 90 degrees exactly
 
 
 def test_what_arrives():
@@ -227,6 +229,10 @@ def test_a_missing_or_huge_file_is_refused(tmp_path, monkeypatch):
 def test_a_profile_or_lamp_that_is_none(make, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         make()
+
+
+def test_angles_may_be_as_close_as_one_likes():
+    assert ds.Profile([0, 0.25, 0.5], [0], [[1, 0.9, 0.8]]).vertical[1] == 0.25
 
 
 def test_a_spot_is_found_again_with_its_cutoff():
