@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -13,10 +14,12 @@ from scipy import ndimage
 from ..inverse.outcome import Fit
 from ..inverse.parameters import find_unknowns
 from ..inverse.refits import Laid
+from ..inverse.rounding import sawtooth
 from ..inverse.views import View, photograph
 from ..lights import DirectionalLight, PointLight, SpotLight
 from ..materials import Blinn, Phong
 from ..measured_lights import MeasuredLight
+from ..patterns import AbstractPattern
 from ..scenes import Scene
 from ..surfaces import Sphere
 from .laid_samples import LaidSamples, Samples
@@ -82,6 +85,7 @@ def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised
         np.asarray(known.hessian)[np.ix_(inside, inside)],
         np.asarray(known.gradient)[inside],
         float(noise / bend),
+        None if fit.evidence.waves is None else sawtooth(fit.rounding, samples.view, end.predicted, end.base),
     )
     directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.change[p:], moves)]
     return Linearised(laid_samples, rows, inside, int(measured.sum()), directions)
@@ -123,7 +127,7 @@ def _rho2(view: View) -> np.ndarray:
 
 def _other_lobe(scene: Scene) -> Scene | None:
     """Return the scene with Blinn's highlights for Phong's of a quarter of the exponent, and the other way."""
-    shiny = [i for i, item in enumerate(scene.objects) if np.any(np.asarray(item.material.k_s) > 0)]
+    shiny = [i for i, item in enumerate(scene.objects) if _shines(item.material.k_s)]
     for i in shiny:
         material = scene.objects[i].material
         if not isinstance(material.lobe, Phong | Blinn):
@@ -132,6 +136,10 @@ def _other_lobe(scene: Scene) -> Scene | None:
         n_s = factor * np.asarray(material.n_s, np.float64)
         scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
     return scene if shiny else None
+
+
+def _shines(k_s: Any) -> bool:
+    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))
 
 
 def _paths(fit: Fit) -> list[str]:

@@ -102,9 +102,10 @@ def cells(found: Sequence[Residuals], side: int) -> Leftovers:
 def inflated(fit: Fit, clusters: Clusters) -> tuple[Clusters, str]:
     """Return clusters whose errors allow for residuals that are alike over some pixels, and a sentence on that.
 
-    Where views or patches disagree, they have shown it, and their errors hold it already. In float64.
+    Where views or patches disagree, they have shown it, and where images are rounded to steps larger than their noise,
+    rounding makes neighbours alike: the errors hold it already. In float64.
     """
-    if clusters.disagree:
+    if clusters.disagree or clusters.evidence.waves is not None:
         return clusters, ""
     of_pixels, _ = residuals(fit)
     alike = [found for side in SIDES if (found := cells(of_pixels, side)).errors > CERTAIN]

@@ -35,6 +35,8 @@ class Rows:
     """What is known of the unknowns beside the samples."""
     sigma2: float
     """The variance of a row of weight 1."""
+    waves: Float[np.ndarray, "waves n"] | None = None
+    """What rounding makes the rows vary by together (`rounding.sawtooth`); None without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class Score:
 
     amount: Float[np.ndarray, " k"]
     errors: Float[np.ndarray, " k"]
-    """Standard errors of the amounts, for independent noise."""
+    """Standard errors of the amounts, for independent noise and rounding."""
     gain: float
     """By how much twice the cost would fall with the fault put right, over sigma^2: chi^2 of k degrees without it."""
     p_value: float
@@ -80,10 +82,15 @@ class ScoreTests:
         from_information = inverse(information)
         amount = -from_information @ score
         gain = float(score @ from_information @ score) / rows.sigma2
+        covariance = rows.sigma2 * information
+        if rows.waves is not None:
+            of_rounding = (beyond * rows.weight) @ rows.waves.T
+            covariance = covariance + of_rounding @ of_rounding.T
+        chi2 = float(score @ inverse(covariance) @ score)
         # the channels of a pixel may share their noise, and the noise may differ from pixel to pixel
         left = rows.slope + rows.weight * (amount @ beyond)
-        p_value = max(float(special.chdtrc(len(direction), gain)), _p_value_by_pixels(beyond * left, rows.pixel, score))
-        errors = np.sqrt(rows.sigma2 * np.diag(from_information))
+        p_value = max(float(special.chdtrc(len(direction), chi2)), _p_value_by_pixels(beyond * left, rows.pixel, score))
+        errors = np.sqrt(np.diag(from_information @ covariance @ from_information))
         return Score(amount, errors, gain, p_value, (to_unknowns.T @ amount)[: self.count])
 
 

@@ -62,7 +62,8 @@ def wrong_set_ups(fit: Fit, out: Sequence[Mask | None] | None = None) -> list[Wr
     at_end = linearised(fit, out)
     left = neighbours_of(fit, out)
     found, rivals = _greedy(fit, at_end, left)
-    if left.errors > CERTAIN and sum(f.share for f in found) < 0.8 * left.least:
+    rounded = fit.evidence.waves is not None  # which makes neighbours alike
+    if left.errors > CERTAIN and not rounded and sum(f.share for f in found) < 0.8 * left.least:
         far = _far(fit, at_end, left)
         if far is not None and far.share > sum(f.share for f in found):
             found, rivals = [far], [f for f in (*found, *rivals) if f.share > RIVAL * far.share]
@@ -153,7 +154,8 @@ def _sentence(fit: Fit, found: _Found) -> str:
     worst = int(np.argmax(away))
     moves = f"This moves {fit.names[worst]} by {away[worst]:.2g} errors."
     what, remedy = _in_words(fit, found.direction, found.amount)
-    return f"{what}, which explains {found.share:.0%} of the residuals. {moves} {remedy}"
+    share = f"{found.share:.0%}" if found.share >= 0.01 else "less than 1%"
+    return f"{what}, which explains {share} of the residuals. {moves} {remedy}"
 
 
 def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]:
@@ -168,12 +170,13 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
     if direction.kind == "gamma":
         power = 1.0 + one
         return (
-            f"the images look like linear ones raised to the power {power:.3g} (gamma)",
-            f"Raise them to the power {1.0 / power:.3g}, or read them with the curve that the camera gave them.",
+            f"the images look like linear ones raised to the power {power:.4g} (gamma)",
+            f"Raise them to the power {1.0 / power:.4g}, or read them with the curve that the camera gave them.",
         )
     if direction.kind == "blur":
         return (
-            f"the images are blurred by about {_blur(direction, one):.2g} pixels (standard deviation)",
+            f"the images are blurred by about {_blur(direction, one):.2g} pixels (standard deviation), or the "
+            "highlights have wider edges than the lobe",
             "Focus, or shrink the images, and leave the pixels next to outlines out with View.mask.",
         )
     return _rotation(fit, amount) if direction.kind == "rotation" else _of_object(fit, direction, amount)

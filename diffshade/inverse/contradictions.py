@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from .identifiability import listing
+from .identifiability import listing, null_directions
 from .outcome import Fit
 from .parameters import coordinate_slopes, coordinates, logarithms
 from .uncertainty import Matrix, Vector, inverse
@@ -65,6 +65,8 @@ def check_priors(fit: Fit) -> Fit:
     offset = np.where(against, theta - priors[:, 0], 0.0)
     moved = np.zeros(len(fit.values))
     moved[free] = inverse(total - np.diag(weight)) @ (weight * offset) / slope
+    zero, directions = null_directions(total - np.diag(weight))
+    moved[free[zero | directions.any(0)]] = np.inf  # without these priors nothing is known of it
     corrupted = fit.determined & (np.abs(moved) > CORRUPTS * fit.errors)
     notes = [_said(fit, free[here], of_images, here, moved, corrupted) for here in _by_quantity(fit, free, against)]
     return replace(fit, determined=fit.determined & ~corrupted, notes=(*notes, *fit.notes))
@@ -90,8 +92,10 @@ def _said(
     mean, without = (np.exp(x) if logarithms([unknown])[0] else x for x in (unknown.prior[0], of_images.without[k]))
     names = [name for name, it in zip(fit.names, corrupted, strict=True) if it]
     instead = f" Until then {listing(names)} {'is' if len(names) == 1 else 'are'} not determined." if names else ""
+    others = any(u.prior is not None and u.quantity != unknown.quantity for u in fit.unknowns)
+    rest, by = ("the images and the other priors",) * 2 if others else ("the images", "the images alone")
     return (
-        f"the prior of {unknown.quantity} contradicts the images: {unknown.name} is {mean:.4g} by the prior and "
-        f"{without:.4g} by the images alone, {abs(of_images.pull[k]):.2g} standard deviations apart. Correct or widen "
-        f"the prior, or check what the scene takes as known.{instead}"
+        f"the prior of {unknown.quantity} contradicts {rest}: {unknown.name} is {mean:.4g} by the prior and "
+        f"{without:.4g} by {by}, {abs(of_images.pull[k]):.2g} standard deviations apart. Correct or widen the prior, "
+        f"or check what the scene takes as known.{instead}"
     )

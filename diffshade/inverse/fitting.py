@@ -93,8 +93,8 @@ def fit(
     Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
     brightest half of the highlight: a number that then moves by 30 % or three errors is not determined. Nor is anything
     where views without a mask show a dark background inside the scene's silhouette, nor what a prior moves by two
-    errors that is four standard deviations from what the images say without it. Of a fit by tiles only priors are
-    checked, and a note says so.
+    errors that is four standard deviations from what the images say without it. A fit by tiles is
+    not made again, and says so; views that are lazy are not compared with the silhouette.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
@@ -115,13 +115,13 @@ def fit(
         if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
             samples, counts = look_at(scene, views, unknowns, clipped)
             found = run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
-            found = check_outlines(checked(found, tell))
+            found = checked(found, tell)
         else:
             found = run_by_tiles(
                 scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
             )
             found = unchecked(found)
-        return dataclasses.replace(check_priors(found), memory=memory)
+        return dataclasses.replace(check_priors(check_outlines(found)), memory=memory)
 
 
 def run_by_tiles(

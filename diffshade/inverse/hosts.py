@@ -19,6 +19,7 @@ from jax.sharding import PartitionSpec as P
 from .checkpoints import Checkpoint, fingerprint
 
 LANE = "lane"
+FORMAT = 2  # of what a checkpoint keeps: one of another is that of another problem
 
 
 class LostProcess(RuntimeError):
@@ -125,7 +126,7 @@ def zeros(shapes: Any) -> Any:
 
 def open_checkpoint(folder: str | Path | None, lanes: Lanes | None, *problem: Any) -> Checkpoint:
     """Open the checkpoint of a problem; of several processes the first one does, and tells the others what is found."""
-    known = fingerprint(*problem)
+    known = fingerprint(FORMAT, *problem)
     if lanes is None or not lanes.several:
         return Checkpoint(folder, known)
     mine = Checkpoint(None, known)

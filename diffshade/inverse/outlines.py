@@ -33,6 +33,7 @@ STEP = 0.15  # of the object's brightness, which it has right behind the backgro
 STEEP = 0.6  # of the edge of that background, along which the object is so bright
 OUTSIDE = 0.55  # of the brightness next to the outline inside, which the object has outside
 THIN = 0.75  # pixels of background or object, below which an outline is right
+WIDEST = 0.35  # of the largest depth, that the background reaches into the silhouette at most
 LIKE = 0.5  # of the length of the outline, along which the object is outside
 
 Mask = Bool[np.ndarray, "h w"]
@@ -145,7 +146,8 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
     if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < STEEP:
         return None
     width = _width(depth[border])
-    return WrongOutline(True, int(border.sum()), width, share) if width > THIN else None
+    thin = width < WIDEST * float(depth.max())  # else it is the unlit side
+    return WrongOutline(True, int(border.sum()), width, share) if width > THIN and thin else None
 
 
 def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.ndarray) -> WrongOutline | None:

@@ -495,6 +495,7 @@ def _prior(unknown: Unknown, priors: Mapping[str, Sequence[Any]]) -> tuple[float
         channel = next((c for path, c in unknown.places if _concerns(name, unknown, path, c)), None)
         if channel is None and name != unknown.name:
             continue
+        pair = _of_unit_length(pair) if unknown.kind in DIRECTIONS else pair
         mean, width = _pair(f"the prior of '{name}'", _of_channel(pair, channel or 0), "(value, standard deviation)")
         if not (0 < width < np.inf and np.isfinite(mean)):
             raise ValueError(
@@ -510,6 +511,16 @@ def _prior(unknown: Unknown, priors: Mapping[str, Sequence[Any]]) -> tuple[float
             )
         prior = (float(np.log(mean)) if unknown.logarithmic else mean, width)
     return prior
+
+
+def _of_unit_length(pair: Any) -> Any:
+    """Return the prior of a direction, which may have any length; the standard deviation is of the unit vector."""
+    try:
+        value, width = pair
+        length = np.linalg.norm(value)
+        return (np.asarray(value) / length, width) if np.shape(value) == (3,) and length > 0 else pair
+    except (TypeError, ValueError):
+        return pair
 
 
 def _of_channel(pair: Any, channel: int) -> Any:

@@ -168,13 +168,24 @@ def waves(theta: Any, form: Any, chunk: Block) -> Float[Array, "views p waves"]:
         weight = measured_weights(form, block)
         where, size = rounding.steps(block.view, m)
         bend = form.likelihood.terms(m, block.observed.target, weight, None).curvature
-        blur = rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0)
-        both = _harmonics(2.0 * jnp.pi * where, bend * size, jnp.exp(-2.0 * jnp.pi**2 * blur))
+        both = _harmonics(2.0 * jnp.pi * where, bend * size, _damping(rounding, weight, size))
         of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
         return total.at[block.view].add(of_block), None
 
     zero = jnp.zeros((form.problem.grey.shape[0], p, 2 * HARMONICS))
     return jax.lax.scan(add, zero, chunk)[0]
+
+
+def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.ndarray, "waves n"]:
+    """Return S of some samples predicted as m, where S^T S is the covariance of their rounding errors."""
+    where, size = rounding.steps(view, jnp.asarray(m))
+    damping = _damping(rounding, jnp.asarray(weight), size)
+    return np.asarray(_harmonics(2.0 * jnp.pi * where, size, damping)).reshape(2 * HARMONICS, -1)
+
+
+def _damping(rounding: Rounding, weight: Array, size: Array) -> Array:
+    """Return by how much the noise before the rounding damps the first term of the sawtooth."""
+    return jnp.exp(-2.0 * jnp.pi**2 * rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0))
 
 
 def _harmonics(phase: Array, size: Array, damping: Array) -> Array:

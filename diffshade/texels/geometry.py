@@ -114,9 +114,9 @@ def plane_of(S: Float[np.ndarray, "3 3 n"]) -> Plane:
         return Plane(0.0, 0.0, False, np.zeros(3), narrow)
     off = float(np.rad2deg(np.arcsin(np.sqrt(np.mean(sine[flat, 0] ** 2)))))
     across = vectors[flat, :, 0]
-    across *= np.where(across[:, 2:] < 0.0, -1.0, 1.0)
-    mean = across.mean(0)
-    return Plane(float(flat.mean()), off, bool(np.median(sine[flat, 1]) < FLAT), mean / np.linalg.norm(mean), narrow)
+    normal = np.linalg.eigh(across.T @ across)[1][:, -1]  # whichever sign each has
+    normal = normal if normal[2] >= 0.0 else -normal
+    return Plane(float(flat.mean()), off, bool(np.median(sine[flat, 1]) < FLAT), normal, narrow)
 
 
 def note_of(plane: Plane) -> str | None:

@@ -7,9 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from scenarios import noisy_fit, noisy_images, standard_fit
+from synthetic import CAMERA, noisy, photograph
 
+import diffshade as ds
 from diffshade.inverse.contradictions import check_priors
 from diffshade.inverse.intensities import taken_as_exact
+from diffshade.inverse.parameters import find_unknowns
 
 
 @pytest.mark.parametrize(("mean", "contradicts"), [(60.0, True), (50.0, False)])
@@ -28,6 +31,24 @@ def test_a_prior_of_n_s(mean, contradicts):
         moved = np.abs(fit.values - free.values) > 3 * fit.errors
         assert moved[j]
         assert not (moved & fit.determined).any()
+
+
+def test_priors_that_contradict_each_other_are_not_laid_to_the_images():
+    """Of k_d and the intensity the images show the product alone, so that two wrong priors leave neither known."""
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.0, 0.5)), ds.DirectionalLight((-1, -1, -2), 1.0))
+    (image,) = noisy([photograph(scene)], 0.003, 0)
+    told = {"k_d": (0.5, 0.01), "intensity": (2.0, 0.02)}
+    fit = ds.fit(scene, ds.View(image, CAMERA), free=("k_d", "intensity"), priors=told)
+    assert not fit.determined.any()
+    assert any("contradicts the images and the other priors" in note for note in fit.notes)
+    assert not any("alone" in note for note in fit.notes)
+
+
+def test_a_prior_of_a_direction_may_have_any_length():
+    scene = ds.Scene(ds.Object(ds.Sphere()), ds.DirectionalLight((0, -3, -4)))
+    view = ds.View(np.zeros((*CAMERA.shape, 3)), CAMERA)
+    found = find_unknowns(scene, [view], ("direction",), priors={"direction": ((0, -3, -4), 0.02)})
+    assert [unknown.prior for unknown in found] == [(0.0, 0.02), (-0.6, 0.02), (-0.8, 0.02)]
 
 
 def test_without_a_prior_nothing_is_asked():

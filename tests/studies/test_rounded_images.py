@@ -136,6 +136,17 @@ def test_intervals_are_no_wider_than_the_errors_ask_for(tmp_path, materials, shi
         assert ratio.mean() < 5.5 if materials < 3 else ratio.max() < 5.0
 
 
+def test_an_examination_withdraws_nothing_for_rounding(tmp_path):
+    for seed in range(6):
+        one = ball(seed, tmp_path, 3)
+        for bits in (8, 16):
+            fit = one.fit(one.read_back(one.images(), bits, False))
+            examination = ds.examine(fit)
+            assert examination.suspicions == ()
+            assert not any("residuals are alike" in note for note in examination.notes)
+            assert not (fit.determined & ~examination.determined).any()
+
+
 def test_profile_intervals_hold_the_truth_too(tmp_path):
     one = ball(5, tmp_path, 1)  # by patches
     fit = one.fit(one.read_back(one.images(), 8, False))

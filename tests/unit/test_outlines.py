@@ -50,6 +50,7 @@ def test_the_right_outline_is_right(k_a):
         ball(25, k_a=k_a),
         ball(25, k_a=k_a, noise=0.03),
         ball(25, k_a=k_a, lights=((1.0, 0.0, 0.2),)),  # half of it is dark
+        ball(25, k_a=k_a, lights=((1.0, 0.0, -0.4),)),  # a crescent
         ball(25, k_a=k_a, lights=((0.3, 0.0, 1.0),)),
         ball(25, k_a=k_a, lights=((0.0, 0.0, 1.0),)),
         ndimage.gaussian_filter(ball(25, k_a=k_a), 1.5),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
+import diffshade as ds
+from diffshade.diagnosis.faults import _other_lobe
 from diffshade.diagnosis.score_tests import Rows, ScoreTests
 
 SIGMA = 0.1
@@ -93,3 +96,24 @@ def test_without_a_fault_the_p_values_are_no_smaller_than_chance(noise):
         assert score is not None
         p_values.append(score.p_value)
     assert stats.kstest(p_values, "uniform", alternative="greater").pvalue > 1e-3
+
+
+def test_the_other_lobe_of_a_patterned_highlight():
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=ds.Chequer(0.1, 0.4), n_s=20)))
+    other = _other_lobe(scene)
+    assert other is not None
+    assert isinstance(other.objects[0].material.lobe, ds.Blinn)
+    assert float(other.objects[0].material.n_s) == 80.0
+    assert _other_lobe(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=0.0)))) is None
+
+
+def test_rows_that_vary_together_as_a_fault_would_show_none():
+    alone = rows(measured((0.05, 0.0)))[1]
+    before = ScoreTests(alone).test(FAULTS[:1])
+    after = ScoreTests(dataclasses.replace(alone, waves=0.3 * FAULTS[:1])).test(FAULTS[:1])
+    assert before is not None
+    assert after is not None
+    np.testing.assert_allclose(after.amount, before.amount)
+    np.testing.assert_allclose(after.errors**2, before.errors**2 + 0.3**2, rtol=1e-6)
+    assert before.p_value < 1e-6
+    assert after.p_value > 0.5

@@ -37,6 +37,9 @@ def test_lights_in_a_plane_and_on_a_line_are_said_with_the_remedy():
     assert "in one plane" in note
     assert "(-0, -0.89, 0.45)" in note or "(0, -0.89, 0.45)" in note
     assert "or give the normals" in note
+    upright = np.stack([AROUND, 1e-4 * np.cos(9 * AROUND), 0.8 * np.ones(COUNT)], -1)  # the plane holds the z axis
+    each = np.concatenate([spread(upright + 1e-5 * np.array([0.0, k, 0.0])) for k in range(-9, 10)], -1)
+    np.testing.assert_allclose(np.abs(plane_of(each).normal), (0.0, 1.0, 0.0), atol=1e-3)
     line = note_of(plane_of(spread(np.ones((COUNT, 3)) + 1e-3 * AROUND[:, None] * (1.0, 0.0, 0.0))))
     assert line is not None
     assert "one direction" in line
