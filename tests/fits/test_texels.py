@@ -66,6 +66,14 @@ def test_colours_and_exponents_of_a_textured_ball_are_found(ball, maps):
     assert 0.009 < np.median(maps.residual[maps.known]) < 0.01  # the noise, but for what the numbers took up of it
 
 
+def test_a_black_that_is_known_changes_nothing(ball, maps):
+    shifted = [ds.View(v.image + 0.05, v.camera, v.mask, lit=v.lit, black=0.05) for v in ball.views]
+    with jax.enable_x64(False):
+        found = ds.fit_texels(ball.scene, shifted)
+    np.testing.assert_array_equal(found.known, maps.known)
+    np.testing.assert_allclose(found.values["k_d"][maps.known], maps.values["k_d"][maps.known], rtol=1e-3)
+
+
 def test_every_texel_is_where_scipy_ends_from_the_truth(ball, maps):
     """No texel's cost is above that of SciPy's bounded least squares begun at the truth."""
     l, y = lights_about(20), np.stack([view.image for view in ball.views])

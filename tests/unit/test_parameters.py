@@ -258,6 +258,12 @@ def test_only_n_s_is_solved_for_as_its_logarithm():
 HARD = ds.Scene(ds.Object(ds.Sphere()), [ds.SpotLight((0, 3, 3), (0, -1, -1))])
 
 
+def test_bounds_of_a_direction_that_hold_a_unit_vector_will_do():
+    view = ds.View(np.zeros((4, 4, 3)), ds.Camera((0, 0, 4), fov=32, shape=(4, 4)))
+    found = find_unknowns(HARD, [view], ("direction",), bounds={"direction": (-0.9, 0.9)})
+    assert [(u.lower, u.upper) for u in found] == [(-0.9, 0.9)] * 3
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -279,6 +285,11 @@ HARD = ds.Scene(ds.Object(ds.Sphere()), [ds.SpotLight((0, 3, 3), (0, -1, -1))])
         ({"free": ("n_s",), "priors": {"n_s": (np.nan, 1.0)}}, ("prior of 'n_s'", "finite", "(nan, 1)")),
         ({"free": ("n_s",), "priors": {"n_s": (-1.0, 1.0)}}, ("prior of 'n_s'", "value above 0", "-1")),
         ({"free": ("n_s",), "priors": {"n_s": (1.0,)}}, ("prior of 'n_s'", "two numbers")),
+        ({"free": ("direction",), "scene": HARD, "bounds": {"direction": (0.6, 1.0)}}, ("direction", "no unit vector")),
+        (
+            {"free": ("direction",), "scene": HARD, "bounds": {"direction": (-0.5, 0.5)}},
+            ("direction", "no unit vector"),
+        ),
         ({"free": ("cutoff",), "scene": HARD}, ("lights.0.cutoff", "softness is 0", "lights.0.softness")),
     ],
 )
