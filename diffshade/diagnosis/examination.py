@@ -12,7 +12,6 @@ from ..backend import in_float64
 from ..fields import check_kind
 from ..inverse.clusters import Clusters
 from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
-from ..inverse.intensities import taken_as_exact
 from ..inverse.outcome import Fit, count
 from ..inverse.parameters import logarithms
 from ..inverse.stability import Refit, dependence, left_out, refits
@@ -119,7 +118,7 @@ def _say(
         *dependence(fit, again, shifted),
         *_together(fit),
         *([alike] if alike else []),
-        f"errors: {clusters.sentence([u.quantity for u in fit.unknowns])} {taken_as_exact(fit.unknowns)}".rstrip(),
+        f"errors: {fit.what_errors_hold(clusters)}",
         *(n for n in fit.notes if not n.startswith("0 within") and n not in [s.sentence for s in suspected]),
         *_at_most(fit, determined, sure),
     ]

@@ -8,17 +8,23 @@ from .identifiability import listing
 from .parameters import Unknown
 
 SCALED = ("k_a", "k_d", "k_s")
-SENDERS = ("intensity", "ambient", "exposure")
 
 
-def taken_as_exact(unknowns: Sequence[Unknown]) -> str:
-    """Return a sentence on the lights' intensities where reflections are free and none of what sends light is; else ''.
+def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
+    """Return a sentence on the lights' intensities where reflections are free and some of what sends light is not.
 
-    All intensities times 1.3 and all reflections over 1.3 make the same images.
+    All intensities times 1.3 and all reflections over 1.3 make the same images. With every intensity free, or every
+    exposure, that is a gauge, which the fit names.
+
+    Args:
+        unknowns: Of the fit.
+        lights: How many lights the scene has.
+        views: How many views were fitted.
     """
-    kinds = {u.kind for u in unknowns if "/" not in u.quantity}
-    names = [name for name in SCALED if name in kinds]
-    if not names or kinds & set(SENDERS):
+    free = {path for unknown in unknowns for path, _ in unknown.places}
+    names = [name for name in SCALED if any(path.endswith(f".material.{name}") for path in free)]
+    senders = ([f"lights.{i}.intensity" for i in range(lights)], [f"views.{i}.exposure" for i in range(views)])
+    if not names or any(of and free.issuperset(of) for of in senders):
         return ""
     verb = "scales" if len(names) == 1 else "scale"
     return f"{listing(names)} {verb} inversely with the lights' intensities, taken as exact: no image can check them."

@@ -134,6 +134,11 @@ class Fit:
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
         return Prediction(samples.whole(), image, counts)
 
+    def what_errors_hold(self, clusters: Clusters) -> str:
+        """Say what the errors of these clusters are made of, and what is taken as exact."""
+        made = clusters.sentence([unknown.quantity for unknown in self.unknowns])
+        return f"{made} {taken_as_exact(self.unknowns, len(self.scene.lights), len(self.views))}".rstrip()
+
     def __str__(self) -> str:
         """Return the table of parameters, and below it the notes."""
         width = max(len("parameter"), *map(len, self.names))
@@ -149,8 +154,7 @@ class Fit:
             side = "+" if self.at_lower[j] else "-" if self.at_bound[j] else ""  # at a bound, the only way to err
             flag = "  at a bound" if side else ""
             lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {f'{side}{self.errors[j]:.2g}':>11}{flag}")
-        made = self.clusters.sentence([u.quantity for u in self.unknowns])
-        lines.append(f"errors: {made} {taken_as_exact(self.unknowns)}".rstrip())
+        lines.append(f"errors: {self.what_errors_hold(self.clusters)}")
         lines.append(f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 

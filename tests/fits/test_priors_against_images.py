@@ -58,12 +58,13 @@ def test_without_a_prior_nothing_is_asked():
 
 def test_that_intensities_are_taken_as_exact_is_said_where_they_are():
     fit = noisy_fit()
-    sentence = taken_as_exact(fit.unknowns)
+    sentence = taken_as_exact(fit.unknowns, 8, 8)
     assert sentence.startswith("k_a, k_d and k_s scale inversely with the lights' intensities")
     assert sentence in str(fit)
     (k_d,) = [u for u in fit.unknowns if u.name == "k_d.r"]
-    assert taken_as_exact([k_d]).startswith("k_d scales")
-    for quantity in ("lights.0.intensity", "views.1.exposure", "ambient"):
-        assert taken_as_exact([k_d, dataclasses.replace(k_d, quantity=quantity)]) == ""
     (n_s,) = [u for u in fit.unknowns if u.name == "n_s"]
-    assert taken_as_exact([n_s]) == ""
+    assert taken_as_exact([n_s], 2, 2) == ""
+    for path in ("lights.{}.intensity", "views.{}.exposure"):
+        senders = [dataclasses.replace(k_d, places=[(path.format(i), 0)]) for i in range(2)]
+        assert taken_as_exact([k_d, *senders], 2, 2) == ""
+        assert taken_as_exact([k_d, senders[0]], 2, 2).startswith("k_d scales")  # the other one is still exact

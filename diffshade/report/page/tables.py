@@ -9,7 +9,6 @@ import numpy as np
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
-from ...inverse.intensities import taken_as_exact
 from ...inverse.outcome import Fit
 
 REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
@@ -77,8 +76,7 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
     """Return every number with its error, and where there is an examination its interval."""
     known = fit.determined if examination is None else examination.determined
     errors = fit.errors if examination is None else examination.errors
-    quantities = [unknown.quantity for unknown in fit.unknowns]
-    made = f"{fit.clusters.sentence(quantities)} {taken_as_exact(fit.unknowns)}".rstrip()
+    made = fit.what_errors_hold(fit.clusters)
     kind = (
         "Errors are standard errors as the examination found them; the interval holds the truth with 95 %."
         if examination is not None
