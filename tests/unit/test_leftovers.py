@@ -55,7 +55,7 @@ def test_of_cells_the_share_is_the_variance_that_sums_have_beyond_independent_on
 
 
 def test_errors_are_widened_where_residuals_are_alike_and_the_views_have_not_said_so(monkeypatch):
-    evidence: Any = SimpleNamespace(values=np.zeros(2))
+    evidence: Any = SimpleNamespace(values=np.zeros(2), waves=None)
     clusters = independent(evidence, "1 view")
     for found, times in ((white(), 1.0), ([ndimage.gaussian_filter(r, (2, 2, 0)) for r in white()], 6.0)):
         monkeypatch.setattr(leftovers, "residuals", lambda fit, found=found: (found, COUNTS))
