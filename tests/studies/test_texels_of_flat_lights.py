@@ -64,7 +64,7 @@ RIGS = ("a plane", "a line of directions", "one side", "near the camera", "all a
         pytest.param(tuple(LIGHTS), "cauchy", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("lobe", ["phong", "blinn"])
+@pytest.mark.parametrize("lobe", ["phong", pytest.param("blinn", marks=pytest.mark.slow)])
 def test_what_is_called_determined_is_within_five_errors(lobe, rigs, loss, capsys):
     shares = {}
     for name in rigs:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
+import dataclasses
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+import diffshade as ds
 from diffshade.diagnosis import leftovers
 from diffshade.diagnosis.leftovers import cells, inflated, neighbours
-from diffshade.inverse.clusters import independent
+from diffshade.inverse.clusters import Clusters, independent
+from diffshade.inverse.uncertainty import Evidence
 
 SHAPE = (40, 60, 3)
 COUNTS = [np.ones(SHAPE[:2], bool)] * 3
@@ -55,12 +56,18 @@ def test_of_cells_the_share_is_the_variance_that_sums_have_beyond_independent_on
 
 
 def test_errors_are_widened_where_residuals_are_alike_and_the_views_have_not_said_so(monkeypatch):
-    evidence: Any = SimpleNamespace(values=np.zeros(2), waves=None)
-    clusters = independent(evidence, "1 view")
+    none, square = np.zeros(2), np.zeros((2, 2))
+    known, units = none == 0.0, np.zeros((0, 3), int)
+    evidence = Evidence(square[None], none[None], square, none, none, ~known, known, units, 1.0, np.ones(5))
+    clusters, fit = independent(evidence, "1 view"), object.__new__(ds.Fit)
     for found, times in ((white(), 1.0), ([ndimage.gaussian_filter(r, (2, 2, 0)) for r in white()], 6.0)):
         monkeypatch.setattr(leftovers, "residuals", lambda fit, found=found: (found, COUNTS))
-        wide, sentence = inflated(evidence, clusters)
+        wide, sentence = inflated(fit, clusters)
         assert np.sqrt(wide.scatter) == pytest.approx(times, rel=0.2)
         assert ("neighbouring residuals are alike" in sentence) == (times > 1)
-    disagree: Any = SimpleNamespace(disagree=True)
-    assert inflated(evidence, disagree) == (disagree, "")
+    for said in (dataclasses.replace(clusters, disagree=True), of_rounding(clusters)):
+        assert inflated(fit, said) == (said, "")
+
+
+def of_rounding(clusters: Clusters) -> Clusters:
+    return dataclasses.replace(clusters, evidence=dataclasses.replace(clusters.evidence, waves=np.ones((1, 2, 4))))
