@@ -10,9 +10,8 @@ import pytest
 SUPPORT = Path(__file__).parents[1] / "support"
 
 
-@pytest.mark.parametrize(
-    "how", ["grad", *(pytest.param(how, marks=pytest.mark.slow) for how in ("jit", "vmap", "float64"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["grad", "jit", "vmap", "float64"])
 def test_every_function_gives_the_same_after_a_program_of_the_users_own(how):
     environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
     paths = f"{SUPPORT.parents[1]}{os.pathsep}{environment.get('PYTHONPATH', '')}"
