@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..fields import Array
-from ..inverse.blocks import Block
+from ..inverse.blocks import Block, measured_weights, weights
 from ..inverse.blocks import chunks as in_chunks
 from ..inverse.gram import Gram
 from ..inverse.refits import Laid
-from ..inverse.study import weights
+from ..inverse.study import beside
 from ..inverse.uncertainty import Vector, inverse
 from ..inverse.views import is_grey
 
@@ -102,7 +102,7 @@ class LaidSamples:
 
     def known(self, theta: Vector) -> Gram:
         """Return what is known of the numbers beside the samples."""
-        return jax.tree.map(np.asarray, self.laid.study.soft().gram(jnp.asarray(theta)))
+        return beside(jnp.asarray(theta), self.laid.study.soft())
 
     def search(self, along: Sequence[int]) -> End:
         """Return the minimum along some of the directions, the unknowns at their best, by Gauss and Newton's steps."""
@@ -148,8 +148,7 @@ def _changes(theta: Array, tangents: Array, form: Any, chunk: Block) -> tuple[Ar
         seen = block.observed
         weight = weights(form, block)
         terms = form.likelihood.terms(m, seen.target, weight, seen.clipped)
-        measured = weight if seen.clipped is None else jnp.where(seen.clipped == 0, weight, 0.0)
-        cost = jnp.sum(terms.cost)
+        measured, cost = measured_weights(form, block), jnp.sum(terms.cost)
         return m, jax.vmap(derivative)(tangents), terms.slope, terms.curvature, measured, cost
 
     return jax.lax.map(of_block, chunk)

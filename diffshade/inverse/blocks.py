@@ -50,6 +50,12 @@ def weights(form: Any, block: Block) -> Array:
     return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
 
 
+def measured_weights(form: Any, block: Block) -> Float[Array, "channels pixels"]:
+    """Return the weight of each sample, 0 where it was clipped."""
+    weight, clipped = weights(form, block), block.observed.clipped
+    return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)
+
+
 class Piece(eqx.Module):
     """The pixels of a view that a block holds, before it is laid out."""
 

@@ -30,7 +30,7 @@ from jaxtyping import Float
 
 from ..fields import Array
 from ..images import srgb_encode
-from .blocks import Block, weights
+from .blocks import Block, measured_weights
 
 HARMONICS = 12  # of the sawtooth, which have 95 % of its variance
 MOST_NOISE = 0.6  # steps, from which on rounding is nothing but a part of the noise
@@ -216,9 +216,3 @@ def variance_of_steps(form: Any, chunk: Block) -> Float[Array, "2"]:
         return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
 
     return jax.lax.scan(add, jnp.zeros(2), chunk)[0]
-
-
-def measured_weights(form: Any, block: Block) -> Float[Array, "channels pixels"]:
-    """Return the weight of each sample, 0 where it was clipped."""
-    weight, clipped = weights(form, block), block.observed.clipped
-    return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)

@@ -16,7 +16,7 @@ from ..fields import Array
 from ..gbuffers import GBuffer
 from ..progress import Tell
 from ..scenes import Scene
-from .blocks import Block, Piece, block_size, chunks, observed, on_all_cores, pieces, total, weights
+from .blocks import Block, Piece, block_size, chunks, measured_weights, observed, on_all_cores, pieces, total, weights
 from .checkpoints import Checkpoint
 from .features import feature_form, has_features
 from .gram import Gram
@@ -267,7 +267,7 @@ class Study:
     def evidence(self, end: Minimum) -> tuple[Any, Any, Rounded | None]:
         """Return the Gram of what is known beside the views, sums of `Likelihood.spread`, and what rounding adds."""
         spread = self.spread(end)
-        return _beside(end.point.theta, self.soft()), spread, self.rounded(end.point.theta, spread)
+        return beside(end.point.theta, self.soft()), spread, self.rounded(end.point.theta, spread)
 
     def rounded(self, theta: Any, spread: Any) -> Rounded | None:
         """Return what rounding adds to the errors; None where the views have no steps, or noise hides them."""
@@ -304,7 +304,8 @@ def _soft_gram(theta: Array, soft: Soft) -> Gram:
     return soft.gram(theta)
 
 
-def _beside(theta: Array, soft: Soft) -> Gram:
+def beside(theta: Array, soft: Soft) -> Gram:
+    """Return the Gram of what is known of the unknowns beside the views."""
     return jax.tree.map(np.asarray, _soft_gram(theta, soft))
 
 
@@ -341,8 +342,7 @@ def _residuals(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
     def of_block(block: Block) -> tuple[Array, Array]:
         weight = weights(form, block)
         m = jnp.stack(form.predict(theta, block))
-        measured = weight > 0 if block.observed.clipped is None else (weight > 0) & (block.observed.clipped == 0)
-        return jnp.sqrt(weight) * (m - block.observed.target), measured
+        return jnp.sqrt(weight) * (m - block.observed.target), measured_weights(form, block) > 0
 
     return jax.lax.map(of_block, chunk)
 
