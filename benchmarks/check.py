@@ -119,7 +119,7 @@ def write(ratios: Mapping[str, float]) -> None:
     """Write the baseline, whole or not at all."""
     from timing import conditions
 
-    from diffshade.files import replacing
+    from diffshade.io.files import replacing
 
     rounded = {name: float(f"{value:.3g}") for name, value in ratios.items()}
     with replacing(BASELINE) as path:

@@ -128,9 +128,9 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.parameters import find_unknowns
+    from diffshade.inverse.problem import Study
     from diffshade.inverse.running import look_at
-    from diffshade.inverse.study import Study
+    from diffshade.inverse.unknowns.parameters import find_unknowns
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
     samples, counts = look_at(made.scene, made.views, unknowns, "hinge")

@@ -52,7 +52,7 @@ def main() -> None:
 
 def fit_pass() -> tuple[Any, int, int]:
     """Return a pass over one block, its pixels, and the bytes that it reads of each: three fields, three samples."""
-    from diffshade.inverse import solvers
+    from diffshade.inverse.solve import solvers
 
     with jax.enable_x64(True):
         study = laid_out(SIZE)
@@ -64,7 +64,7 @@ def fit_pass() -> tuple[Any, int, int]:
 
 def time_of_a_pass() -> tuple[float, int]:
     """Return the processor time of a pass over a megapixel, in ns a pixel that counts, and how many a solve takes."""
-    from diffshade.inverse import solvers
+    from diffshade.inverse.solve import solvers
 
     with jax.enable_x64(True):
         study = laid_out(1024)
@@ -80,9 +80,9 @@ def laid_out(size: int) -> Any:
     """Return the fit of the other benchmarks with a part of its pixels laid out."""
     import problem
 
-    from diffshade.inverse.parameters import find_unknowns
+    from diffshade.inverse.problem import Study
     from diffshade.inverse.running import look_at
-    from diffshade.inverse.study import Study
+    from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)
     unknowns = find_unknowns(made.scene, made.views, problem.FREE, problem.TIED)

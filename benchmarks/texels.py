@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from timing import conditions, medians, take_turns
 
 import diffshade as ds
-from diffshade.inverse.blocks import on_all_cores
+from diffshade.parallel.threads import on_all_cores
 from diffshade.texels.estimates import Choices, estimate
 from diffshade.texels.fitting import QUICK
 from diffshade.texels.passes import Known

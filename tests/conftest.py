@@ -12,8 +12,8 @@ from pathlib import Path
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # programs from the cache else say on stderr for which CPU they are
 
 import jax
-import jaxlib
 import pytest
+from jaxlib.version import __version__ as jaxlib_version
 
 # studies/test_settings.py runs tests again as most users have JAX, with the flag off, and with all types checked
 jax.config.update("jax_enable_x64", os.environ.get("DIFFSHADE_TEST_X64", "1") == "1")
@@ -27,7 +27,7 @@ if os.environ.get("DIFFSHADE_TEST_TYPES") == "1":
 
 # XLA's older way to emit loops compiles in four fifths of the time; jaxlib 0.12 has it no more
 QUICKER = "--xla_cpu_use_fusion_emitters=false"
-HAS_QUICKER = tuple(map(int, jaxlib.__version__.split(".")[:2])) < (0, 11)
+HAS_QUICKER = tuple(map(int, jaxlib_version.split(".")[:2])) < (0, 11)
 
 STUDIES = Path(__file__).with_name("studies")
 PROGRAMS = "DIFFSHADE_TEST_PROGRAMS"

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ..backend import in_float64, jit_quickly
-from ..cameras import AbstractCamera, Camera, OrthographicCamera, Projection
-from ..surfaces import Sphere
+from ..core.backend import in_float64, jit_quickly
+from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
+from ..model.surfaces import Sphere
 
 Mask = Bool[np.ndarray, "h w"]
 Numbers = Float[np.ndarray, " n"]

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..cameras import AbstractCamera, Camera
-from ..fields import check, check_kind
-from ..inverse.identifiability import listing
-from ..progress import showing, silent
+from ..core.fields import check, check_kind
+from ..core.progress import showing, silent
+from ..core.words import listing
+from ..model.cameras import AbstractCamera, Camera
 from .balls import Ball, find_ball
 from .glossy import by_fit
 from .matte import by_shading

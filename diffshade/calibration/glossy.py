@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import in_float64
-from ..cameras import Camera
+from ..core.backend import in_float64
 from ..diagnosis.patches import find_clusters
-from ..inverse.clusters import Clusters
+from ..inverse.data.views import View
 from ..inverse.fitting import fit
-from ..inverse.outcome import Fit
-from ..inverse.views import View
-from ..lights import DirectionalLight
-from ..materials import Material
-from ..scenes import Object, Scene
+from ..inverse.result import Fit
+from ..inverse.statistics.clusters import Clusters
+from ..model.cameras import Camera
+from ..model.lights import DirectionalLight
+from ..model.materials import Material
+from ..model.scenes import Object, Scene
 from .balls import Ball, axes
 from .laws import find_lamps
 from .matte import see

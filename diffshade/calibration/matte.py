@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..inverse.views import erode
-from ..lights import DirectionalLight
-from ..materials import Material
-from ..scenes import Object, Scene
+from ..inverse.data.views import erode
+from ..model.lights import DirectionalLight
+from ..model.materials import Material
+from ..model.scenes import Object, Scene
 from .balls import Ball
 from .laws import LAWS, Lamps, Shading, find_lamps
 from .outcome import Calibration, degrees, views_of

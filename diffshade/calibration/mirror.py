@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..inverse.identifiability import listing
-from ..lights import DirectionalLight, PointLight
-from ..materials import Material
-from ..scenes import Object, Scene
+from ..core.words import listing
+from ..model.lights import DirectionalLight, PointLight
+from ..model.materials import Material
+from ..model.scenes import Object, Scene
 from .balls import Ball
 from .highlights import find_glint, find_position
 from .outcome import Calibration, views_of

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..cameras import AbstractCamera, OrthographicCamera
-from ..files import replacing
-from ..images import write_image
-from ..inverse.identifiability import listing
-from ..inverse.outcome import Fit, count
-from ..inverse.views import View
-from ..scene_files import write_scene
-from ..scenes import Scene
+from ..core.words import count, listing
+from ..inverse.data.views import View
+from ..inverse.result import Fit
+from ..io.files import replacing
+from ..io.images import write_image
+from ..io.scene_files import write_scene
+from ..model.cameras import AbstractCamera, OrthographicCamera
+from ..model.scenes import Scene
 from .balls import Ball
 from .photographs import Photographs
 

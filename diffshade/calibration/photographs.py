@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..gbuffers import as_mask
-from ..image_formats import FORMATS
-from ..images import read_image, read_mask
-from ..inverse.photographs import photograph_names
-from ..inverse.views import as_image
+from ..inverse.data.photographs import photograph_names
+from ..inverse.data.views import as_image
+from ..io.image_formats import FORMATS
+from ..io.images import read_image, read_mask
+from ..model.gbuffers import as_mask
 from .balls import largest, roundness
 
 Mask = Bool[np.ndarray, "h w"]

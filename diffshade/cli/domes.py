@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..diagnosis.planning import Shot
-    from ..inverse.outcome import Fit
-    from ..lights import AbstractLight
+    from ..inverse.result import Fit
+    from ..model.lights import AbstractLight
 
 SIDES = ("right", "upper right", "above", "upper left", "left", "lower left", "below", "lower right")
 DISTANT = ((20.0, 8), (45.0, 8), (70.0, 8))  # degrees off the camera, and how many about it
@@ -27,7 +27,7 @@ def dome(fit: Fit) -> list[Shot]:
     import diffshade as ds
 
     from ..calibration.balls import axes, project
-    from ..diagnosis.regions import centre_of
+    from ..diagnosis.misfit.regions import centre_of
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
     frame = axes(project(camera))

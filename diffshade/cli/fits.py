@@ -16,7 +16,7 @@ from .terminal import FILE, Names, answer, as_json, asks
 if TYPE_CHECKING:
     from ..diagnosis.examination import Examination
     from ..diagnosis.model_choice import ModelChoice
-    from ..inverse.outcome import Fit
+    from ..inverse.result import Fit
 
 MODELS = ("phong", "blinn", "matte")
 
@@ -85,7 +85,7 @@ def compare(typed: Asked, model: tuple[str, ...], as_json: bool) -> None:
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
-    from ..fields import did_you_mean
+    from ..core.words import did_you_mean
 
     for name in model:
         if name not in MODELS:

@@ -36,7 +36,7 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
 
     import diffshade as ds
 
-    from ..inverse.photographs import has_normals
+    from ..inverse.data.photographs import has_normals
     from ..texels.fitting import MEMORY
 
     found = typed.read(normals=None)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..exchange.material_files import Exported
-    from ..materials import Material
+    from ..model.materials import Material
 
 STARTER = """\
 # A scene for diffshade: {about}
@@ -52,8 +52,8 @@ def find_material(word: str) -> Material:
 
 def starter(file: Path, material: Material, about: str) -> str:
     """Return a commented scene: a ball of a material under one lamp."""
-    from ..materials import Material
-    from ..scene_files import material_table
+    from ..io.scene_files import material_table
+    from ..model.materials import Material
 
     usual, table = material_table(Material()), material_table(material)
     lines = [f"{key} = {_inline(value)}" for key, value in table.items() if key in SAID or value != usual.get(key)]
@@ -72,7 +72,7 @@ def _inline(value: Any) -> str:
 def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
     """Refuse, before any work, what cannot be written, is no material's file, or is what is read."""
     from ..exchange.material_files import check_format
-    from ..files import writable
+    from ..io.files import writable
 
     read = {path.resolve() for path in given}
     for path in paths:
@@ -87,7 +87,7 @@ def put_material(path: Path, material: Material, *, name: str = "", about: str =
     """Write a material by its file's suffix: for another program, or (.toml) on a ball in a scene of its own."""
     import diffshade as ds
 
-    from ..files import replacing
+    from ..io.files import replacing
 
     if path.suffix.lower() != ".toml":
         return ds.write_material(path, material, name=name or word_of(path))

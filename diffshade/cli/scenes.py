@@ -13,7 +13,7 @@ from .terminal import FILE, FOLDER, Names, Size, answer, as_json, asks, completi
 
 
 def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    from ..named_materials import material_names
+    from ..model.named_materials import material_names
 
     return completions(material_names(), incomplete)
 
@@ -76,9 +76,9 @@ def render(
 
     import diffshade as ds
 
-    from ..files import writable
-    from ..images import dtype_to_write
-    from ..progress import showing
+    from ..core.progress import showing
+    from ..io.files import writable
+    from ..io.images import dtype_to_write
 
     out = out or scene.with_suffix(".png")
     dtype_to_write(out, bits)

@@ -16,9 +16,9 @@ import click
 from .terminal import FILE, Bounds, Lit, Names, One
 
 if TYPE_CHECKING:
-    from ..inverse.outcome import Fit
-    from ..inverse.views import View
-    from ..scenes import Scene
+    from ..inverse.data.views import View
+    from ..inverse.result import Fit
+    from ..model.scenes import Scene
 
 FREE = ("k_a", "k_d", "k_s", "n_s")
 LOBES = ("phong", "blinn")
@@ -57,7 +57,7 @@ class Encodings:
     @classmethod
     def of(cls, files: Iterable[Path], srgb: bool | None) -> Encodings:
         """Look at files that were read with `srgb`."""
-        from ..images import read_as
+        from ..io.images import read_as
 
         return cls(tuple(read_as(file, srgb=srgb) for file in files), srgb is not None)
 
@@ -140,7 +140,7 @@ class Asked:
             )
 
     def _of_folder(self, normals: bool | None) -> Source:
-        from ..inverse.photographs import has_normals, mask_file, photograph_names, read_photographs
+        from ..inverse.data.photographs import has_normals, mask_file, photograph_names, read_photographs
 
         for name, given in (("PHOTOS", self.photos), ("--lit", self.lit)):
             if given:
@@ -163,7 +163,7 @@ class Asked:
     def _of_scene(self) -> Source:
         import diffshade as ds
 
-        from ..inverse.photographs import read_photograph
+        from ..inverse.data.photographs import read_photograph
 
         if self.source.suffix.lower() != ".toml":
             there = "is neither" if self.source.exists() else "is not there"

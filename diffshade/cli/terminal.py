@@ -40,7 +40,7 @@ class One(click.ParamType):
         self.words = words
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        from ..fields import did_you_mean
+        from ..core.words import did_you_mean
 
         if value not in self.words:
             self.fail(f"'{value}' is not known. {did_you_mean(value, self.words)}", param, ctx)

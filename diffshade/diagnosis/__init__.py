@@ -1,1 +1,1 @@
-"""Diagnosis: how far a fit can be trusted, which of several to believe, and which photograph to take next."""
+"""Diagnosis: what the photographs determine beyond one fit: examination, choice of models, plans, resampling."""

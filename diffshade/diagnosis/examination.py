@@ -8,19 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..backend import in_float64
-from ..fields import check_kind
-from ..inverse.clusters import Clusters
-from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, relative_errors, remedy
-from ..inverse.outcome import Fit, count
-from ..inverse.parameters import logarithms
-from ..inverse.stability import Refit, dependence, left_out, refits
-from ..inverse.uncertainty import Vector
-from ..progress import showing, silent
+from ..core.backend import in_float64
+from ..core.fields import check_kind
+from ..core.progress import showing, silent
+from ..core.words import count, listing
+from ..inverse.checks.stability import Refit, dependence, left_out, refits
+from ..inverse.result import Fit
+from ..inverse.statistics.clusters import Clusters
+from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy
+from ..inverse.statistics.uncertainty import Vector
+from ..inverse.unknowns.parameters import logarithms
 from .intervals import Profile, intervals
-from .leftovers import inflated
+from .misfit.leftovers import inflated
+from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
-from .suspicions import Suspicion, suspicions
 
 LEVELS = (0.68, 0.95)
 TOGETHER = 0.95  # correlation, from which two numbers are said to move together

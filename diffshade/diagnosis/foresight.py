@@ -10,17 +10,17 @@ import jax
 import numpy as np
 from jaxtyping import Bool
 
-from ..backend import in_float64
-from ..inverse.constraints import Grey, Proportional
+from ..core.backend import in_float64
+from ..inverse.data.views import Noise, View, is_grey, photograph
 from ..inverse.fitting import check_choices, check_free
-from ..inverse.outcome import diagnose
-from ..inverse.parameters import coordinates, find_unknowns, values_in
+from ..inverse.problem import Study
+from ..inverse.result import diagnose
 from ..inverse.running import look_at
-from ..inverse.solvers import Minimum, look
-from ..inverse.study import Study
-from ..inverse.uncertainty import Vector
-from ..inverse.views import Noise, View, is_grey, photograph
-from ..scenes import Scene
+from ..inverse.solve.solvers import Minimum, look
+from ..inverse.statistics.uncertainty import Vector
+from ..inverse.unknowns.constraints import Grey, Proportional
+from ..inverse.unknowns.parameters import coordinates, find_unknowns, values_in
+from ..model.scenes import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..inverse.clusters import Clusters
-from ..inverse.outcome import Fit
-from ..inverse.parameters import coordinate_slopes
+from ..core.progress import Tell, silent
 from ..inverse.refits import Laid
-from ..inverse.uncertainty import Vector
-from ..progress import Tell, silent
+from ..inverse.result import Fit
+from ..inverse.statistics.clusters import Clusters
+from ..inverse.statistics.uncertainty import Vector
+from ..inverse.unknowns.parameters import coordinate_slopes
 
 CLOSE = 0.01  # relative, of the number of errors that an end is to be away
 EVALUATIONS = 16

@@ -13,17 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..backend import in_float64
-from ..fields import Array, check_kind
-from ..inverse.blocks import BLOCK, CHUNK, Block, Piece, weights
-from ..inverse.identifiability import listing
-from ..inverse.losses import LOSSES
-from ..inverse.outcome import Fit
+from ..core.backend import in_float64
+from ..core.fields import Array, check_kind
+from ..core.progress import showing, silent
+from ..core.words import listing
+from ..inverse.data.views import is_grey, setups
+from ..inverse.forward.losses import LOSSES
+from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece, weights
 from ..inverse.refits import Laid
-from ..inverse.solvers import look
-from ..inverse.uncertainty import lone_views
-from ..inverse.views import is_grey, setups
-from ..progress import showing, silent
+from ..inverse.result import Fit
+from ..inverse.solve.solvers import look
+from ..inverse.statistics.uncertainty import lone_views
 from .patches import cut_in_patches, patch_width, residual_images
 
 ERRORS = 2.0  # jackknife errors, the least difference for a verdict

@@ -10,14 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..fields import Array
-from ..inverse.blocks import Block, Piece, on_all_cores
-from ..inverse.clusters import Clusters, compared, independent
-from ..inverse.outcome import Fit
-from ..inverse.parameters import coordinate_slopes
+from ..core.fields import Array
+from ..inverse.data.views import Samples, setups
+from ..inverse.forward.rounding import waves
+from ..inverse.pixels.blocks import Block, Piece
 from ..inverse.refits import Laid
-from ..inverse.rounding import waves
-from ..inverse.views import Samples, setups
+from ..inverse.result import Fit
+from ..inverse.statistics.clusters import Clusters, compared, independent
+from ..inverse.unknowns.parameters import coordinate_slopes
+from ..parallel.threads import on_all_cores
 
 FEWEST = 6  # patches for a jackknife
 MOST = 64

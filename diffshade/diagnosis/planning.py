@@ -13,23 +13,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..backend import in_float64
-from ..cameras import AbstractCamera
-from ..fields import Array, Checked, Scalar, as_scalar, check, check_kind, did_you_mean, is_concrete, quantities
-from ..gbuffers import GBuffer
-from ..inverse.blocks import on_all_cores, total
-from ..inverse.gram import Gram
-from ..inverse.identifiability import VAGUE, VAGUE_LOG, listing, null_directions, relative_errors
-from ..inverse.outcome import Fit
-from ..inverse.parameters import CHANNELS, Unknown, coordinate_slopes, coordinates, logarithms, put_back
-from ..inverse.residuals import Counts
-from ..inverse.study import Study
-from ..inverse.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
-from ..inverse.views import View, find_samples, has_mask, is_grey, lights_on
-from ..lights import AbstractLight
-from ..progress import showing, silent
-from ..rendering import render, silhouette
-from ..scenes import Scene, as_tuple
+from ..core.backend import in_float64
+from ..core.fields import Array, Checked, Scalar, as_scalar, check, check_kind, is_concrete, quantities
+from ..core.progress import showing, silent
+from ..core.words import did_you_mean, listing
+from ..inverse.data.views import View, find_samples, has_mask, is_grey, lights_on
+from ..inverse.forward.gram import Gram
+from ..inverse.forward.residuals import Counts
+from ..inverse.pixels.blocks import total
+from ..inverse.problem import Study
+from ..inverse.result import Fit
+from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, null_directions, relative_errors
+from ..inverse.statistics.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
+from ..inverse.unknowns.parameters import CHANNELS, Unknown, coordinate_slopes, coordinates, logarithms, put_back
+from ..model.cameras import AbstractCamera
+from ..model.gbuffers import GBuffer
+from ..model.lights import AbstractLight
+from ..model.rendering import render, silhouette
+from ..model.scenes import Scene, as_tuple
+from ..parallel.threads import on_all_cores
 
 # Where a light is, and whither it shines, is what a shot says; what else is unknown of a lamp goes with it.
 PLACED = {"position", "direction", "corner", "edge_u", "edge_v"}

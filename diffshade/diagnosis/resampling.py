@@ -7,13 +7,13 @@ import contextlib
 import numpy as np
 from jaxtyping import Float
 
-from ..backend import in_float64
-from ..fields import check_kind
-from ..inverse.outcome import Fit
-from ..inverse.parameters import values_at
+from ..core.backend import in_float64
+from ..core.fields import check_kind
+from ..core.progress import showing, silent
+from ..inverse.data.views import setups
 from ..inverse.refits import Laid
-from ..inverse.views import setups
-from ..progress import showing, silent
+from ..inverse.result import Fit
+from ..inverse.unknowns.parameters import values_at
 
 
 def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = False) -> Float[np.ndarray, "draws p"]:

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..fields import in_short
-from ..lights import AbstractLight
-from ..materials import Material
+from ..core.fields import in_short
+from ..model.lights import AbstractLight
+from ..model.materials import Material
 from .refits import Refit
 
 

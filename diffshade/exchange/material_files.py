@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..fields import check_kind, did_you_mean, in_short
-from ..files import replacing
-from ..lights import AbstractLight
-from ..materials import Material
-from ..scene_files import read_scene
+from ..core.fields import check_kind, in_short
+from ..core.words import did_you_mean
+from ..io.files import replacing
+from ..io.scene_files import read_scene
+from ..model.lights import AbstractLight
+from ..model.materials import Material
 from .gltf import write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..materials import Blinn, Material
+from ..model.materials import Blinn, Material
 from .drafts import Draft, comment, plain, said_of, said_of_lights
 from .refits import with_lobe
 from .texts import number, numbers, short

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..attenuation import RadialAttenuation
-from ..lights import AbstractLight, DirectionalLight, PointLight, SpotLight
-from ..materials import Blinn, Material
+from ..model.attenuation import RadialAttenuation
+from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
+from ..model.materials import Blinn, Material
 from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass
 from .refits import with_lobe
 from .texts import NUMBER, number, short

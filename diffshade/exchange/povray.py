@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from ..materials import Blinn, Material, Phong
+from ..model.materials import Blinn, Material, Phong
 from .drafts import Draft, comment, plain, said_of, said_of_lights, stated
 from .reference import Cosines, Reference, differences, radiance, reference_of
 from .refits import named, with_lobe

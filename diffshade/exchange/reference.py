@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..backend import in_float64
-from ..materials import AbstractLobe, Material, Phong
-from ..reflection import reflectance
-from ..vectors import Vec3
+from ..core.backend import in_float64
+from ..model.materials import AbstractLobe, Material, Phong
+from ..model.reflection import reflectance
+from ..model.vectors import Vec3
 
 ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
 POINTS = 256

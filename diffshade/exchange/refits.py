@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from ..fields import check, check_kind
-from ..fresnel import NoFresnel
-from ..materials import AbstractLobe, Material
+from ..core.fields import check, check_kind
+from ..model.fresnel import NoFresnel
+from ..model.materials import AbstractLobe, Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
 EXPONENTS = (0.1, 1e5)  # within which a highlight is looked for

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..materials import Blinn, Material
+from ..model.materials import Blinn, Material
 from .drafts import Draft, comment, opacity, plain, said_of_glass, said_of_lights, stated
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
 from .refits import EXPONENTS, Shape, check_plain, named

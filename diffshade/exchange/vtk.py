@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..fields import Array
-from ..materials import Material, Phong
+from ..core.fields import Array
+from ..model.materials import Material, Phong
 from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
 from .reference import differences, radiance, reference_of
 from .refits import with_lobe

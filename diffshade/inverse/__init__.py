@@ -1,1 +1,1 @@
-"""Inverse rendering: from photographs to the parameters of a scene. The only code that knows optimistix."""
+"""Inverse: from photographs to the scene's numbers; its rooms follow the way of the data."""

@@ -12,23 +12,23 @@ import jax
 import numpy as np
 from jax.sharding import Mesh
 
-from ..backend import check_backend, in_float64
-from ..fields import as_float64, check, check_kind, refuse_traced
-from ..progress import Tell, showing, silent
-from ..scenes import Scene
-from .constraints import Grey, Proportional
-from .contradictions import check_priors
-from .hosts import Lanes, open_checkpoint
-from .losses import LOSSES
-from .outcome import MEMORY, Fit, diagnose
-from .outlines import check_outlines
-from .parameters import Unknown, find_unknowns
+from ..core.backend import check_backend, in_float64
+from ..core.fields import as_float64, check, check_kind, refuse_traced
+from ..core.progress import Tell, showing, silent
+from ..model.scenes import Scene
+from ..parallel.devices import Lanes, open_checkpoint
+from .checks.contradictions import check_priors
+from .checks.outlines import check_outlines
+from .checks.stability import checked, unchecked
+from .data.views import View, is_grey, repeats
+from .forward.losses import LOSSES
+from .pixels.streams import surveyed
+from .pixels.tiles import Tiles
+from .problem import Study
+from .result import MEMORY, Fit, diagnose
 from .running import check_enough, counted, laid_bytes, look_at, moves_surface, run
-from .stability import checked, unchecked
-from .streams import surveyed
-from .study import Study
-from .tiles import Tiles
-from .views import View, is_grey, repeats
+from .unknowns.constraints import Grey, Proportional
+from .unknowns.parameters import Unknown, find_unknowns
 
 DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
 CLIPPED = ("hinge", "tobit", "leave out")

@@ -10,15 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .blocks import Block, Piece, pieces
-from .blocks import chunks as in_chunks
-from .outcome import Fit
-from .parameters import Unknown, coordinates
-from .residuals import Counts
+from .data.views import Samples
+from .forward.residuals import Counts
+from .pixels.blocks import Block, Piece, pieces
+from .pixels.blocks import chunks as in_chunks
+from .problem import MAX_STEPS, Study
+from .result import Fit
 from .running import laid_bytes, look_at, run
-from .solvers import Box, Minimum, Task, look, minimise
-from .study import MAX_STEPS, Study
-from .views import Samples
+from .solve.solvers import Box, Minimum, Task, look, minimise
+from .unknowns.parameters import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
 """For each view the pixels to keep; None keeps all."""

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from ..progress import Tell, silent
-from ..scenes import Scene
-from .features import MOST_LIGHTS
-from .outcome import Fit, diagnose
-from .parameters import Unknown
-from .residuals import Counts
-from .study import Study
-from .views import Samples, View, find_samples, is_grey, lights_on, repeats
+from ..core.progress import Tell, silent
+from ..model.scenes import Scene
+from .data.views import Samples, View, find_samples, is_grey, lights_on, repeats
+from .forward.features import MOST_LIGHTS
+from .forward.residuals import Counts
+from .problem import Study
+from .result import Fit, diagnose
+from .unknowns.parameters import Unknown
 
 
 def look_at(

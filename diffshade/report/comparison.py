@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ..files import replacing
-from ..images import srgb_encode
-from ..inverse.outcome import Fit, Prediction
-from ..inverse.views import View
+from ..inverse.data.views import View
+from ..inverse.result import Fit, Prediction
+from ..io.files import replacing
+from ..io.images import srgb_encode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from ..fields import Array
+from ..core.fields import Array
 
 Numbers = Float[Array, "..."]
 Matrix = Sequence[Sequence[Numbers]]

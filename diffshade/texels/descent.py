@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..fields import Array
-from ..inverse.parameters import RANGES
-from ..vectors import Vec3, normalize, where
+from ..core.fields import Array
+from ..inverse.unknowns.parameters import RANGES
+from ..model.vectors import Vec3, normalize, where
 from .coefficients import solve
 from .passes import Found, Task, evaluate, first_weights, project, reduced, tangents
 from .sights import Sights

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, UInt8
 
-from ..fields import Array
-from ..vectors import Vec3, dot, normalize
+from ..core.fields import Array
+from ..model.vectors import Vec3, dot, normalize
 from .coefficients import RIDGE, inverse_diagonal, solve
 from .descent import FARTHEST, HIGH, LOW, Descent, brightest_direction, chosen, descend, moved, sharpest, tilted
 from .geometry import FLAT, out_of_plane, scatter

@@ -15,25 +15,25 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Float, Int
 
-from ..backend import check_backend, in_float64
-from ..fields import as_float64, check, check_kind, refuse_traced
-from ..fresnel import NoFresnel
-from ..inverse.blocks import in_order, on_all_cores
-from ..inverse.checkpoints import fingerprint
+from ..core.backend import check_backend, in_float64
+from ..core.fields import as_float64, check, check_kind, refuse_traced
+from ..core.progress import Tell, showing, silent
+from ..inverse.data.views import View, is_grey
 from ..inverse.fitting import check_scale
-from ..inverse.hosts import Lanes
-from ..inverse.losses import LOSSES
-from ..inverse.parameters import RANGES
-from ..inverse.views import View, is_grey
-from ..progress import Tell, showing, silent
-from ..rendering import select
-from ..scenes import Scene, check_positions, check_shapes
+from ..inverse.forward.losses import LOSSES
+from ..inverse.unknowns.parameters import RANGES
+from ..model.fresnel import NoFresnel
+from ..model.rendering import select
+from ..model.scenes import Scene, check_positions, check_shapes
+from ..parallel.checkpoints import fingerprint
+from ..parallel.devices import Lanes
+from ..parallel.records import Record
+from ..parallel.threads import in_order, on_all_cores
 from .descent import GRID
 from .estimates import Choices, Estimates, Usual, estimate, residual_sizes
 from .geometry import Plane, note_of, plane_of, scatter_of_block
 from .maps import TexelMaps
 from .passes import COEFFICIENTS, Known
-from .records import Record
 from .shared import MOST_PASSES, STILL, by_region, grid_costs, slopes, stepped
 from .sights import Rig, rig_of
 from .tiles import Source, Tile

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..fields import Array
-from ..vectors import Vec3, dot
+from ..core.fields import Array
+from ..model.vectors import Vec3, dot
 from .sights import Rig, Sights, sights_of
 
 # Sines of the angle to the plane nearest to all lights, root mean square.

@@ -12,19 +12,19 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from ..backend import in_float64
-from ..cameras import AbstractCamera
-from ..fields import Array
-from ..files import replacing
-from ..gbuffers import GBuffer
-from ..image_formats import save
-from ..images import write_image
-from ..lights import AbstractLight
-from ..materials import Coefficients
-from ..reflection import reflection
-from ..rendering import pixel_rays, select
-from ..scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
-from ..vectors import Vec3
+from ..core.backend import in_float64
+from ..core.fields import Array
+from ..io.files import replacing
+from ..io.image_formats import save
+from ..io.images import write_image
+from ..model.cameras import AbstractCamera
+from ..model.gbuffers import GBuffer
+from ..model.lights import AbstractLight
+from ..model.materials import Coefficients
+from ..model.reflection import reflection
+from ..model.rendering import pixel_rays, select
+from ..model.scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
+from ..model.vectors import Vec3
 from .estimates import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
 SUFFIXES = (".npy", ".exr", ".png")

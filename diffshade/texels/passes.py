@@ -15,9 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from ..fields import Array
-from ..inverse.losses import LOSSES
-from ..vectors import Vec3
+from ..core.fields import Array
+from ..inverse.forward.losses import LOSSES
+from ..model.vectors import Vec3
 from .coefficients import cholesky, forward, nonnegative
 from .sights import Facing, Rig, Sights
 

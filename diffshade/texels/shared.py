@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..fields import Array
+from ..core.fields import Array
 from .coefficients import solve
 from .descent import FARTHEST, FIRM, HIGH, LOW, costs_on_grid, descend
 from .estimates import SEEN, Block, Choices, begin

@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..fields import Array
-from ..inverse.features import DARK
-from ..inverse.views import View, is_grey, lights_on, noises, switches
-from ..lights import AreaLight
-from ..materials import AbstractLobe
-from ..reflection import emitters
-from ..scenes import Scene, light_kinds, stack_scene
-from ..vectors import Vec3, dot
+from ..core.fields import Array
+from ..inverse.data.views import View, is_grey, lights_on, noises, switches
+from ..inverse.forward.features import DARK
+from ..model.lights import AreaLight
+from ..model.materials import AbstractLobe
+from ..model.reflection import emitters
+from ..model.scenes import Scene, light_kinds, stack_scene
+from ..model.vectors import Vec3, dot
 
 
 class Rig(eqx.Module):

@@ -11,15 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..backend import in_float64
-from ..cameras import Projection
-from ..fields import Array
-from ..gbuffers import GBuffer, as_mask
-from ..inverse.residuals import projection_of
-from ..inverse.views import View, is_grey, repeats
-from ..scenes import Scene
-from ..surfaces import AbstractSurface
-from ..vectors import Vec3
+from ..core.backend import in_float64
+from ..core.fields import Array
+from ..inverse.data.views import View, is_grey, repeats
+from ..inverse.forward.residuals import projection_of
+from ..model.cameras import Projection
+from ..model.gbuffers import GBuffer, as_mask
+from ..model.scenes import Scene
+from ..model.surfaces import AbstractSurface
+from ..model.vectors import Vec3
 from .estimates import Block
 from .passes import Photographs
 

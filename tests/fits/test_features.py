@@ -9,16 +9,16 @@ import pytest
 from synthetic import light_positions, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.backend import jit_quickly
-from diffshade.inverse.blocks import total
-from diffshade.inverse.features import FeatureForm, has_features
-from diffshade.inverse.gram import Gram
-from diffshade.inverse.parameters import coordinates, find_unknowns
-from diffshade.inverse.residuals import Rendered
+from diffshade.core.backend import jit_quickly
+from diffshade.inverse.data.views import is_grey
+from diffshade.inverse.forward.features import FeatureForm, has_features
+from diffshade.inverse.forward.gram import Gram
+from diffshade.inverse.forward.residuals import Rendered
+from diffshade.inverse.pixels.blocks import total
+from diffshade.inverse.problem import Study
 from diffshade.inverse.running import look_at
-from diffshade.inverse.solvers import look
-from diffshade.inverse.study import Study
-from diffshade.inverse.views import is_grey
+from diffshade.inverse.solve.solvers import look
+from diffshade.inverse.unknowns.parameters import coordinates, find_unknowns
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 9))
 ATTENUATION = ds.RadialAttenuation(1.0, 0.1, 0.05)

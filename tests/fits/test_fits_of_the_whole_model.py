@@ -7,8 +7,8 @@ import pytest
 from scenarios import same_but
 
 import diffshade as ds
-from diffshade.inverse.outcome import _jumps
-from diffshade.inverse.parameters import find_unknowns
+from diffshade.inverse.result import _jumps
+from diffshade.inverse.unknowns.parameters import find_unknowns
 
 CAMERA = ds.Camera((0, 0.2, 5), fov=34, shape=(24, 24))
 

@@ -19,7 +19,10 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.identifiability import (
+from diffshade.inverse.data.views import repeated, setups
+from diffshade.inverse.forward.residuals import Counts
+from diffshade.inverse.result import _at_bounds, _beyond_noise, _ends, _jumps, _scales, _too_bright
+from diffshade.inverse.statistics.identifiability import (
     condition_number,
     relative_errors,
     remedy,
@@ -29,10 +32,7 @@ from diffshade.inverse.identifiability import (
     weak_directions,
     weak_sentences,
 )
-from diffshade.inverse.outcome import _at_bounds, _beyond_noise, _ends, _jumps, _scales, _too_bright
-from diffshade.inverse.parameters import Unknown, find_unknowns
-from diffshade.inverse.residuals import Counts
-from diffshade.inverse.views import repeated, setups
+from diffshade.inverse.unknowns.parameters import Unknown, find_unknowns
 
 SCENE = standard_scene()
 

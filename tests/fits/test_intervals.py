@@ -21,8 +21,8 @@ from diffshade.diagnosis.patches import (
     patch_width,
     residual_images,
 )
-from diffshade.inverse.clusters import Clusters
 from diffshade.inverse.refits import samples_of
+from diffshade.inverse.statistics.clusters import Clusters
 
 LEVELS = (0.68, 0.95)
 

@@ -7,11 +7,11 @@ import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade.fields import Colour, Vector, as_colour, as_vector
-from diffshade.inverse.stability import angle_to_highlight
-from diffshade.lights import AbstractEmitter, Path
-from diffshade.materials import AbstractLobe
-from diffshade.vectors import Vec3, dot, length, normalize, reflect
+from diffshade.core.fields import Colour, Vector, as_colour, as_vector
+from diffshade.inverse.checks.stability import angle_to_highlight
+from diffshade.model.lights import AbstractEmitter, Path
+from diffshade.model.materials import AbstractLobe
+from diffshade.model.vectors import Vec3, dot, length, normalize, reflect
 
 
 class Lamp(AbstractEmitter):

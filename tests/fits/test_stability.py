@@ -9,8 +9,9 @@ from scenarios import clean_fit, clean_images, noisy_fit, standard_fit
 from synthetic import CAMERA, noisy, photographs, standard_scene
 
 import diffshade as ds
+from diffshade.core.progress import silent
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.stability import (
+from diffshade.inverse.checks.stability import (
     Refit,
     _enough,
     angle_to_highlight,
@@ -20,7 +21,6 @@ from diffshade.inverse.stability import (
     left_out,
     refits,
 )
-from diffshade.progress import silent
 
 
 def refitted(fit: ds.Fit) -> tuple[list, np.ndarray]:

@@ -8,11 +8,11 @@ import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade.inverse import checkpoints
+from diffshade.inverse.checks.stability import UNCHECKED
+from diffshade.inverse.data.views import find_samples
 from diffshade.inverse.fitting import check_scale
-from diffshade.inverse.stability import UNCHECKED
-from diffshade.inverse.tiles import Tiles
-from diffshade.inverse.views import find_samples
+from diffshade.inverse.pixels.tiles import Tiles
+from diffshade.parallel import checkpoints
 
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(90, 90))
 FREE = ("k_a", "k_d", "k_s", "n_s")
@@ -78,7 +78,7 @@ def test_a_fit_that_is_stopped_again_and_again_ends_in_the_same_bits(views, by_t
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_tiles_hold_the_pixels_of_the_whole(monkeypatch, moving):
-    monkeypatch.setattr("diffshade.lazy_images.TILE", 90 * 7)
+    monkeypatch.setattr("diffshade.io.lazy_images.TILE", 90 * 7)
     scene = synthetic.standard_scene()
     images = [image.clip(0.07, 0.5) for image in synthetic.photographs(scene, CAMERA)[:2]]
     alpha = np.random.default_rng(0).random(CAMERA.shape) > 0.1

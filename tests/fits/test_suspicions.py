@@ -15,13 +15,13 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, standard
 from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis import explanations
 from diffshade.diagnosis.examination import _say
-from diffshade.diagnosis.explanations import Desk, Explanation, matters
+from diffshade.diagnosis.misfit import explanations
+from diffshade.diagnosis.misfit.explanations import Desk, Explanation, matters
+from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, centre_of, level, measure_rim, rims
+from diffshade.diagnosis.misfit.suspicions import Suspicion, _said, _views, _where, suspicions
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.diagnosis.regions import Seen, cast_shadows, centre_of, level, measure_rim, rims
-from diffshade.diagnosis.suspicions import Suspicion, _said, _views, _where, suspicions
-from diffshade.inverse.stability import Refit
+from diffshade.inverse.checks.stability import Refit
 
 PATCH = np.zeros(CAMERA.shape, bool)
 PATCH[9:15, 8:14] = True

@@ -10,12 +10,12 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
 
-from diffshade.inverse.clusters import compared
-from diffshade.inverse.identifiability import condition_number, null_directions
-from diffshade.inverse.outcome import _views
-from diffshade.inverse.parameters import put_back
-from diffshade.inverse.residuals import Counts
-from diffshade.inverse.uncertainty import (
+from diffshade.inverse.data.views import find_samples
+from diffshade.inverse.forward.residuals import Counts
+from diffshade.inverse.result import _views
+from diffshade.inverse.statistics.clusters import compared
+from diffshade.inverse.statistics.identifiability import condition_number, null_directions
+from diffshade.inverse.statistics.uncertainty import (
     Evidence,
     deciding_view,
     jackknife_covariance,
@@ -26,7 +26,7 @@ from diffshade.inverse.uncertainty import (
     standard_errors,
     without_lone,
 )
-from diffshade.inverse.views import find_samples
+from diffshade.inverse.unknowns.parameters import put_back
 
 UNITS = 10.0 ** np.array([-4.0, 3.0, 0.0, -2.0, 5.0, 1.0])
 

@@ -35,8 +35,8 @@ from derivatives import (
 )
 
 import diffshade as ds
-from diffshade.attenuation import angular_attenuation
-from diffshade.rendering import pixel_rays
+from diffshade.model.attenuation import angular_attenuation
+from diffshade.model.rendering import pixel_rays
 
 TIERS = {"a floor, a turned box and a ball": pytest.mark.slow}
 QUICK = ["a ball under lights that are clamped and cut off"]

@@ -12,9 +12,9 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade import rendering
-from diffshade.rendering import _render
-from diffshade.scenes import stack_scene
+from diffshade.model import rendering
+from diffshade.model.rendering import _render
+from diffshade.model.scenes import stack_scene
 
 BALL = ds.Object(ds.Sphere(), ds.Material(k_a=0.1, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40))
 CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(8, 10))

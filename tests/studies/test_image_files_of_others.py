@@ -27,7 +27,7 @@ from image_files import (
 )
 from PIL import Image
 
-from diffshade.images import read_image, read_mask, write_image
+from diffshade.io.images import read_image, read_mask, write_image
 
 
 @pytest.fixture

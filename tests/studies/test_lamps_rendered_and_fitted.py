@@ -11,7 +11,7 @@ from lamp_files import LAMP, TABLE, towards
 from measured import measured
 
 import diffshade as ds
-from diffshade.vectors import Vec3
+from diffshade.model.vectors import Vec3
 
 # the time goes into compiling, not into running
 QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}

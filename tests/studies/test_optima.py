@@ -17,7 +17,7 @@ from solver_witness import (
 from synthetic import FREE, MATERIAL, TIED, noisy, one_light_each, photographs, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.views import find_samples
+from diffshade.inverse.data.views import find_samples
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from synthetic import forget, light_positions, noisy, one_light_each, photograph
 
 import diffshade as ds
 from diffshade.diagnosis.intervals import Profile, intervals
-from diffshade.inverse.clusters import independent
+from diffshade.inverse.statistics.clusters import independent
 
 SIGMA = 0.005
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(32, 32))

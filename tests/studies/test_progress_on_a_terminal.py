@@ -10,7 +10,7 @@ import pytest
 
 PROGRAM = """
 import time
-from diffshade.progress import showing
+from diffshade.core.progress import showing
 with showing("work") as tell:
     for i in range(30):
         tell("cutting", i / 30)

@@ -22,8 +22,8 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.diagnosis.regions import GRAZING
-from diffshade.diagnosis.suspicions import suspicions
+from diffshade.diagnosis.misfit.regions import GRAZING
+from diffshade.diagnosis.misfit.suspicions import suspicions
 
 MATERIAL_FREE = ("k_a", "k_d", "k_s", "n_s")
 MATTE = ds.Material(MATERIAL.k_a, MATERIAL.k_d, k_s=0.0, n_s=1)

@@ -19,7 +19,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.stability import angle_to_highlight
+from diffshade.inverse.checks.stability import angle_to_highlight
 
 SIGMA = 0.005
 

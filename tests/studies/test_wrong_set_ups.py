@@ -7,10 +7,10 @@ import pytest
 from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
 
 import diffshade as ds
-from diffshade.backend import in_float64
-from diffshade.diagnosis.leftovers import CERTAIN, SIDES, cells, residuals
-from diffshade.diagnosis.suspicions import suspicions
-from diffshade.diagnosis.wrong_set_ups import wrong_set_ups
+from diffshade.core.backend import in_float64
+from diffshade.diagnosis.misfit.leftovers import CERTAIN, SIDES, cells, residuals
+from diffshade.diagnosis.misfit.suspicions import suspicions
+from diffshade.diagnosis.misfit.wrong_set_ups import wrong_set_ups
 
 
 def remarks(fit: ds.Fit) -> list[str]:

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 import diffshade as ds
-from diffshade.cameras import AbstractCamera
+from diffshade.model.cameras import AbstractCamera
 
 SHAPE = (120, 128)
 FAR = ds.OrthographicCamera((0.1, 0.05, 4), target=(0.1, 0.05, 0), height=2.6, shape=SHAPE, local_viewer=False)

@@ -20,7 +20,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 import diffshade as ds
-from diffshade.fields import _KINDS, Checked
+from diffshade.core.fields import _KINDS, Checked
 
 TABLE = Path(__file__).with_name("DERIVATIVES.md")
 MARGIN = 0.05

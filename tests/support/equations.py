@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 import diffshade as ds
-from diffshade.rendering import pixel_rays
-from diffshade.transmission import bend
-from diffshade.vectors import Vec3, refract
+from diffshade.model.rendering import pixel_rays
+from diffshade.model.transmission import bend
+from diffshade.model.vectors import Vec3, refract
 
 TERMS = {
     "E1": "ambient",

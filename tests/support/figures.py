@@ -8,7 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import diffshade as ds
-from diffshade import backend, rendering
+from diffshade.core import backend
+from diffshade.model import rendering
 from diffshade.report.lecture import pictures as pictures_module
 
 QUICK_RENDER = backend.jit_quickly(rendering._image)

@@ -15,7 +15,7 @@ import synthetic
 from memory import watched
 
 import diffshade as ds
-from diffshade.inverse import checkpoints
+from diffshade.parallel import checkpoints
 
 FOV = 60.0  # the ball fills a sixth of a view
 SMALL = ds.Camera(eye=(0, 0, 4), fov=FOV, shape=(64, 64))

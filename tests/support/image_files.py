@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from diffshade.images import read_image, read_mask, write_image
+from diffshade.io.images import read_image, read_mask, write_image
 
 H, W = 5, 7
 SHAPES = [(H, W), (H, W, 1), (H, W, 2), (H, W, 3), (H, W, 4)]

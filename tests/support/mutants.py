@@ -24,25 +24,28 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 GROUPS = {
     "physics": (
-        "attenuation cameras fresnel gbuffers lights materials measured_lights patterns reflection rendering scenes "
-        "surfaces tracing transmission vectors"
+        "model/attenuation model/cameras model/fresnel model/gbuffers model/lights model/materials "
+        "model/measured_lights model/patterns model/reflection model/rendering model/scenes model/surfaces "
+        "model/tracing model/transmission model/vectors"
     ),
     "solver": (
-        "inverse/blocks inverse/constraints inverse/descent inverse/features inverse/fitting inverse/gram "
-        "inverse/losses inverse/parameters inverse/residuals inverse/running inverse/solvers inverse/starts "
-        "inverse/study inverse/tiles inverse/views texels/coefficients texels/descent texels/passes texels/shared "
-        "texels/sights"
+        "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
+        "inverse/forward/residuals inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
+        "inverse/solve/descent inverse/solve/solvers inverse/solve/starts inverse/unknowns/constraints "
+        "inverse/unknowns/parameters texels/coefficients texels/descent texels/passes texels/shared texels/sights"
     ),
     "statistics": (
-        "diagnosis/examination diagnosis/explanations diagnosis/foresight diagnosis/intervals diagnosis/model_choice "
-        "diagnosis/patches diagnosis/planning diagnosis/regions diagnosis/resampling diagnosis/suspicions "
-        "inverse/clusters inverse/identifiability inverse/refits inverse/sensitivity inverse/stability "
-        "inverse/uncertainty texels/estimates"
+        "diagnosis/examination diagnosis/foresight diagnosis/intervals diagnosis/misfit/explanations "
+        "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
+        "diagnosis/planning diagnosis/resampling diagnosis/sensitivity inverse/checks/stability inverse/refits "
+        "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty "
+        "texels/estimates"
     ),
     "readers": (
-        "exchange/eulumdat exchange/gltf exchange/ies exchange/lamps exchange/material_files exchange/mtl "
-        "exchange/opengl exchange/planes exchange/threejs exchange/texts image_formats image_headers images "
-        "inverse/photographs lazy_images meshes scene_files"
+        "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/planes "
+        "exchange/material_files exchange/mtl exchange/opengl exchange/texts exchange/threejs "
+        "inverse/data/photographs io/image_formats io/image_headers io/images io/lazy_images io/meshes "
+        "io/scene_files"
     ),
 }
 SECONDS = 1800  # a mutant whose tests do not end is found

@@ -10,12 +10,13 @@ import numpy as np
 from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.blocks import on_all_cores, total
-from diffshade.inverse.gram import Gram
-from diffshade.inverse.parameters import Unknown
+from diffshade.inverse.data.views import find_samples, is_grey
+from diffshade.inverse.forward.gram import Gram
+from diffshade.inverse.pixels.blocks import total
+from diffshade.inverse.problem import Study
 from diffshade.inverse.running import look_at
-from diffshade.inverse.study import Study
-from diffshade.inverse.views import find_samples, is_grey
+from diffshade.inverse.unknowns.parameters import Unknown
+from diffshade.parallel.threads import on_all_cores
 
 # the time goes into compiling, not into running
 QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}

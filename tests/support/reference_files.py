@@ -13,12 +13,12 @@ import jax
 import numpy as np
 
 import diffshade as ds
-from diffshade.cameras import AbstractCamera
-from diffshade.lights import AbstractLight
-from diffshade.rendering import pixel_rays
-from diffshade.surfaces import AbstractSolid
-from diffshade.transmission import bend
-from diffshade.vectors import where
+from diffshade.model.cameras import AbstractCamera
+from diffshade.model.lights import AbstractLight
+from diffshade.model.rendering import pixel_rays
+from diffshade.model.surfaces import AbstractSolid
+from diffshade.model.transmission import bend
+from diffshade.model.vectors import where
 
 FOLDER = Path(__file__).parent / "references"
 # the other programs' own float32 and 16-bit rounding

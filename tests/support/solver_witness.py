@@ -19,13 +19,13 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.blocks import Block
-from diffshade.inverse.gram import Gram, Point
-from diffshade.inverse.parameters import Unknown, coordinates, find_unknowns
-from diffshade.inverse.residuals import Rendered
+from diffshade.inverse.forward.gram import Gram, Point
+from diffshade.inverse.forward.residuals import Rendered
+from diffshade.inverse.pixels.blocks import Block
+from diffshade.inverse.problem import Study
 from diffshade.inverse.running import look_at
-from diffshade.inverse.solvers import Minimum, minimise
-from diffshade.inverse.study import Study
+from diffshade.inverse.solve.solvers import Minimum, minimise
+from diffshade.inverse.unknowns.parameters import Unknown, coordinates, find_unknowns
 
 
 class Solver(NamedTuple):

@@ -14,9 +14,9 @@ import jax
 import numpy as np
 
 import diffshade as ds
-from diffshade.cameras import AbstractCamera
-from diffshade.lights import AbstractLight
-from diffshade.surfaces import AbstractSurface
+from diffshade.model.cameras import AbstractCamera
+from diffshade.model.lights import AbstractLight
+from diffshade.model.surfaces import AbstractSurface
 
 COUNT = 8
 MATERIAL = ds.Material(k_a=(0.1, 0.08, 0.06), k_d=(0.6, 0.4, 0.25), k_s=(0.5, 0.5, 0.45), n_s=50)

@@ -15,7 +15,7 @@ from report_pages import LIGHTS, Page
 from synthetic import photograph
 
 import diffshade as ds
-from diffshade.progress import silent
+from diffshade.core.progress import silent
 from diffshade.report.page import MOST_SHOTS, MOST_VIEWS
 from diffshade.report.page.ball import ball_scene
 from diffshade.report.page.residuals import curve, look_at_residuals

@@ -7,8 +7,8 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.attenuation import NEAREST, angular_attenuation
-from diffshade.vectors import Vec3
+from diffshade.model.attenuation import NEAREST, angular_attenuation
+from diffshade.model.vectors import Vec3
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade import backend
+from diffshade.core import backend
 
 
 @pytest.fixture

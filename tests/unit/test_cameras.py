@@ -8,8 +8,8 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.rendering import pixel_rays
-from diffshade.vectors import Vec3
+from diffshade.model.rendering import pixel_rays
+from diffshade.model.vectors import Vec3
 
 
 @jax.jit

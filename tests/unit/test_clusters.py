@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from diffshade.inverse.clusters import Clusters, compared, independent
-from diffshade.inverse.uncertainty import Evidence
+from diffshade.inverse.statistics.clusters import Clusters, compared, independent
+from diffshade.inverse.statistics.uncertainty import Evidence
 
 TRUTH = np.array([0.5, -1.0, 2.0, 1.0])
 SAMPLES = 60

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.fields import as_array, as_colour, check, did_you_mean, is_concrete, quantities
+from diffshade.core.fields import as_array, as_colour, check, is_concrete, quantities
+from diffshade.core.words import did_you_mean
 
 
 @pytest.mark.parametrize("value", [0.1, 40, True, (0.1, 2, 3), [1, 2], np.float32(0.5), np.arange(3), np.ones((2, 3))])

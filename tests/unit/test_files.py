@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from diffshade.files import replacing
+from diffshade.io.files import replacing
 
 
 @pytest.mark.parametrize("name", ["image.png", "IMAGE.PNG", "archive.tar.gz", "no_suffix", "täst ü.tif"])

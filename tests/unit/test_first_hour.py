@@ -14,8 +14,8 @@ import pytest
 import diffshade as ds
 from diffshade.calibration.outcome import Calibration
 from diffshade.cli import main
-from diffshade.fields import did_you_mean
-from diffshade.lights import AbstractLight
+from diffshade.core.words import did_you_mean
+from diffshade.model.lights import AbstractLight
 from diffshade.report.lecture.diffuse import diffuse_over_theta
 from diffshade.report.page import MOST_VIEWS, _spread
 

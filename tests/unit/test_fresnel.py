@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.vectors import Vec3
+from diffshade.model.vectors import Vec3
 
 
 @jax.jit

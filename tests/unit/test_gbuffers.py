@@ -11,7 +11,7 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade import gbuffers
+from diffshade.model import gbuffers
 
 DIRECTIONS = np.array([[(0, 0, 1), (0.6, 0, 0.8), (0, -0.8, 0.6)], [(1, 0, 0), (-0.6, 0, 0.8), (0, 0.6, 0.8)]])
 

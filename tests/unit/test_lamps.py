@@ -10,8 +10,8 @@ from lamp_files import LAMP, TABLE, VERTICAL, beam, ies, ldt, towards
 from measured import measured
 
 import diffshade as ds
-from diffshade.scenes import stack_scene
-from diffshade.vectors import Vec3
+from diffshade.model.scenes import stack_scene
+from diffshade.model.vectors import Vec3
 
 # the time goes into compiling, not into running
 QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}

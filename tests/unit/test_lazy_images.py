@@ -10,7 +10,7 @@ import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade import lazy_images
+from diffshade.io import lazy_images
 
 COLOURS = np.random.default_rng(3).random((150, 70, 3))
 

@@ -9,10 +9,10 @@ import pytest
 from scipy import ndimage
 
 import diffshade as ds
-from diffshade.diagnosis import leftovers
-from diffshade.diagnosis.leftovers import cells, inflated, neighbours
-from diffshade.inverse.clusters import Clusters, independent
-from diffshade.inverse.uncertainty import Evidence
+from diffshade.diagnosis.misfit import leftovers
+from diffshade.diagnosis.misfit.leftovers import cells, inflated, neighbours
+from diffshade.inverse.statistics.clusters import Clusters, independent
+from diffshade.inverse.statistics.uncertainty import Evidence
 
 SHAPE = (40, 60, 3)
 COUNTS = [np.ones(SHAPE[:2], bool)] * 3

@@ -6,7 +6,7 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.vectors import Vec3
+from diffshade.model.vectors import Vec3
 
 
 @jax.jit

@@ -10,7 +10,7 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
-from diffshade.inverse.losses import CAUCHY, GEMAN_MCCLURE, HUBER, LOSSES, Likelihood, variance
+from diffshade.inverse.forward.losses import CAUCHY, GEMAN_MCCLURE, HUBER, LOSSES, Likelihood, variance
 
 ROBUST = {"huber": HUBER, "cauchy": CAUCHY, "geman-mcclure": GEMAN_MCCLURE}
 RESIDUALS = np.array([-30.0, -4.0, -1.4, -1.3, -0.2, 0.0, 1e-9, 0.7, 1.34, 1.35, 3.0, 1e3, 1e8])

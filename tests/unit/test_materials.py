@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.reflection import reflectance as reflectance_of
-from diffshade.vectors import Vec3
+from diffshade.model.reflection import reflectance as reflectance_of
+from diffshade.model.vectors import Vec3
 
 
 def degrees(angle):

@@ -5,7 +5,7 @@ import numpy as np
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.vectors import Vec3
+from diffshade.model.vectors import Vec3
 
 A, B = (0.9, 0.8, 0.7), (0.1, 0.2, 0.3)
 

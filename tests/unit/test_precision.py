@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import diffshade as ds
-from diffshade import gbuffers
-from diffshade.backend import in_float64, with_new_arrays
-from diffshade.fields import check
+from diffshade.core.backend import in_float64, with_new_arrays
+from diffshade.core.fields import check
+from diffshade.model import gbuffers
 
 CAMERA = ds.Camera((0.1, 0.2, 4.3), fov=33, shape=(5, 7))
 

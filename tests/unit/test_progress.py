@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from diffshade import progress
+from diffshade.core import progress
 
 
 @pytest.fixture

@@ -19,11 +19,12 @@ from refusals import refuses
 from synthetic import seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse import blocks
-from diffshade.inverse.blocks import block_size, on_all_cores, pieces
-from diffshade.inverse.parameters import find_unknowns
+from diffshade.inverse.data.views import find_samples, is_grey
+from diffshade.inverse.pixels import blocks
+from diffshade.inverse.pixels.blocks import block_size, pieces
 from diffshade.inverse.running import look_at
-from diffshade.inverse.views import find_samples, is_grey
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.parallel.threads import on_all_cores
 
 BALL = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4))])
 SILHOUETTE = (6, 5)  # a pixel on the ball in SMALL

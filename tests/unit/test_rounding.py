@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.inverse.blocks import Block, Observed
-from diffshade.inverse.clusters import compared, independent
-from diffshade.inverse.losses import Likelihood
-from diffshade.inverse.rounding import Rounding, find_rounding, find_steps, no_rounding, waves
-from diffshade.inverse.uncertainty import Evidence
+from diffshade.inverse.forward.losses import Likelihood
+from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_steps, no_rounding, waves
+from diffshade.inverse.pixels.blocks import Block, Observed
+from diffshade.inverse.statistics.clusters import compared, independent
+from diffshade.inverse.statistics.uncertainty import Evidence
 
 STEP = 1.0 / 255.0
 

@@ -7,7 +7,7 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.scenes import light_kinds, stack_scene
+from diffshade.model.scenes import light_kinds, stack_scene
 
 BALL = ds.Object(ds.Sphere(), ds.Material(k_d=0.7))
 NORMAL = np.full((4, 5, 3), (0, 0, 1))

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 import diffshade as ds
-from diffshade.diagnosis.faults import _other_lobe
-from diffshade.diagnosis.score_tests import Rows, ScoreTests
+from diffshade.diagnosis.misfit.faults import _other_lobe
+from diffshade.diagnosis.misfit.score_tests import Rows, ScoreTests
 
 SIGMA = 0.1
 RANDOM = np.random.default_rng(0)

@@ -18,9 +18,9 @@ from solver_witness import (
 from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
-from diffshade.inverse.gram import Gram, Point
-from diffshade.inverse.solvers import Soft
+from diffshade.inverse.forward.gram import Gram, Point
+from diffshade.inverse.solve.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
+from diffshade.inverse.solve.solvers import Soft
 
 
 @pytest.fixture(autouse=True)

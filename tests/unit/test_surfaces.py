@@ -7,9 +7,9 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.cameras import Rays
-from diffshade.rendering import pixel_rays
-from diffshade.vectors import Vec3, dot
+from diffshade.model.cameras import Rays
+from diffshade.model.rendering import pixel_rays
+from diffshade.model.vectors import Vec3, dot
 
 
 @jax.jit

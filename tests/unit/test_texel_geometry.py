@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from textured import facing_us, lights_about, textured_ball
 
-from diffshade.progress import silent
+from diffshade.core.progress import silent
 from diffshade.texels.fitting import _Run
 from diffshade.texels.geometry import note_of, out_of_plane, plane_of
 

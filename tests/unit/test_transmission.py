@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.cameras import Rays
-from diffshade.transmission import bend
-from diffshade.vectors import Vec3, refract
+from diffshade.model.cameras import Rays
+from diffshade.model.transmission import bend
+from diffshade.model.vectors import Vec3, refract
 
 
 @jax.jit

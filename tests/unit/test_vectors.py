@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from diffshade.vectors import (
+from diffshade.model.vectors import (
     Vec3,
     cross,
     dot,

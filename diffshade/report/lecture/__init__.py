@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...fields import did_you_mean
-from ...files import replacing
-from ...progress import showing, silent
+from ...core.progress import showing, silent
+from ...core.words import did_you_mean
+from ...io.files import replacing
 from . import air, diffuse, lamps, specular, transparent, whole
 
 if TYPE_CHECKING:

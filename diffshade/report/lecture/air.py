@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...attenuation import AbstractAtmosphere, DepthCueing, Fog
-from ...cameras import Camera
-from ...lights import DirectionalLight
-from ...materials import Material
-from ...patterns import Chequer
-from ...scenes import Object, Scene
-from ...surfaces import Plane, Sphere
+from ...model.attenuation import AbstractAtmosphere, DepthCueing, Fog
+from ...model.cameras import Camera
+from ...model.lights import DirectionalLight
+from ...model.materials import Material
+from ...model.patterns import Chequer
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Plane, Sphere
 from .pages import draw_curves, grid, name_axes, page, place
 from .pictures import PALE, evaluate, picture
 

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...cameras import Camera
-from ...fresnel import NoFresnel
-from ...lights import DirectionalLight
-from ...materials import Material, Phong
-from ...reflection import reflectance
-from ...scenes import Object, Scene
-from ...surfaces import Plane
+from ...model.cameras import Camera
+from ...model.fresnel import NoFresnel
+from ...model.lights import DirectionalLight
+from ...model.materials import Material, Phong
+from ...model.reflection import reflectance
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Plane
 from .pages import DPI, GREY, draw_curves, grid, name_axes, page, place, show
 from .pictures import ball, evaluate, picture, toward
 from .sketches import arrow, sheet

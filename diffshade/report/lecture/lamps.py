@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...attenuation import RadialAttenuation, angular_attenuation
-from ...cameras import Camera, OrthographicCamera
-from ...lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
-from ...materials import Material
-from ...scenes import Object, Scene
-from ...surfaces import Box, Plane, Sphere
-from ...vectors import Vec3
+from ...model.attenuation import RadialAttenuation, angular_attenuation
+from ...model.cameras import Camera, OrthographicCamera
+from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ...model.materials import Material
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Box, Plane, Sphere
+from ...model.vectors import Vec3
 from . import pictures
 from .pages import draw_curves, grid, name_axes, page, place
 from .pictures import DARK, Picture, displayed, evaluate, picture, toward

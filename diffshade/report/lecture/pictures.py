@@ -10,15 +10,15 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...cameras import AbstractCamera, Camera
-from ...fields import Numbers
-from ...images import srgb_encode
-from ...lights import AbstractLight, PointLight
-from ...materials import Material
-from ...rendering import intersect, render
-from ...scenes import Object, Scene
-from ...surfaces import Sphere
-from ...vectors import Vec3
+from ...core.fields import Numbers
+from ...io.images import srgb_encode
+from ...model.cameras import AbstractCamera, Camera
+from ...model.lights import AbstractLight, PointLight
+from ...model.materials import Material
+from ...model.rendering import intersect, render
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Sphere
+from ...model.vectors import Vec3
 
 Picture = Float[np.ndarray, "h w 3"]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ...vectors import Vec3
+from ...model.vectors import Vec3
 from .pages import GREY
 from .pictures import toward
 

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...cameras import Camera, OrthographicCamera
-from ...fields import Array
-from ...fresnel import AbstractFresnel, Dielectric, Schlick
-from ...lights import DirectionalLight, PointLight
-from ...materials import Blinn, Material, Phong
-from ...reflection import reflectance
-from ...scenes import Object, Scene
-from ...surfaces import Plane, Sphere
-from ...vectors import Vec3, dot, halfway, positive_power, reflect
+from ...core.fields import Array
+from ...model.cameras import Camera, OrthographicCamera
+from ...model.fresnel import AbstractFresnel, Dielectric, Schlick
+from ...model.lights import DirectionalLight, PointLight
+from ...model.materials import Blinn, Material, Phong
+from ...model.reflection import reflectance
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Plane, Sphere
+from ...model.vectors import Vec3, dot, halfway, positive_power, reflect
 from .pages import COLOURS, draw_curves, grid, name_axes, page, place, show
 from .pictures import PALE, Picture, ball, evaluate, picture, toward
 from .sketches import LETTER, arc, sheet, vector

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...cameras import Camera, OrthographicCamera, Rays
-from ...fields import Array
-from ...lights import DirectionalLight, PointLight
-from ...materials import Material
-from ...patterns import Chequer
-from ...scenes import Object, Scene
-from ...surfaces import Box, Plane, Sphere
-from ...transmission import bend
-from ...vectors import Vec3, reflect, refract
+from ...core.fields import Array
+from ...model.cameras import Camera, OrthographicCamera, Rays
+from ...model.lights import DirectionalLight, PointLight
+from ...model.materials import Material
+from ...model.patterns import Chequer
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Box, Plane, Sphere
+from ...model.transmission import bend
+from ...model.vectors import Vec3, reflect, refract
 from .pages import GREY, grid, page, place
 from .pictures import Picture, evaluate, picture, toward
 from .sketches import RED, arc, ray, sheet

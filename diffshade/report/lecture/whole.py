@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...cameras import Camera
-from ...lights import PointLight
-from ...materials import Blinn, Material
-from ...named_materials import material, material_names
-from ...scenes import Object, Scene
-from ...surfaces import Box, Plane, Sphere
+from ...model.cameras import Camera
+from ...model.lights import PointLight
+from ...model.materials import Blinn, Material
+from ...model.named_materials import material, material_names
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Box, Plane, Sphere
 from .pages import grid
 from .pictures import DARK, ball, line_drawing, picture
 

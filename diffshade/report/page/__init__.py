@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...backend import in_float64
+from ...core.backend import in_float64
+from ...core.fields import check_kind
+from ...core.progress import showing, silent
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
-from ...fields import check_kind
-from ...files import replacing, writable
-from ...inverse.outcome import Fit
-from ...progress import showing, silent
+from ...inverse.result import Fit
+from ...io.files import replacing, writable
 from . import charts, tables
 from .ball import ball_scene
 from .pictures import hang
@@ -59,7 +59,7 @@ def write_report(
     views. `progress`: show a line on the terminal. Photographs of more than 800 pixels are shown smaller.
 
     Raises ValueError for another suffix than .html, for another number of titles, or where the examination or the plan
-    is of another fit; TypeError for what is no such thing; and what `diffshade.files.replacing` raises.
+    is of another fit; TypeError for what is no such thing; and what `diffshade.io.files.replacing` raises.
     """
     _check(path, fit, examination, choice, plan, titles)
     names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))

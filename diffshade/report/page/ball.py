@@ -9,20 +9,20 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...attenuation import RadialAttenuation
-from ...cameras import AbstractCamera, Camera, OrthographicCamera, axes
-from ...fields import Array
-from ...fresnel import Dielectric, NoFresnel, Schlick
-from ...inverse.identifiability import listing
-from ...inverse.outcome import Fit
-from ...inverse.views import lights_on
-from ...lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
-from ...materials import Blinn, Phong
-from ...patterns import AbstractPattern
-from ...rendering import intersect
-from ...scenes import Object, Scene
-from ...surfaces import Sphere
-from ...vectors import Vec3
+from ...core.fields import Array
+from ...core.words import listing
+from ...inverse.data.views import lights_on
+from ...inverse.result import Fit
+from ...model.attenuation import RadialAttenuation
+from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
+from ...model.fresnel import Dielectric, NoFresnel, Schlick
+from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ...model.materials import Blinn, Phong
+from ...model.patterns import AbstractPattern
+from ...model.rendering import intersect
+from ...model.scenes import Object, Scene
+from ...model.surfaces import Sphere
+from ...model.vectors import Vec3
 
 SIZE = 640  # pixels of the longer side
 LOBES = (Phong, Blinn)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 from ...diagnosis.examination import Examination
-from ...inverse.outcome import Fit
+from ...inverse.result import Fit
 from .residuals import Curve, Residuals
 
 Ticks: TypeAlias = tuple[tuple[float, str], ...]

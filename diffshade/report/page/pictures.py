@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ...image_formats import encode, encode_indexed
-from ...images import srgb_encode
-from ...inverse.outcome import Fit, Prediction
+from ...inverse.result import Fit, Prediction
+from ...io.image_formats import encode, encode_indexed
+from ...io.images import srgb_encode
 
 LARGEST = 800  # pixels of the longer side, above which a photograph is shown smaller
 QUALITY = 88  # of JPEG

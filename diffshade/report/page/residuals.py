@@ -10,14 +10,14 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...cameras import AbstractCamera
-from ...fields import Array
-from ...inverse.outcome import Fit, Prediction
-from ...inverse.views import View, lights_on
-from ...lights import AbstractEmitter, AbstractLight, AreaLight, PointLight
-from ...progress import Tell
-from ...rendering import visible_points
-from ...vectors import Vec3, dot, reflect
+from ...core.fields import Array
+from ...core.progress import Tell
+from ...inverse.data.views import View, lights_on
+from ...inverse.result import Fit, Prediction
+from ...model.cameras import AbstractCamera
+from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, PointLight
+from ...model.rendering import visible_points
+from ...model.vectors import Vec3, dot, reflect
 
 MOST = 400_000  # samples of all views together, from which the curves are drawn
 FEWEST = 40  # samples of a bin

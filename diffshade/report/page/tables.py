@@ -9,7 +9,7 @@ import numpy as np
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
-from ...inverse.outcome import Fit
+from ...inverse.result import Fit
 
 REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
 MOST_CORRELATED = 40  # unknowns, above which the strongest pairs alone are shown

@@ -1,0 +1,229 @@
+"""Fields: what people type becomes what travels, NumPy float64 of one shape, and is checked by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import ArrayLike, Float
+
+from .words import with_article
+
+if TYPE_CHECKING:
+    Array: TypeAlias = np.ndarray | jax.Array
+else:  # where no axis is left NumPy returns a scalar in place of an array
+    Array: TypeAlias = np.ndarray | np.generic | jax.Array
+Scalar: TypeAlias = Float[Array, ""]
+Colour: TypeAlias = Float[Array, "3"]
+Vector: TypeAlias = Float[Array, "3"]
+Pair: TypeAlias = Float[Array, "2"]
+Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
+# A Colour, or a pattern (see patterns.py), or None; Any, so that a type checker takes it for what one knows it is.
+Coefficient: TypeAlias = Any
+Numbers: TypeAlias = ArrayLike | Sequence[Any]  # what people type
+
+
+def as_array(value: Numbers) -> Any:
+    """Keep a JAX array; make anything else NumPy float64.
+
+    `jnp.asarray` would round 0.1 to float32, keep 40 an integer that `grad` refuses, and start a backend. What is no
+    array of numbers is handed on as it is, for the check, which knows the field's name, to refuse.
+    """
+    if isinstance(value, jax.Array):
+        return value if jnp.issubdtype(value.dtype, jnp.floating) else value.astype(float)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return value
+    # a copy: a caller's later edits must not reach a frozen scene
+    return array.astype(np.float64) if array.dtype.kind in "biuf" or is_number(array.dtype) else value
+
+
+def is_number(dtype: Any) -> bool:
+    """Whether arrays of a type hold real numbers; NumPy does not say it of bfloat16 and its like, JAX does."""
+    known = np.issubdtype(dtype, np.number) or jnp.issubdtype(dtype, np.number)
+    return bool(known) and not np.issubdtype(dtype, np.complexfloating)
+
+
+def as_float64(leaf: object) -> np.ndarray:
+    """Make a leaf of a module a NumPy array: of float64, but a mask stays one."""
+    array = np.asarray(leaf)
+    return array if array.dtype == bool else array.astype(np.float64)
+
+
+def as_scalar(value: Numbers | None) -> Any:
+    """Make one number; None, where it stands for one that is left out, stays what it is."""
+    return value if value is None else as_array(value)
+
+
+def as_pair(value: Numbers | None) -> Any:
+    """Make two numbers, a column and a row; None stays what it is."""
+    return value if value is None else as_array(value)
+
+
+def as_vector(value: Numbers) -> Any:
+    """Make three numbers, x, y and z."""
+    return as_array(value)
+
+
+def as_exponent(value: Numbers) -> Any:
+    """Make one number for all channels, or three, one a channel."""
+    return as_array(value)
+
+
+def as_colour(value: Numbers) -> Any:
+    """Make a colour; a single number means grey."""
+    colour = as_array(value)
+    if getattr(colour, "shape", None) in ((), (1,)) and is_number(colour.dtype):
+        return colour * np.ones(3) if isinstance(colour, np.ndarray) else colour.reshape(()).repeat(3)
+    return colour
+
+
+def as_coefficient(value: Numbers | Checked | None) -> Any:
+    """Make a colour; a pattern stays one, and None, where it stands for no such term, too."""
+    return value if value is None or isinstance(value, Checked) else as_colour(value)
+
+
+_KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
+    as_scalar: (((),), "a number", "Give one number."),
+    as_pair: (((2,),), "a pair of numbers", "Give two numbers (column, row)."),
+    as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
+    as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_coefficient: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_exponent: (((), (3,)), "1 or 3 numbers", "Give one number, or one a channel (R, G, B)."),
+}
+
+
+class Checked(eqx.Module):
+    """A module whose fields are checked when it is made, and again by `check`.
+
+    A field says its range in its metadata: `lower`, `upper`. Tracers pass: inside `jit` and `grad` there is nothing to
+    look at.
+    """
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            kind = _KINDS.get(field.metadata.get("converter"))
+            value = getattr(self, field.name)
+            left_out = value is None and field.default is None
+            if kind is None or left_out:
+                continue
+            name = f"{type(self).__name__}.{field.name}"
+            if isinstance(value, Checked) and field.metadata["converter"] is as_coefficient:
+                for inner in (f for f in dataclasses.fields(value) if f.metadata.get("converter") is as_colour):
+                    _check_field(f"{name}.{inner.name}", getattr(value, inner.name), kind, field.metadata)
+            else:
+                _check_field(name, value, kind, field.metadata)
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Check what no single field can tell, after each field for itself; classes say what."""
+
+
+def is_concrete(*values: Any) -> bool:
+    """Whether every value holds numbers that can be looked at now: none is a tracer."""
+    return not any(isinstance(v, Tracer) for v in values)
+
+
+def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]) -> None:
+    shapes, noun, remedy = kind
+    if isinstance(value, Tracer):
+        return
+    # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
+    if not isinstance(value, Array | np.number | int | float) or not is_number(np.asarray(value).dtype):
+        raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")
+    if np.shape(value) not in shapes:
+        raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
+    numbers = _as_numpy(value)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
+    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
+    if (numbers < lower).any() or (numbers > upper).any():
+        allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
+        raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}. Give a value in that range.")
+
+
+def checked_colour(name: str, value: Numbers) -> Any:
+    """Make a colour that is no field of a module, and check it."""
+    colour = as_colour(value)
+    _check_field(name, colour, _KINDS[as_colour], {"lower": 0})
+    return colour
+
+
+def refuse_traced(name: str, instead: str, **given: Any) -> None:
+    """Refuse to look at numbers inside `jax.grad`, `jit` or `vmap`, where there are none; say what to do instead."""
+    leaves = (
+        f"{start}.{jax.tree_util.keystr(path, simple=True, separator='.')} is traced"
+        for start, tree in given.items()
+        for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
+        if isinstance(leaf, Tracer)
+    )
+    # within a jit all that JAX computes is traced, whatever it is made of
+    found = next(leaves, "it was called there" if isinstance(jnp.zeros(()), Tracer) else "")
+    if found:
+        raise TypeError(f"{name} needs numbers, which there are none of in jax.grad, jit or vmap: {found}. {instead}")
+
+
+def _as_numpy(value: Any) -> np.ndarray:
+    """Return a value as an array of a type whose numbers NumPy can compare and print."""
+    numbers = np.asarray(value)
+    return numbers if np.issubdtype(numbers.dtype, np.number) else numbers.astype(np.float64)
+
+
+def _shown(numbers: np.ndarray) -> str:
+    shown = ", ".join(f"{number:.10g}" for number in np.ravel(numbers))
+    return f"({shown})" if np.ndim(numbers) else shown
+
+
+def in_short(value: Any) -> str:
+    """Return what a message says of a value: its numbers; of a module, whose repr is long, what it is; else a repr."""
+    if isinstance(value, Array) and is_number(value.dtype) and is_concrete(value):
+        return _shown(_as_numpy(value))
+    return with_article(type(value).__name__) if isinstance(value, eqx.Module) else repr(value)
+
+
+def check_kind(name: str, value: Any, kind: type, example: str) -> None:
+    """Refuse what is not of a kind: a material where a surface should be."""
+    if not isinstance(value, kind):
+        noun = kind.__name__.removeprefix("Abstract")
+        got = f"the class {value.__name__}" if isinstance(value, type) else type(value).__name__
+        raise TypeError(f"{name} must be {with_article(noun)}; got {got}. Give for example {example}.")
+
+
+def check(tree: Any) -> None:
+    """Check every module of a tree again: `eqx.tree_at` and `jax.tree.map` make modules that were never checked."""
+    for module in _modules(tree):
+        module.__check_init__()
+
+
+def _modules(tree: Any) -> Iterator[Checked]:
+    if isinstance(tree, Checked):
+        yield tree
+        for field in dataclasses.fields(tree):
+            yield from _modules(getattr(tree, field.name))
+    elif isinstance(tree, tuple):
+        for item in tree:
+            yield from _modules(item)
+
+
+def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclasses.Field]]:
+    """Yield every number, vector and colour of a tree of modules: its dotted path, its value and its field.
+
+    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none, nor is what is left out (None).
+    """
+    if isinstance(tree, tuple):
+        for i, item in enumerate(tree):
+            yield from quantities(item, f"{path}.{i}")
+    elif isinstance(tree, Checked):
+        for field in dataclasses.fields(tree):
+            inner, value = f"{path}.{field.name}".lstrip("."), getattr(tree, field.name)
+            if field.metadata.get("converter") in _KINDS and value is not None and not isinstance(value, Checked):
+                yield inner, value, field
+            else:
+                yield from quantities(value, inner)

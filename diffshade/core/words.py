@@ -1,0 +1,33 @@
+"""Words: small phrases that messages are made of."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+
+
+def with_article(noun: str) -> str:
+    """Return a noun with "a" or "an" before it."""
+    return f"{'an' if noun[0] in 'AEIOUaeiou' else 'a'} {noun}"
+
+
+def did_you_mean(word: str, options: Iterable[str]) -> str:
+    """Return the sentence that follows a wrong name: the nearest right one, or all of them but whole paths."""
+    options = sorted(set(options))
+    # NoFresnel is no other spelling of fresnel, but its opposite
+    meant = [o for o in options if word.lower().startswith("no") or not re.match("No[A-Z]", o)]
+    lower = {option.lower(): option for option in meant}
+    near = difflib.get_close_matches(word.lower(), lower, n=1, cutoff=0.5)
+    short = ", ".join(option for option in options if "." not in option and "*" not in option)
+    return f"Did you mean '{lower[near[0]]}'?" if near else f"Known names: {short}."
+
+
+def listing(names: Sequence[str]) -> str:
+    """Return names as a phrase: a, b and c."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def count(number: int, noun: str) -> str:
+    """Return a number and what it counts."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"

@@ -1,0 +1,1 @@
+"""Misfit: what in the scene description the residuals contradict."""

@@ -1,0 +1,215 @@
+"""Alternatives: a fit with one more thing let go, an exposure, a light's place or a region, and how much that explains.
+
+All are laid out alike: beside the unknowns of the fit stand one view's exposure and one light's direction or position,
+each held unless it is let go, so that two compiled programs serve them all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...inverse.data.views import lights_on
+from ...inverse.refits import Laid
+from ...inverse.result import Fit
+from ...inverse.solve.solvers import look
+from ...inverse.statistics.uncertainty import inverse
+from ...inverse.unknowns.parameters import Unknown, find_unknowns, put_back, values_at
+from ...model.lights import DirectionalLight, PointLight, SpotLight
+from ...model.measured_lights import MeasuredLight
+
+PIXELS = 1 << 14  # of all views, on which alternatives are judged
+EXPOSURE_WIDTH = 1.0  # standard deviation of an exposure over its value: holds the gauge, and nothing that is seen
+DISTANCE_WIDTH = 0.3  # of a light's position over its distance
+RTOL = 1e-6
+
+Key = tuple[str, int]
+"""("exposure", view) or ("light", light)."""
+Mask = Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A minimum, with what was let go put in its place, and some pixels left out."""
+
+    fit: Fit
+    """The fit with the scene, the views and the values of this minimum; the rest of it is as it was."""
+    costs: Float[np.ndarray, " views"]
+    """The cost of each view; a pixel left out costs what one of its view's others does."""
+    out: tuple[Mask | None, ...]
+    taken: tuple[Key, ...] = ()
+    """What was let go, in its order."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What letting something go would do, to first order."""
+
+    key: Key
+    gain: float
+    """By how much the cost would fall."""
+    effect: float
+    """The factor of an exposure, or the tilt of a light in degrees."""
+
+
+class Alternatives:
+    """A fit, and what becomes of it when more is let go. To be used in float64."""
+
+    def __init__(self, fit: Fit, centre: Float[np.ndarray, "3"]):
+        """Find the minimum on some of the pixels; `centre` is where the lights shine."""
+        self.given, self.centre = fit, centre
+        self.lit = [lights_on(fit.scene, view) for view in fit.views]
+        own = {path for u in fit.unknowns for path, _ in u.places}
+        self.paths = {path: key for path, key in _paths(fit) if path not in own}
+        none = State(fit, np.zeros(len(fit.views)), (None,) * len(fit.views))
+        self.base = self._minimise(none, None)
+
+    def views_of(self, key: Key) -> tuple[int, ...]:
+        """Return the views that an exposure or a light has a say in."""
+        kind, i = key
+        return (i,) if kind == "exposure" else tuple(v for v, lit in enumerate(self.lit) if i in lit)
+
+    def let_go(self, state: State, key: Key) -> State:
+        """Return the minimum with one thing let go."""
+        return self._minimise(state, key)
+
+    def leave_out(self, state: State, masks: Mapping[int, Mask]) -> State:
+        """Return the minimum without more pixels of some views."""
+        out = list(state.out)
+        for view, mask in masks.items():
+            out[view] = mask if (known := out[view]) is None else mask | known
+        return self._minimise(dataclasses.replace(state, out=tuple(out)), None)
+
+    def settle(self, state: State) -> State:
+        """Return the minimum with all that was let go, by turns: each was found beside faults since put right."""
+        for key in state.taken * (2 if len(state.taken) > 1 else 0):
+            state = self._minimise(state, key)
+        return state
+
+    def first_steps(self, state: State) -> list[Step]:
+        """Return what letting each other exposure and light go would do, to first order, the largest gain first.
+
+        The unknowns of the fit are then at their new best (Rao's score test): with S = H_GG - H_GF H_FF^-1 H_FG and
+        s = g_G - H_GF H_FF^-1 g_F, the group G steps by -S^-1 s and the cost falls by s S^-1 s / 2.
+        """
+        laid, groups = self._lay(state, self.paths)
+        if not groups:
+            return []
+        total = look(laid.theta, laid.study.task(), self._chunks(laid, state)).total
+        H, g = np.asarray(total.hessian), np.asarray(total.gradient)
+        box = laid.study.box
+        inside = (laid.theta > np.asarray(box.lower)) & (laid.theta < np.asarray(box.upper))
+        F = np.flatnonzero(inside[: len(state.fit.unknowns)]).tolist()
+        from_F = inverse(H[F][:, F])
+        steps = []
+        for key, group in groups.items():
+            if key in state.taken:
+                continue
+            to_F = H[group][:, F] @ from_F
+            S, s = H[group][:, group] - to_F @ H[F][:, group], g[group] - to_F @ g[F]
+            step = -inverse(S) @ s
+            steps.append(Step(key, float(-0.5 * s @ step), self._effect(state, key, laid.theta[group] + step)))
+        return sorted(steps, key=lambda step: -step.gain)
+
+    def effect(self, state: State, key: Key) -> float:
+        """Return the factor of a view's exposure over the one given, or the degrees that a light has turned."""
+        kind, i = key
+        if kind == "exposure":
+            return float(state.fit.views[i].exposure) / float(self.given.views[i].exposure)
+        return _degrees(self.towards(self.given, i), self.towards(state.fit, i))
+
+    def towards(self, fit: Fit, light: int) -> Float[np.ndarray, "3"]:
+        """Return the unit direction from the scene's centre to a light."""
+        return self._towards(light, np.asarray(_place(fit, light), np.float64))
+
+    def _towards(self, light: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        towards = -place if isinstance(self.given.scene.lights[light], DirectionalLight) else place - self.centre
+        return towards / np.linalg.norm(towards)
+
+    def _effect(self, state: State, key: Key, values: np.ndarray) -> float:
+        kind, i = key
+        if kind == "exposure":
+            return float(values[0]) / float(state.fit.views[i].exposure)
+        return _degrees(self.towards(state.fit, i), self._towards(i, values))
+
+    def _minimise(self, state: State, key: Key | None) -> State:
+        # a view's exposure and one of its lights always stand beside the unknowns, so that all minima compile as one
+        view = next(iter(self.views_of(key) if key is not None else ()), 0)
+        light = key[1] if key is not None and key[0] == "light" else next(iter(self.lit[view]), -1)
+        beside = [path for path, k in self.paths.items() if k in (("exposure", view), ("light", light))]
+        laid, groups = self._lay(state, beside)
+        held = {j: laid.theta[j] for k, group in groups.items() if k != key for j in group}
+        end = laid.minimise(held, laid.theta, self._chunks(laid, state), rtol=RTOL)
+        values = values_at(end.theta, laid.unknowns)
+        scene, views = put_back(state.fit.scene, state.fit.views, laid.unknowns, values)
+        fit = dataclasses.replace(state.fit, scene=scene, views=views, values=values[: len(state.fit.unknowns)])
+        taken = state.taken if key is None or key in state.taken else (*state.taken, key)
+        return State(fit, np.array(end.point.views.cost) * _inflation(laid, state), state.out, taken)
+
+    def _lay(self, state: State, paths: Iterable[str]) -> tuple[Laid, dict[Key, list[int]]]:
+        """Lay a state out with these numbers beside its unknowns, and return their indices."""
+        fit, paths = state.fit, tuple(paths)
+        beside = find_unknowns(fit.scene, fit.views, paths, from_scene=True)
+        groups: dict[Key, list[int]] = {}
+        for j, unknown in enumerate(beside):
+            path = unknown.places[0][0]
+            groups.setdefault(self.paths[path], []).append(len(fit.unknowns) + j)
+            unknown.prior = self._prior(unknown, path)
+        laid = Laid(fit, rendered=True, beside=beside, at_most=PIXELS)
+        if fit.likelihood.loss == "squares" and not laid.study.noisy:
+            laid.study.use(fit.rmse, "squares")  # what the width of a prior is to the residuals
+        return laid, groups
+
+    def _prior(self, unknown: Unknown, path: str) -> tuple[float, float] | None:
+        kind, i = self.paths[path]
+        if kind == "exposure":
+            return unknown.start, EXPOSURE_WIDTH * unknown.start
+        if path.endswith("position"):
+            distance = np.linalg.norm(np.asarray(_place(self.given, i)) - self.centre)
+            return unknown.start, DISTANCE_WIDTH * max(float(distance), 1e-9)
+        return None
+
+    def _chunks(self, laid: Laid, state: State) -> list:
+        return laid.chunks if all(mask is None for mask in state.out) else laid.without(state.out)
+
+
+def share(before: State, after: State, views: Iterable[int] | None = None) -> float:
+    """Return which part of the cost is gone, of some views or of all."""
+    which = slice(None) if views is None else list(views)
+    cost = float(before.costs[which].sum())
+    return 1.0 - float(after.costs[which].sum()) / cost if cost > 0 else 0.0
+
+
+def _paths(fit: Fit) -> list[tuple[str, Key]]:
+    """Return what can be let go: its path and its key."""
+    found: list[tuple[str, Key]] = [(f"views.{i}.exposure", ("exposure", i)) for i in range(len(fit.views))]
+    for i, light in enumerate(fit.scene.lights):
+        if isinstance(light, DirectionalLight):
+            found.append((f"lights.{i}.direction", ("light", i)))
+        elif isinstance(light, PointLight | SpotLight | MeasuredLight):
+            found.append((f"lights.{i}.position", ("light", i)))
+    return found
+
+
+def _place(fit: Fit, light: int) -> np.ndarray:
+    lamp = fit.scene.lights[light]
+    assert isinstance(lamp, DirectionalLight | PointLight | SpotLight | MeasuredLight)
+    return np.asarray(lamp.direction if isinstance(lamp, DirectionalLight) else lamp.position)
+
+
+def _degrees(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
+
+
+def _inflation(laid: Laid, state: State) -> np.ndarray:
+    """Return for each view its samples over those that are not left out."""
+    everything, left = np.zeros(len(state.out)), np.zeros(len(state.out))
+    for part in laid.parts:
+        everything[part.view] += len(part.pixels)
+        if (mask := state.out[part.view]) is not None:
+            left[part.view] += mask.reshape(-1)[part.pixels].sum()
+    return everything / np.maximum(everything - left, 1.0)

@@ -1,0 +1,152 @@
+"""Encodings: whether photographs fit much better as the other of linear and sRGB than the one they were read as."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...core.progress import silent
+from ...inverse.data.views import Samples, View, photograph
+from ...inverse.forward.losses import LOSSES
+from ...inverse.forward.residuals import Counts
+from ...inverse.problem import Study
+from ...inverse.refits import samples_of
+from ...inverse.result import Fit
+from ...inverse.unknowns.parameters import put_back, values_at
+from ...io.images import srgb_decode, srgb_encode
+
+PIXELS = 1 << 13  # of all views, on which encodings are judged
+
+Curve = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Encoding:
+    """What becomes of a fit whose images are taken to be encoded otherwise, measured in the images as they are."""
+
+    decoded: bool
+    """Whether the images were decoded for it (they were read as linear); else encoded again."""
+    before: Float[np.ndarray, " views"]
+    after: Float[np.ndarray, " views"]
+    """The cost of each view, in the same samples of the images as they are."""
+    noise: float
+    """The cost that neighbouring pixels' differences alone would make, which no curve explains."""
+    count: int
+    """Samples."""
+    rmse: tuple[float, float]
+    """Before and after, in the images' units."""
+
+    @property
+    def share(self) -> float:
+        """Which part of the cost is gone."""
+        return 1.0 - float(self.after.sum() / self.before.sum()) if self.before.sum() > 0 else 0.0
+
+    @property
+    def explained(self) -> float:
+        """Which part of the cost beyond noise is gone."""
+        beyond = float(self.before.sum()) - self.noise
+        return float(self.before.sum() - self.after.sum()) / beyond if beyond > 0 else 0.0
+
+    @property
+    def errors(self) -> float:
+        """How certain it is for independent noise: the root of n (C_before - C_after) / C_after."""
+        after = float(self.after.sum())
+        return float(np.sqrt(max(self.before.sum() - after, 0.0) / max(after, 1e-300) * self.count))
+
+    @property
+    def agreed(self) -> float:
+        """Which part of the views fits better."""
+        seen = self.before > 0
+        return float(np.mean(self.after[seen] < self.before[seen])) if seen.any() else 0.0
+
+
+def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
+    """Fit the images decoded from sRGB, or encoded, and compare in the images as they are. In float64.
+
+    `noise`: the mean cost of a sample by noise alone (`cost_and_noise`).
+    """
+    to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
+    samples, counts = samples_of(fit)
+    samples = _thinned(samples)
+    changed = [_through(to, s) for s in samples]
+    views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
+    unknowns = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
+    pixels = sum(len(s.pixels) for s in samples)
+    clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
+    study = Study(
+        fit.scene,
+        views,
+        unknowns,
+        changed,
+        Counts(counts.views, pixels, counts.samples, clipped, 0),
+        fit.likelihood.loss,
+        "hinge" if fit.clipped == "tobit" else fit.clipped,
+    )
+    study.lay_out()
+    theta = study.solve(from_scene=False, tell=silent).theta
+    scene, seen = put_back(fit.scene, fit.views, unknowns, values_at(theta, unknowns))
+    other = dataclasses.replace(fit, scene=scene, views=seen)
+    before, after = _misfit(fit, samples, lambda image: image), _misfit(other, samples, back)
+    number = max(before[:, 2].sum(), 1.0)
+    rmse = tuple(float(np.sqrt(of[:, 1].sum() / number)) for of in (before, after))
+    return Encoding(decoded, before[:, 0], after[:, 0], number * noise, int(number), (rmse[0], rmse[1]))
+
+
+def cost_and_noise(fit: Fit) -> tuple[float, float]:
+    """Return the mean cost of a sample, and what of it is noise, by the differences d of neighbours' residuals.
+
+    Of noise d^2 is 2 sigma^2, and of what a fit misses, which hangs together over pixels, little.
+    """
+    cost, noise, count = 0.0, 0.0, 0
+    for view in fit.views:
+        seen = fit.predict(view)
+        r = seen.difference
+        both = seen.counts[:, 1:] & seen.counts[:, :-1]
+        weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(seen.image))[:, 1:]
+        cost += float(_cost(fit, weight * r[:, 1:] ** 2)[both].sum())
+        noise += float(_cost(fit, weight * 0.5 * (r[:, 1:] - r[:, :-1]) ** 2)[both].sum())
+        count += int(both.sum())
+    return cost / max(count, 1), noise / max(count, 1)
+
+
+def _cost(fit: Fit, squares: np.ndarray) -> np.ndarray:
+    """Return twice what weighted squares cost: sigma^2 rho."""
+    sigma = float(fit.likelihood.sigma)
+    return sigma**2 * np.asarray(LOSSES[fit.likelihood.loss].value(squares / sigma**2))
+
+
+def _thinned(samples: Sequence[Samples]) -> list[Samples]:
+    """Return the samples of at most PIXELS pixels or so, evenly spread."""
+    total = sum(len(s.pixels) for s in samples)
+
+    def thin(s: Samples) -> Samples:
+        count = min(max(len(s.pixels) * PIXELS // total, 64), len(s.pixels))
+        return eqx.tree_at(lambda x: x.pixels, s, s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
+
+    return [thin(s) for s in samples]
+
+
+def _through(curve: Curve, s: Samples) -> Samples:
+    """Return samples seen through a curve, and the sensor's range with them."""
+    of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
+    return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
+
+
+def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndarray, "views 3"]:
+    """Return for each view the cost, the sum of squares and the number of its measured samples, through a curve."""
+    return np.array([_of_view(fit, view, s, curve) for view, s in zip(fit.views, samples, strict=True)])
+
+
+def _of_view(fit: Fit, view: View, s: Samples, curve: Curve) -> tuple[float, float, int]:
+    image = photograph(fit.scene, view)
+    image = curve(image.reshape(-1, image.shape[2])[s.pixels])
+    measured = s.ends() == 0
+    r = np.where(measured, image - s.values(s.pixels), 0.0)
+    weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(np.where(measured, image, 0.0)))
+    cost = np.where(measured, _cost(fit, weight * r**2), 0.0)
+    return float(cost.sum()), float((r**2).sum()), int(measured.sum())

@@ -1,0 +1,213 @@
+"""Faults of a set-up as directions of image space: what a small amount of each would change in every sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from ...inverse.data.views import View, photograph
+from ...inverse.forward.rounding import sawtooth
+from ...inverse.refits import Laid
+from ...inverse.result import Fit
+from ...inverse.unknowns.parameters import find_unknowns
+from ...model.lights import DirectionalLight, PointLight, SpotLight
+from ...model.materials import Blinn, Phong
+from ...model.measured_lights import MeasuredLight
+from ...model.patterns import AbstractPattern
+from ...model.scenes import Scene
+from ...model.surfaces import Sphere
+from .laid_samples import LaidSamples, Samples
+from .regions import centre_of, rims
+from .score_tests import Rows
+
+PIXELS = 1 << 14  # of all views, on which faults are judged
+BLURS = (0.6, 1.2, 2.4)  # pixels: the standard deviations of the blur that are tried
+SPHERES = 4  # objects at most whose places are tried
+
+Mask = Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one fault changes in each sample, for an amount of 1, or for each of a few amounts."""
+
+    kind: str
+    which: int
+    """The number of the object, or 0; of a blur which one it is."""
+    change: Float[np.ndarray, "k n"]
+    along: tuple[int, ...] = ()
+    """Where the fault is of the geometry, which directions of the laid samples it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A fit as a linear problem at its end, and the faults as directions of it."""
+
+    samples: LaidSamples
+    """With the numbers of the geometry beside the fit's own unknowns."""
+    rows: Rows
+    inside: Int[np.ndarray, " q"]
+    """The unknowns that are not at a bound, which the rows' Jacobian is of."""
+    count: int
+    """Samples that were measured."""
+    directions: list[Direction]
+
+
+def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised:
+    """Return a fit as a linear problem at its end, on samples that are evenly spread. In float64.
+
+    `out`: for each view the pixels that do not count.
+    """
+    keep = None if out is None else [None if mask is None else ~mask for mask in out]
+    paths = _paths(fit)
+    beside = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
+    laid = Laid(fit, keep, rendered=True, beside=beside, at_most=PIXELS)
+    p = len(fit.unknowns)
+    at = {unknown.places[0]: p + j for j, unknown in enumerate(beside)}
+    moves = _moves(fit, at, len(laid.theta))
+    laid_samples = LaidSamples(laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
+    end = laid_samples.at(laid.theta)
+    samples = Samples(laid_samples.view, laid_samples.pixel, laid_samples.channel, end.predicted)
+    inside, known = laid_samples.inside, laid_samples.known(laid.theta)
+    measured = end.base > 0
+    noise, bend = ((of[measured] / end.base[measured]).sum() for of in (end.slope**2, end.weight))
+    rows = Rows(
+        end.change[inside],
+        end.slope,
+        end.weight,
+        _pixels(fit, samples),
+        np.asarray(known.hessian)[np.ix_(inside, inside)],
+        np.asarray(known.gradient)[inside],
+        float(noise / bend),
+        None if fit.evidence.waves is None else sawtooth(fit.rounding, samples.view, end.predicted, end.base),
+    )
+    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.change[p:], moves)]
+    return Linearised(laid_samples, rows, inside, int(measured.sum()), directions)
+
+
+def _pixels(fit: Fit, samples: Samples) -> Int[np.ndarray, " n"]:
+    """Return the number of the pixel that each sample is of."""
+    size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
+    return np.unique(samples.view * size + samples.pixel, return_inverse=True)[1]
+
+
+def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
+    """Return what faults of the camera and the file change, and the other form of highlight."""
+    m = samples.predicted
+    black = np.array([float(view.black) for view in fit.views])[samples.view]
+    light = m - black
+    found = [
+        Direction("vignetting", 0, -(light * samples.of([_rho2(view) for view in fit.views]))[None]),
+        Direction("gamma", 0, (light * np.log(np.maximum(light, 1e-6)) * (light > 0))[None]),
+    ]
+    whole = [photograph(fit.scene, view) for view in fit.views]
+    for k, sigma in enumerate(BLURS):
+        blurred = [ndimage.gaussian_filter(image, (sigma, sigma, 0), mode="nearest") - image for image in whole]
+        found.append(Direction("blur", k, samples.of(blurred)[None]))
+    other = _other_lobe(fit.scene)
+    if other is not None:
+        changed = [photograph(other, view) - image for view, image in zip(fit.views, whole, strict=True)]
+        found.append(Direction("lobe", 0, samples.of(changed)[None]))
+    return found
+
+
+def _rho2(view: View) -> np.ndarray:
+    """Return the square of each pixel's distance from the middle, over that of a corner."""
+    h, w = view.camera.shape
+    row, column = np.mgrid[:h, :w]
+    rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
+    return np.broadcast_to(rho2[..., None], (h, w, 3))
+
+
+def _other_lobe(scene: Scene) -> Scene | None:
+    """Return the scene with Blinn's highlights for Phong's of a quarter of the exponent, and the other way."""
+    shiny = [i for i, item in enumerate(scene.objects) if _shines(item.material.k_s)]
+    for i in shiny:
+        material = scene.objects[i].material
+        if not isinstance(material.lobe, Phong | Blinn):
+            return None
+        lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
+        n_s = factor * np.asarray(material.n_s, np.float64)
+        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
+    return scene if shiny else None
+
+
+def _shines(k_s: Any) -> bool:
+    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))
+
+
+def _paths(fit: Fit) -> list[str]:
+    """Return the numbers of the scene that may be wrong together: spheres, and where all lights are."""
+    own = {path for unknown in fit.unknowns for path, _ in unknown.places}
+    own |= {product.path for unknown in fit.unknowns for product in unknown.products}
+    paths = [path for of in (*_spheres(fit), *_lights(fit)) for path in of]
+    return [path for path in paths if path not in own]
+
+
+def _spheres(fit: Fit) -> list[list[str]]:
+    """Return the radius and the centre of each sphere."""
+    objects = fit.scene.objects
+    names = [item.name or str(i) for i, item in enumerate(objects) if isinstance(item.surface, Sphere)]
+    return (
+        [[f"objects.{n}.surface.radius", f"objects.{n}.surface.center"] for n in names] if len(names) <= SPHERES else []
+    )
+
+
+def _lights(fit: Fit) -> list[list[str]]:
+    """Return where each light is, and where it points."""
+    found = []
+    for i, light in enumerate(fit.scene.lights):
+        if isinstance(light, DirectionalLight):
+            found.append([f"lights.{i}.direction"])
+        elif isinstance(light, SpotLight):
+            found.append([f"lights.{i}.position", f"lights.{i}.direction"])
+        elif isinstance(light, PointLight | MeasuredLight):
+            found.append([f"lights.{i}.position"])
+    return found
+
+
+def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, int], np.ndarray]:
+    """Return how each fault of geometry moves the numbers, in scene units, or for the lights in degrees."""
+    moves: dict[tuple[str, int], np.ndarray] = {}
+    for i, paths in enumerate(_spheres(fit)):
+        for kind, path in zip(("radius", "center"), paths, strict=True):
+            index = [at[path, c] for c in range(3) if (path, c) in at]
+            if index:
+                moves[kind, i] = np.eye(p)[index]
+    turned, lights = np.zeros((3, p)), _lights(fit)
+    every = [path for paths in lights for path in paths]
+    if every and len(lights) == len(fit.scene.lights) and all((path, 2) in at for path in every):
+        centre = centre_of(fit.scene.objects, fit.views[0].camera)
+        for path in every:
+            _, i, name = path.split(".")
+            place = np.asarray(getattr(fit.scene.lights[int(i)], name), np.float64)
+            arm = place if name == "direction" else place - centre
+            for k, axis in enumerate(np.eye(3)):
+                turned[k, [at[path, c] for c in range(3)]] = np.deg2rad(1.0) * np.cross(axis, arm)
+        moves["rotation", 0] = turned
+    return moves
+
+
+def _of_geometry(
+    fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
+) -> list[Direction]:
+    """Return what faults of geometry change, but for rims seen at a grazing angle, where it is not linear."""
+    shapes = [(*view.camera.shape, 3) for view in fit.views]
+    grazing = [rims(fit.scene.objects, view.camera)[0][..., None] for view in fit.views]
+    rim = samples.of([np.broadcast_to(*of) for of in zip(grazing, shapes, strict=True)]) > 0
+    found, first = [], 0
+    for (kind, i), of in moves.items():
+        along = tuple(range(first, first + len(of)))
+        first += len(of)
+        rows = change[list(along)]
+        if kind in ("radius", "center"):
+            rows = np.where(rim, 0.0, rows)
+        if np.isfinite(rows).all():
+            found.append(Direction(kind, i, rows, along))
+    return found

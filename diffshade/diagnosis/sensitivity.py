@@ -1,0 +1,164 @@
+"""Sensitivity: how the fitted numbers move with the photographs and with what was taken as known."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core.backend import SOONER, in_float64, jit_quickly
+from ..core.fields import Array, check_kind
+from ..inverse.forward.residuals import costs
+from ..inverse.pixels.blocks import Block, total
+from ..inverse.refits import Laid
+from ..inverse.result import Fit
+from ..inverse.statistics.uncertainty import inverse
+from ..inverse.unknowns.parameters import (
+    Slots,
+    coordinate_slopes,
+    everything,
+    find_unknowns,
+    slots_of,
+    unit_vectors,
+    values_in,
+)
+from ..parallel.threads import on_all_cores
+
+
+def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
+    r"""Return the derivative of the fitted values by the known numbers that `name` names, in the scene's order.
+
+    `name` is any run of whole segments of a dotted path, as in `fit`: "lights.0.intensity" has k = 3. At the minimum
+    the gradient F of the cost by the unknowns theta is 0 whatever the known numbers phi are, so
+
+    $$ d\theta / d\phi = -(dF / d\theta)^{-1} \; dF / d\phi $$
+
+    with all second derivatives (the implicit function theorem). Values at a bound do not move. The weights of the noise
+    and the scale of a robust loss are held. Raises ValueError where the number is free, or a value is not determined.
+    """
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
+    for unknown in known:
+        unknown.logarithmic = False  # a known n_s may be 0
+    places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
+    for unknown in known:
+        for path, channel in unknown.places:
+            if (path, channel) in places:
+                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a number that was known.")
+    with in_float64(fit) as fit:
+        at = _At(fit)
+        slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
+        phi = values_in(fit.scene, fit.views, known)
+        bases = [x.base for u in fit.unknowns for x in u.products]
+        along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
+            len(bases), len(known)
+        )
+        z = jnp.asarray(np.concatenate([at.theta, phi]))
+        second = total(on_all_cores(lambda chunk: _second(z, slots, along, at.study.form, chunk), at.chunks))
+        p = len(at.theta)
+        moves = at.solve(second[:p, :p], second[:p, p:])
+    values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
+    for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
+        moves[:, unit] /= np.linalg.norm(values[known[unit[0]].places[0][0]])
+    return moves
+
+
+def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
+    """Return the derivative of the fitted values by each sample of the photograph of one view; 0 where none counts.
+
+    As `sensitivity`, with the photograph for the known numbers. A clipped sample has no derivative: it is no number.
+    The result is (p, H, W, C), one picture an unknown. Raises ValueError for a view that the fit has not, or a value
+    that is not determined; TypeError for anything but a fit.
+    """
+    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):
+        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Count the views of the fit.")
+    with in_float64(fit) as fit:
+        at = _At(fit)
+        theta = jnp.asarray(at.theta)
+        empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
+        along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
+        second = total(on_all_cores(lambda chunk: _second(theta, empty, along, at.study.form, chunk), at.chunks))
+        slopes = on_all_cores(lambda chunk: _by_sample(theta, at.study.form, chunk), at.chunks)
+        views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
+        by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
+        samples = at.study.samples[view]
+        _, channels, size = by_block.shape[1:]
+        number = -(-len(samples.pixels) // size)
+        flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(at.theta), number * size, channels)
+        used = samples.photograph.shape[2]
+        moves = at.solve(second, flat[:, : len(samples.pixels), :used].reshape(len(at.theta), -1))
+    image = np.zeros((len(moves), samples.inside.size, used))
+    image[:, samples.pixels] = moves.reshape(len(moves), -1, used)
+    return image.reshape(len(moves), *samples.inside.shape, used)
+
+
+class _At(Laid):
+    """A fit laid out again at its end, by the form that any scene has."""
+
+    def __init__(self, fit: Fit):
+        singular = ~fit.evidence.determined
+        if singular.any():
+            name = fit.names[int(singular.argmax())]
+            raise ValueError(f"{name} is not determined, so that the fit has no derivative. Fix it and fit again.")
+        super().__init__(fit, rendered=True)
+        self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
+        self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
+
+    def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
+        """Return -H^-1 of the mixed derivatives, in the values' own units."""
+        everything = np.asarray(hessian) + np.asarray(_soft_hessian(self.study.soft(), jnp.asarray(self.theta)))
+        inner = np.ix_(self.free, self.free)
+        moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
+        moves[self.free] = -inverse(everything[inner]) @ np.asarray(mixed)[self.free]
+        return moves * self.unit[:, None]
+
+
+@jax.jit
+def _soft_hessian(soft: Any, theta: Array) -> Array:
+    return jax.hessian(lambda q: soft.gram(q).cost)(theta)
+
+
+@partial(jit_quickly, options=SOONER)
+def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Array:
+    """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
+
+    `along` is 1 where a product of the unknowns (a row) holds a known number (a column) as its constant.
+    """
+    p = form.problem.slots.logarithmic.shape[0]
+
+    def cost(z: Array, block: Block) -> Array:
+        setup = slots.insert(z[p:], form.problem.setup) if z.shape[0] > p else form.problem.setup
+        held = form.problem.slots.products[2] + along @ (z[p:] - jax.lax.stop_gradient(z[p:]))
+        there = eqx.tree_at(lambda f: (f.problem.setup, f.problem.slots.products[2]), form, (setup, held))
+        terms = costs(there.likelihood, there.predict(z[:p], block), block.observed)
+        return jnp.sum(jnp.stack([jnp.sum(t.cost) for t in terms]))
+
+    def add(sum_: Array, block: Block) -> tuple[Array, None]:
+        return sum_ + jax.jacfwd(jax.grad(cost))(z, block), None
+
+    return jax.lax.scan(add, jnp.zeros((z.shape[0], z.shape[0])), chunk)[0]
+
+
+@partial(jit_quickly, options=SOONER)
+def _by_sample(theta: Array, form: Any, chunk: Block) -> Array:
+    """Return the derivative of the gradient of the cost by each sample: (blocks, p, channels, pixels)."""
+
+    def of_block(block: Block) -> Array:
+        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
+        J = jax.vmap(derivative)(jnp.eye(theta.shape[0]))
+        seen = block.observed
+
+        def slope(y: Array) -> Array:
+            shown = eqx.tree_at(lambda o: o.target, seen, y)
+            return jnp.stack([t.slope for t in costs(form.likelihood, list(m), shown)])
+
+        by_y = jax.jvp(slope, (seen.target,), (jnp.ones_like(seen.target),))[1]
+        return J * (by_y if seen.clipped is None else jnp.where(seen.clipped == 0, by_y, 0.0))[None]
+
+    return jax.lax.map(of_block, chunk)

@@ -1,0 +1,1 @@
+"""Lamps: IES and EULUMDAT files, and laws fitted to measured falloffs."""

@@ -1,0 +1,119 @@
+"""Lamps: files of measured photometry as lights, and the spot that is nearest to a lamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
+
+from ...core.fields import Numbers, check_kind
+from ...model.attenuation import RadialAttenuation
+from ...model.lights import SpotLight
+from ...model.measured_lights import MeasuredLight, Profile
+from ..texts import read_text
+from .eulumdat import read_eulumdat
+from .ies import read_ies
+
+READERS = {".ies": read_ies, ".ldt": read_eulumdat}
+POOR = 0.05  # rms over peak, above which no cos^a is like a lamp
+EXPONENTS = (1e-3, 1e4)
+
+
+def read_lamp(
+    path: str | Path,
+    *,
+    position: Numbers = (0.0, 0.0, 0.0),
+    direction: Numbers = (0.0, -1.0, 0.0),
+    side: Numbers = (1.0, 0.0, 0.0),
+) -> MeasuredLight:
+    """Read a lamp, an IES (LM-63, type C) or EULUMDAT (.ldt) file, as a light at a place; by default it shines down.
+
+    Its profile is relative to the peak, its intensity the peak in candela and its attenuation 1/d^2: with lengths in
+    metres what arrives is in lux. `dataclasses.replace(lamp, intensity=1)` makes it a light like the others. Reading
+    takes at most 64 times the file's size of memory. Raises FileNotFoundError, or ValueError in one sentence.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in READERS:
+        raise ValueError(f"a lamp's file must end in .ies or .ldt; got '{path.suffix}'. Rename or convert {path}.")
+    table = READERS[path.suffix.lower()](read_text(path, "lamp file"), f"{path}")
+    peak = float(table.candela.max())
+    if not (np.isfinite(table.candela).all() and table.candela.min() >= 0 and peak > 0):
+        raise ValueError(f"{path}: the intensities must be finite, at least 0 and not all 0. Give another file.")
+    try:
+        profile = Profile(table.vertical, table.horizontal, table.candela / peak)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return MeasuredLight(position, direction, profile, peak, RadialAttenuation(0, 0, 1), side)
+
+
+@dataclass(frozen=True)
+class SpotFit:
+    """The spot light nearest to a lamp: `light`, and how near it is."""
+
+    light: SpotLight
+    rms: float
+    """Root mean square of lamp - spot over the half sphere before the lamp, or all of it that it lights, by angle; 1 is
+    the lamp's peak."""
+
+    @property
+    def fits(self) -> bool:
+        """Whether a cos^a is like the lamp: the rms is at most 5 % of the peak."""
+        return self.rms <= POOR
+
+    def __str__(self) -> str:
+        a, cutoff = float(self.light.exponent), float(self.light.cutoff)
+        what = f"cos^{a:.3g} with a cutoff of {cutoff:.3g} degrees, to {100 * self.rms:.2g} % of the peak (rms)"
+        if self.fits:
+            return f"the lamp is like {what}."
+        return f"no cos^a fits this lamp: the nearest is {what}. Use the MeasuredLight itself."
+
+
+def as_spot(lamp: MeasuredLight) -> SpotFit:
+    r"""Fit a spot light (E3) to a lamp's profile, by least squares over its angles.
+
+    $$ \min \sum (profile(\gamma, C) - s \cos^a \gamma)^2, \qquad \cos^a \gamma = 0 \text{ beyond the cutoff} $$
+
+    Every degree of gamma from 0 to 90 (further, where the lamp shines there) and every plane of the table count alike.
+    The exponent a, the cutoff (in whole degrees; 90 unless another is better) and the peak are found. Position,
+    direction, attenuation and colour are the lamp's. Raises TypeError for anything but a `MeasuredLight`.
+    """
+    check_kind("lamp", lamp, MeasuredLight, "read_lamp('lamp.ies')")
+    gamma, beam = _beam(lamp.profile)
+    cosine = np.cos(np.deg2rad(gamma))
+    forward = cosine > 1e-9
+
+    def shape(log_a: float, cutoff: float) -> Float[np.ndarray, " n"]:
+        lit = forward & (gamma <= cutoff)
+        return np.where(lit, np.where(lit, cosine, 1.0) ** np.exp(log_a), 0.0)
+
+    def scale_and_cost(s: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        scale = float((beam @ s).sum() / (len(beam) * (s @ s)))
+        return scale, float(np.mean((beam - scale * s) ** 2))
+
+    def best(cutoff: float) -> tuple[float, float, float]:
+        found = minimize_scalar(
+            lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENTS), method="bounded"
+        )
+        return float(found.fun), float(found.x), cutoff
+
+    tried = [best(float(cutoff)) for cutoff in range(90, 0, -1)]
+    cost, log_a, cutoff = min(tried, key=lambda one: one[0])
+    if tried[0][0] <= 1.02 * cost:  # nothing to gain by an edge
+        cost, log_a, cutoff = tried[0]
+    scale, _ = scale_and_cost(shape(log_a, cutoff))
+    light = SpotLight(
+        lamp.position, lamp.direction, scale * lamp.intensity, cutoff, float(np.exp(log_a)), lamp.attenuation
+    )
+    return SpotFit(light, float(np.sqrt(cost) / beam.max()))
+
+
+def _beam(profile: Profile) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "h n"]]:
+    """Return gamma at every degree, and the profile there in each plane."""
+    vertical, values = np.asarray(profile.vertical), np.asarray(profile.values)
+    planes = values if len(values) == 1 else values[:-1]
+    lit = vertical[(planes > 0).any(0)]
+    gamma = np.arange(0.0, max(90.0, np.ceil(lit.max(initial=0.0))) + 1.0)
+    return gamma, np.stack([np.interp(gamma, vertical, row, left=0.0, right=0.0) for row in planes])

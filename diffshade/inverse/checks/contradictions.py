@@ -1,0 +1,102 @@
+"""Contradictions: priors that the images object to, by what the images say without each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from ...core.words import listing
+from ..result import Fit
+from ..statistics.identifiability import null_directions
+from ..statistics.uncertainty import Matrix, Vector, inverse
+from ..unknowns.parameters import coordinate_slopes, coordinates, logarithms
+
+PULL = 4.0  # standard deviations, from which a prior contradicts the images
+CORRUPTS = 2.0  # errors, by which such a prior moves a number that is then not determined
+ALONE = 1e-9  # of the information on a number, which the images give at least where they can contradict its prior
+
+
+@dataclass(frozen=True, eq=False)
+class Pulls:
+    """What the images say of the numbers that have a prior; NaN where there is none, or the images say nothing."""
+
+    without: Vector
+    """The solver's coordinate, such as log n_s, without this prior."""
+    errors: Vector
+    pull: Vector
+    """How far that is from the prior's mean, over the standard deviation of the difference."""
+
+
+def pulls(
+    total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector
+) -> tuple[Pulls, Matrix]:
+    """Return what the images say without each prior, to first order, and the inverse of the Gram.
+
+    `total` is the Gram of everything at the optimum theta; the priors, of `mean` and `width` (NaN: none), are in it
+    with the weights (sigma / width)^2. `variance`: of each unknown, what total^-1 is to be multiplied by.
+    """
+    C = inverse(total)
+    weight = np.where(np.isnan(width), 0.0, (sigma / np.where(np.isnan(width), 1.0, width)) ** 2)
+    left = 1.0 - weight * np.diag(C)  # the images' part of what is known of each (Sherman and Morrison 1950)
+    tells = ~np.isnan(width) & (left > ALONE)
+    safe = np.where(tells, left, 1.0)
+    without = np.where(tells, mean + (theta - mean) / safe, np.nan)
+    errors = np.where(tells, np.sqrt(variance * np.diag(C) / safe), np.nan)
+    return Pulls(without, errors, (without - mean) / np.sqrt(width**2 + errors**2)), C
+
+
+def check_priors(fit: Fit) -> Fit:
+    """Return a fit that names the priors which the images contradict, and withdraws what these move."""
+    if not any(u.prior for u in fit.unknowns):
+        return fit
+    evidence, free = fit.evidence, np.flatnonzero(~fit.at_bound)
+    slope = coordinate_slopes(fit.values, fit.unknowns)[free]
+    theta = coordinates(fit.values, fit.unknowns)[free]
+    priors = np.array([fit.unknowns[j].prior or (np.nan, np.nan) for j in free], float).reshape(-1, 2)
+    total = evidence.total[np.ix_(free, free)] / np.outer(slope, slope)
+    variance = evidence.sigma2 * fit.clusters.inflation()[free]
+    sigma = float(fit.likelihood.sigma)
+    of_images, _ = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
+    against = np.nan_to_num(np.abs(of_images.pull)) > PULL
+    if not against.any():
+        return fit
+    weight = np.where(against, (sigma / np.where(against, priors[:, 1], 1.0)) ** 2, 0.0)
+    offset = np.where(against, theta - priors[:, 0], 0.0)
+    moved = np.zeros(len(fit.values))
+    moved[free] = inverse(total - np.diag(weight)) @ (weight * offset) / slope
+    zero, directions = null_directions(total - np.diag(weight))
+    moved[free[zero | directions.any(0)]] = np.inf  # without these priors nothing is known of it
+    corrupted = fit.determined & (np.abs(moved) > CORRUPTS * fit.errors)
+    notes = [_said(fit, free[here], of_images, here, moved, corrupted) for here in _by_quantity(fit, free, against)]
+    return replace(fit, determined=fit.determined & ~corrupted, notes=(*notes, *fit.notes))
+
+
+def _by_quantity(fit: Fit, free: np.ndarray, against: Bool[np.ndarray, " q"]) -> list[np.ndarray]:
+    """Return the contradicted unknowns of each quantity, as indices into the free ones."""
+    quantities = [fit.unknowns[j].quantity for j in free]
+    return [
+        np.array([k for k in np.flatnonzero(against) if quantities[k] == quantity])
+        for quantity in dict.fromkeys(quantities[k] for k in np.flatnonzero(against))
+    ]
+
+
+def _said(
+    fit: Fit, which: np.ndarray, of_images: Pulls, here: np.ndarray, moved: Vector, corrupted: Bool[np.ndarray, " p"]
+) -> str:
+    """Say what a prior and the images say, and the remedy, of the channel that they differ most about."""
+    worst = int(np.argmax(np.abs(of_images.pull[here])))
+    j, k = int(which[worst]), int(here[worst])
+    unknown = fit.unknowns[j]
+    assert unknown.prior is not None
+    mean, without = (np.exp(x) if logarithms([unknown])[0] else x for x in (unknown.prior[0], of_images.without[k]))
+    names = [name for name, it in zip(fit.names, corrupted, strict=True) if it]
+    instead = f" Until then {listing(names)} {'is' if len(names) == 1 else 'are'} not determined." if names else ""
+    others = any(u.prior is not None and u.quantity != unknown.quantity for u in fit.unknowns)
+    rest, by = ("the images and the other priors",) * 2 if others else ("the images", "the images alone")
+    return (
+        f"the prior of {unknown.quantity} contradicts {rest}: {unknown.name} is {mean:.4g} by the prior and "
+        f"{without:.4g} by {by}, {abs(of_images.pull[k]):.2g} standard deviations apart. Correct or widen the prior, "
+        f"or check what the scene takes as known.{instead}"
+    )

@@ -1,0 +1,272 @@
+"""Stability: what becomes of each number where some of the data are left out, by a fit of its own each time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from ...core.progress import Tell
+from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, DirectionalLight, Path, PointLight, SpotLight
+from ...model.materials import Material
+from ...model.measured_lights import MeasuredLight
+from ...model.rendering import render
+from ...model.scenes import Scene
+from ...model.vectors import Vec3
+from ..data.views import View, lights_on
+from ..refits import Laid, Masks, refit, samples_of
+from ..result import Fit
+from ..running import look_at
+from ..statistics.clusters import Clusters
+from ..statistics.identifiability import relative_errors
+from ..statistics.uncertainty import Vector
+from ..unknowns.parameters import coordinates, logarithms
+
+MOVED = 0.3  # of the value, or of a logarithm's unit
+ERRORS = 3.0
+ROUNDING = 1e-10  # of the sum of squares of the images: residuals below it show nothing
+UNCHECKED = (
+    "whether a number depends on the saturated pixels, or on the brightest half of the highlight, was not checked, "
+    "since the fit was made by tiles. Give it more memory, or fit some of the rows."
+)
+SEEN = 0.02  # of the brightest highlight of a view: where a highlight begins
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A fit with some of the data left out."""
+
+    without: str
+    """What was left out, in words."""
+    fit: Fit
+    moved: Bool[np.ndarray, " p"]
+    """What moved further than noise explains: by 30 % or three errors."""
+
+
+def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
+    """Yield what an examination leaves out each time, and the pixels that are kept."""
+    if len(fit.evidence.hessian) >= 4:
+        for half, name in ((0, "the odd views"), (1, "the even views")):
+            yield name, [None if i % 2 == half else np.zeros(v.camera.shape, bool) for i, v in enumerate(fit.views)]
+    yield from without_saturated(fit, (1, 3))
+    if not _is_glossy(fit):
+        return
+    yield from without_brightest(fit)
+    angles = [angle_to_highlight(fit.scene, view) for view in fit.views]
+    for degrees in (2.0, 5.0):
+        if any((angle < degrees).any() for angle in angles):
+            yield f"{degrees:g} degrees about the highlight", [angle >= degrees for angle in angles]
+
+
+def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
+    """Yield the pixels that are not within so many of a saturated one, where there is any."""
+    samples, _ = look_at(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
+    ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
+    for end, of_view in zip(ends, samples, strict=True):
+        end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
+    if any(end.any() for end in ends):
+        for width in widths:
+            masks = [np.logical_not(ndimage.binary_dilation(end, iterations=width)) for end in ends]
+            yield f"saturated pixels and {width} px about them", masks
+
+
+def without_brightest(fit: Fit) -> Iterator[tuple[str, Masks]]:
+    """Yield the pixels that are not in the brightest half of a highlight, where there is one."""
+    shine = [np.asarray(highlight(fit.scene, view)) for view in fit.views]
+    in_it = [s > SEEN * s.max() if s.max() > 0 else np.zeros(s.shape, bool) for s in shine]
+    if any(here.any() for here in in_it):
+        yield (
+            "the brightest half of the highlight",
+            [~(here & (s > np.median(s[here]))) if here.any() else None for s, here in zip(shine, in_it, strict=True)],
+        )
+
+
+def _is_glossy(fit: Fit) -> bool:
+    """Whether a highlight's numbers are free."""
+    return any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places)
+
+
+def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
+    """Return what the highlights alone add to a photograph, the mean of the channels."""
+    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [np.zeros(3) for _ in scene.objects])
+    with_it, without = (np.asarray(render(s, view.camera, lit=view.lit)) for s in (scene, dull))
+    return (with_it - without).mean(-1)
+
+
+def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
+    """Return the angle between v and the nearest mirror direction r of a light that is on, in degrees; 180 for none.
+
+    It is what a white mirror shows: with k_s = 1, n_s = 1 and a light of unit intensity that nothing fades, the
+    radiance is v . r (E5).
+    """
+    mirror = Material(k_s=1.0, n_s=1.0)
+    plain = eqx.tree_at(
+        lambda s: [item.material for item in s.objects] + [s.background, s.atmosphere],
+        scene,
+        [mirror] * len(scene.objects) + [np.zeros(3), None],
+        is_leaf=lambda node: node is None,
+    )
+    nearest = np.full(view.camera.shape, -1.0)
+    for i in lights_on(scene, view):
+        alone = eqx.tree_at(lambda s: s.lights, plain, (_bare(scene.lights[i]),))
+        cosine = np.asarray(render(alone, view.camera)).max(-1)
+        nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
+    return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
+
+
+class _Bare(AbstractEmitter):
+    """A light of unit intensity that nothing fades, whose light comes from where another's does."""
+
+    light: AbstractEmitter
+
+    @property
+    def is_local(self) -> bool:
+        """As the other."""
+        return self.light.is_local
+
+    def path(self, p: Vec3 | None) -> Path:
+        """As the other."""
+        return self.light.path(p)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and 1."""
+        return self.path(p).l, Vec3.of(np.ones(3))
+
+
+def _bare(light: AbstractLight) -> AbstractEmitter:
+    """Return a light of unit intensity in the same place that nothing fades; the usual ones share their programs."""
+    if isinstance(light, DirectionalLight):
+        return DirectionalLight(light.direction)
+    if isinstance(light, AreaLight):
+        return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
+    if isinstance(light, PointLight | SpotLight | MeasuredLight):
+        return PointLight(light.position)
+    assert isinstance(light, AbstractEmitter)  # as a scene's lights are
+    return _Bare(light)
+
+
+def refits(
+    fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], tell: Tell
+) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
+    """Fit again with some of the data left out, and return the fits, and what depends on the data kept. In float64.
+
+    A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
+    was, and the rest is judged by new fits, until nothing moves.
+    """
+    blamed = np.zeros(len(fit.unknowns), bool)
+    done: list[Refit] = []
+    if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
+        return done, blamed
+    errors, rises = clusters.errors(), clusters.rises()
+    cases = [(without, keep) for without, keep in cases if _enough(fit, keep)]
+    while True:
+        found = []
+        for k, (without, keep) in enumerate(cases):
+            tell(f"without {without}", k / len(cases))
+            again = refit(fit, keep, blamed)
+            found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
+        done += [r for r in found if not done or r.moved.any()]
+        if not any(r.moved.any() for r in found):
+            return done, blamed | _with_them(fit, done)
+        by_value = np.max([np.where(r.moved, how_far(fit, r.fit.values), -1.0) for r in found], 0)
+        quantity = fit.unknowns[int(by_value.argmax())].quantity
+        blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
+
+
+def _with_them(fit: Fit, done: Sequence[Refit]) -> Bool[np.ndarray, " p"]:
+    """Return what moves by 30 % with the numbers that are to blame: it stays only as long as these are held."""
+    far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
+    return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
+
+
+def _enough(fit: Fit, keep: Masks) -> bool:
+    """Whether the pixels to keep are as many as the unknowns."""
+    _, counts = samples_of(fit, keep)
+    return min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns)
+
+
+def how_far(fit: Fit, values: Vector) -> Vector:
+    """Return how far values are from those of a fit: over the value, or in a logarithm."""
+    log = logarithms(fit.unknowns)
+    ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
+    plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values), fit.scales)
+    return np.where(log, ratio, plain)
+
+
+def moved(
+    fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
+) -> Bool[np.ndarray, " p"]:
+    """Return which numbers are elsewhere in a refit than noise explains.
+
+    They are 30 % or three errors away, and what is left objects to where they were: with the number held there its cost
+    rises by three errors squared, as in a profile (`rises`: by one error). What is left may hardly say anything of a
+    number, and then objects to nothing.
+    """
+    far = how_far(fit, again.values)
+    distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
+    known = again.evidence.determined & fit.evidence.determined & ~blamed
+    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * errors)))
+    found = np.zeros(len(known), bool)
+    if not len(suspects):
+        return found
+    laid = Laid(fit, keep)
+    held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
+    there = coordinates(again.values, fit.unknowns)
+
+    def cost(held: dict[int, float], *begins: Vector) -> float:
+        ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8) for theta in begins]
+        return min(float(end.point.total.cost) for end in ends)
+
+    if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
+        rises = np.maximum(rises, again.clusters.rises().max())
+    best = cost(held, there, laid.theta)
+    for j in suspects:
+        rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
+        found[j] = 2.0 * rise > ERRORS**2 * rises[j]
+    return found
+
+
+def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]) -> list[str]:
+    """Say what depends on which data are included, and without which it moved furthest."""
+    said = []
+    for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
+        members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
+        moves = [(r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members]
+        *_, j, worst = max(moves, key=lambda move: move[:2])
+        said.append(
+            f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} from all, and "
+            f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what the model does not cover."
+        )
+    if shifted.any() and not shifted.all():
+        said.append("the errors of the other numbers hold for these fixed at their values.")
+    return said
+
+
+def checked(fit: Fit, tell: Tell) -> Fit:
+    """Return a fit in which no number is determined that a few pixels decide. In float64.
+
+    The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
+    the highlight. It is made where the views disagree or samples are clipped; else the noise explains the residuals.
+    """
+    if not _doubtful(fit):
+        return fit
+    again, shifted = refits(fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], tell)
+    shifted &= fit.determined
+    notes = (*dependence(fit, again, shifted), *fit.notes)
+    return replace(fit, determined=fit.determined & ~shifted, notes=notes)
+
+
+def unchecked(fit: Fit) -> Fit:
+    """Return a fit whose pixels do not fit in memory, with a note where it would have been `checked`."""
+    if not _doubtful(fit):
+        return fit
+    return replace(fit, notes=(*fit.notes, UNCHECKED))
+
+
+def _doubtful(fit: Fit) -> bool:
+    """Whether a few pixels may decide a highlight's numbers: the views disagree, or samples are clipped."""
+    return bool(fit.clusters.disagree or fit.counts.clipped or fit.counts.left_out) and _is_glossy(fit)

@@ -1,0 +1,1 @@
+"""Data: views, their samples, and folders of photographs."""

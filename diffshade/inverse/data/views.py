@@ -1,0 +1,382 @@
+"""Views: photographs and how they were taken, and which of their samples count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Bool, Float, Int, Int8
+
+from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number
+from ...io.lazy_images import LazyImage, row_tiles
+from ...model.cameras import AbstractCamera
+from ...model.gbuffers import as_mask
+from ...model.rendering import render, select, silhouette
+from ...model.scenes import Scene, check_positions, check_shapes
+
+# Float[np.ndarray, "h w c"], or a LazyImage; Any, so that a type checker takes it for what one knows it is.
+Image: TypeAlias = Any
+
+
+def as_image(image: Any) -> Any:
+    """Make an image a NumPy array with its channels last; what is read by rows, lazily, stays so.
+
+    Anything else is handed on for the check to refuse.
+    """
+    if isinstance(image, LazyImage):
+        return image
+    lazy = all(hasattr(image, name) for name in ("shape", "dtype", "__getitem__"))
+    if lazy and not isinstance(image, np.ndarray | np.generic | jax.Array):
+        return LazyImage(lambda first, last: image[first:last], image.shape, image.dtype)
+    if isinstance(image, Tracer):
+        raise TypeError(
+            "View.image must be numbers, and is traced by jax.grad, jit or vmap. Make the view and fit outside; the "
+            "derivative of a fit by a photograph is ds.image_sensitivity(fit, view)."
+        )
+    array = np.asarray(image)
+    if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
+        array = array.astype(np.float32)
+    return array[..., None] if array.ndim == 2 else array
+
+
+def as_lit(lit: Sequence[int] | int | None) -> Any:
+    """Make a tuple of the indices of the lights that are on; None is all of them, and switches are no indices."""
+    if lit is None or (np.size(lit) and not np.issubdtype(np.asarray(lit).dtype, np.integer)):
+        return lit
+    return tuple(int(i) for i in np.ravel(lit))
+
+
+def as_level(level: Any) -> Any:
+    """Make a number a Python float; anything else is handed on for the check to refuse."""
+    number = isinstance(level, np.number | int | float | np.ndarray) and not isinstance(level, bool)
+    return float(level) if np.ndim(level) == 0 and number else level
+
+
+class Noise(Checked):
+    r"""How much a photograph's samples scatter, at the level m of the image (Healey and Kondepudy 1994).
+
+    $$ variance = {read}^2 + shot \cdot m + (s / levels)^2 / 12 $$
+
+    `read`: standard deviation in the dark. `shot`: variance for each unit of signal, that of counted photons. `levels`:
+    steps of an integer file, 255 for 8 bits, whose rounding is the last term, 0 without; `srgb`: 1 where the steps are
+    spaced by the sRGB curve, so that s is its slope at m, else 0 and s = 1. At least 0, in the image's linear units.
+    """
+
+    read: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    shot: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    levels: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    srgb: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 1})
+
+    def check_together(self) -> None:
+        if is_concrete(self.srgb) and self.srgb not in (0.0, 1.0):
+            raise ValueError(f"Noise.srgb must be 0 or 1; got {self.srgb}. Give 1 where the file has the sRGB curve.")
+        if is_concrete(self.read, self.shot, self.levels) and not (self.read > 0 or self.levels > 0):
+            raise ValueError(
+                f"Noise must not vanish in the dark; got read {self.read} and levels {self.levels}. Give the standard "
+                "deviation of a dark image as read, or the levels of the file."
+            )
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the variance is the same at every level."""
+        return float(self.shot) == 0.0 and (float(self.levels) == 0.0 or float(self.srgb) == 0.0)
+
+    def variance(self, m: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return the variance at the level m."""
+        m = jnp.where(m > 0.0, m, 0.0)
+        bright = m > 0.0031308
+        curve = jnp.where(bright, 2.4 / 1.055 * jnp.where(bright, m, 1.0) ** (1.4 / 2.4), 1.0 / 12.92)
+        spacing = jnp.where(self.srgb > 0.5, curve, 1.0)
+        step = jnp.where(self.levels > 0, spacing / jnp.where(self.levels > 0, self.levels, 1.0), 0.0)
+        return self.read**2 + self.shot * m + step**2 / 12.0
+
+
+def as_noise(noise: Noise | float | None) -> Any:
+    """Make a number the standard deviation of noise that is the same everywhere."""
+    return noise if noise is None or isinstance(noise, Noise) else Noise(read=noise)
+
+
+class View(Checked):
+    r"""A photograph (or render) and how it was taken.
+
+    $$ image = exposure \cdot radiance + black + noise $$
+
+    then clipped by the sensor to [floor, saturation]. `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a
+    further channel is alpha, and alpha of at least half is inside the mask. One larger than memory is what `open_image`
+    returns, or any array of one's own with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py,
+    zarr). `camera`: of the image's shape. `mask`: (H, W), True or at least half where pixels count; by default the
+    scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`: the factor from
+    radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a `Noise`, or the
+    standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`: samples at or
+    above it are clipped; by default 1 in an image whose largest value that counts is exactly 1, the top of an integer
+    file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
+    """
+
+    image: Image = eqx.field(converter=as_image)
+    camera: AbstractCamera
+    mask: Bool[np.ndarray, "h w"] | None = eqx.field(
+        converter=lambda mask: None if mask is None else np.asarray(mask), default=None
+    )
+    lit: tuple[int, ...] | None = eqx.field(converter=as_lit, static=True, default=None)
+    exposure: Scalar = eqx.field(converter=as_scalar, default=1.0)
+    black: Scalar = eqx.field(converter=as_scalar, default=0.0)
+    noise: Noise | None = eqx.field(converter=as_noise, default=None)
+    saturation: float | None = eqx.field(converter=as_level, static=True, default=None)
+    floor: float | None = eqx.field(converter=as_level, static=True, default=None)
+
+    def check_together(self) -> None:
+        check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
+        image, shape = self.image, self.camera.shape
+        if not np.issubdtype(image.dtype, np.floating):
+            raise ValueError(
+                f"View.image must be linear radiance in floats; got {image.dtype}. Read the file with ds.read_image."
+            )
+        if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
+            raise ValueError(
+                f"View.image must have shape (H, W), or (H, W, C) with 1 to 4 channels; got {image.shape}. "
+                "Give a grey or RGB image, with alpha or without."
+            )
+        if image.shape[:2] != shape:
+            raise ValueError(
+                f"View.image must have the camera's shape {shape}; got {image.shape[:2]}. "
+                f"Give the camera shape={image.shape[:2]}."
+            )
+        if self.lit is not None and not (isinstance(self.lit, tuple) and all(type(i) is int for i in self.lit)):
+            raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give for example (0, 2).")
+        if self.mask is not None and self.mask.shape != shape:
+            raise ValueError(f"View.mask must have the image's shape {shape}; got {self.mask.shape}. Resize it.")
+        for name, level in (("saturation", self.saturation), ("floor", self.floor)):
+            if level is not None and not (isinstance(level, float) and not np.isnan(level)):
+                raise ValueError(f"View.{name} must be a number or None; got {level!r}. Give the level in the image.")
+        if self.saturation is not None and self.floor is not None and not self.floor < self.saturation:
+            raise ValueError(
+                f"View.floor must be less than saturation; got {self.floor:g} and {self.saturation:g}. Give the levels "
+                "of the sensor in the dark and in full light."
+            )
+        if self.mask is not None and self.mask.dtype.kind == "f" and not np.isfinite(self.mask).all():
+            row, column = np.argwhere(~np.isfinite(self.mask))[0]
+            raise ValueError(
+                f"View.mask must be finite; got {self.mask[row, column]} at row {row}, column {column}. Give 0 or 1."
+            )
+        if is_concrete(self.exposure) and not self.exposure > 0:
+            raise ValueError(f"View.exposure must be above 0; got {self.exposure}. Give 1 if it is not known.")
+
+
+class Samples(eqx.Module):
+    """The samples of one view that count: a sample is one channel of a pixel."""
+
+    inside: Bool[np.ndarray, "h w"]
+    """Pixels that show an object."""
+    pixels: Int[np.ndarray, " n"]
+    """Where those pixels are in the flattened image."""
+    photograph: Image
+    """The photograph without alpha, not copied."""
+    floor: float
+    """The sensor's range: samples at or below its floor, and at or above its level, are clipped."""
+    level: float
+    brightest: float
+    """The largest sample."""
+    first: int = 0
+    """The row of the image at which `inside` and `photograph` begin, where they are a tile of it."""
+
+    def values(self, pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
+        """Return the photograph at some of its pixels."""
+        if isinstance(self.photograph, LazyImage):
+            return self.photograph.at(pixels)
+        h, w, c = self.photograph.shape
+        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
+
+    def whole(self) -> Float[np.ndarray, "h w c"]:
+        """Return the whole photograph, which is read here where it is lazy."""
+        return self.photograph[:]
+
+    def clipped(self, values: Float[np.ndarray, "m c"]) -> Int8[np.ndarray, "m c"]:
+        """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
+        return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
+
+    def ends(self) -> Int8[np.ndarray, "n c"]:
+        """Return `clipped` of all the samples."""
+        if self.brightest < self.level and self.floor == -np.inf:  # nothing can be
+            return np.zeros((len(self.pixels), self.photograph.shape[2]), np.int8)
+        return self.clipped(self.values(self.pixels))
+
+
+def is_grey(view: View) -> bool:
+    """Whether a view has one channel, and so one residual a pixel."""
+    return view.image.shape[2] < 3
+
+
+def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
+    """Return the indices of the lights that are on in a view."""
+    return tuple(range(len(scene.lights))) if view.lit is None else view.lit
+
+
+def switches(rows: Sequence[Sequence[int]]) -> tuple[Int[np.ndarray, "views _"], Float[np.ndarray, "views _"]]:
+    """Return what is on in each view as an index, padded to the same number, and 1 for each, or 0 for padding."""
+    most = max(map(len, rows))
+    index = np.array([[*row, *[0] * (most - len(row))] for row in rows], int).reshape(len(rows), most)
+    weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in rows]).reshape(len(rows), most)
+    return index, weight
+
+
+def noises(views: Sequence[View]) -> Any:
+    """Return the `Noise` of each view, stacked; None where it is not known."""
+    of = [view.noise for view in views]
+    return None if None in of else jax.tree.map(lambda *leaves: np.stack(leaves), *of)
+
+
+def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
+    """Return what a view's photograph of a scene would be, exposure * radiance + black, unclipped, in its channels."""
+    image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)
+    return image.mean(-1, keepdims=True) if is_grey(view) else image
+
+
+def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
+    """Return the views that were taken alike, by the same camera under the same lights: their errors are alike too."""
+    on = [sorted(lights_on(scene, view)) for view in views]
+    groups: list[list[int]] = []
+    for i, view in enumerate(views):
+        same = (g for g in groups if on[g[0]] == on[i] and _equal(views[g[0]].camera, view.camera))
+        group = next(same, None)
+        groups.append([i]) if group is None else group.append(i)
+    return groups
+
+
+def repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
+    """Return the views that are an earlier one again, the same numbers taken alike, and which one."""
+    found: dict[int, int] = {}
+    for group in setups(scene, views):
+        for k, i in enumerate(group):
+            same = (j for j in group[:k] if all(_equal(*pair) for pair in _numbers(views[j], views[i])))
+            first = next(same, None)
+            if first is not None:
+                found[i] = first
+    return found
+
+
+def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
+    return [(one.mask, other.mask), (one.image, other.image)]
+
+
+def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
+    """Say which views are an earlier one again."""
+    pairs = list(repeats(scene, views).items())
+    if not pairs:
+        return []
+    i, j = pairs[0]
+    if len(pairs) == 1:
+        return [f"views[{i}] is views[{j}] again, the same numbers, and is counted once."]
+    return [f"{len(pairs)} views repeat earlier ones, such as views[{i}] views[{j}], and are counted once."]
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two modules or arrays are of one structure and hold equal numbers."""
+    if isinstance(one, LazyImage) or isinstance(other, LazyImage):
+        same = one.shape == other.shape and one.dtype == other.dtype
+        tiles = row_tiles(*one.shape[:2]) if same and one is not other else []
+        return same and all(np.array_equal(one[first:last], other[first:last]) for first, last in tiles)
+    return bool(eqx.tree_equal(jax.tree.map(np.asarray, one), jax.tree.map(np.asarray, other)))
+
+
+def has_alpha(view: View) -> bool:
+    """Whether the last channel of a view's image is alpha."""
+    return view.image.shape[2] in (2, 4)
+
+
+def colours(view: View) -> Image:
+    """Return a view's image without alpha, not copied."""
+    if not has_alpha(view):
+        return view.image
+    return view.image.colours() if isinstance(view.image, LazyImage) else view.image[..., :-1]
+
+
+def has_mask(view: View) -> bool:
+    """Whether a view says which of its pixels count."""
+    return view.mask is not None or has_alpha(view)
+
+
+def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
+    """Find the samples of a view that count.
+
+    `moving` says that a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
+    otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
+    """
+    check_view(scene, view, moving=moving)
+    masks = [] if view.mask is None else [as_mask(view.mask)]
+    if has_alpha(view):
+        masks.append(_alpha(view.image))
+    if not moving:
+        masks.append(np.asarray(silhouette(scene.objects, view.camera)))
+    inside = np.logical_and.reduce(masks)
+    if moving:
+        inside = erode(inside)
+    pixels = np.flatnonzero(inside).astype(np.int32)
+    check_any(len(pixels))
+    samples = Samples(inside, pixels, colours(view), -np.inf, np.inf, 0.0)
+    least, most = extremes(samples)
+    return Samples(inside, pixels, samples.photograph, *sensor_range(view, least, most), most)
+
+
+def check_view(scene: Scene, view: View, *, moving: bool) -> None:
+    """Refuse a view that does not fit the scene, or has no mask where a surface is free."""
+    select(scene, view.lit)
+    check_shapes(scene, view.camera)
+    check_positions(scene, view.camera)
+    if moving and not has_mask(view):
+        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
+
+
+def check_any(pixels: int) -> None:
+    """Refuse a view of which no pixel counts."""
+    if not pixels:
+        raise ValueError(
+            "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
+            "Check that the mask is white on the object, and the camera."
+        )
+
+
+def sensor_range(view: View, least: float, most: float) -> tuple[float, float]:
+    """Return the levels at which the sensor clips, at the bottom and at the top, given the extreme samples."""
+    rounded = view.image.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
+    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
+    if least >= level:
+        raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
+    return -np.inf if view.floor is None else float(rounded(view.floor)), level
+
+
+def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
+    """Return where the last channel is at least half."""
+    if isinstance(image, LazyImage):
+        return np.concatenate([as_mask(tile[..., -1]) for _, tile in image.tiles()])
+    return np.asarray(as_mask(image[..., -1]))
+
+
+def extremes(samples: Samples) -> tuple[float, float]:
+    """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
+    least, most = np.inf, -np.inf
+    for start in range(0, len(samples.pixels), 1 << 16):
+        pixels = samples.pixels[start : start + (1 << 16)]
+        values = samples.values(pixels)
+        low, high = float(values.min()), float(values.max())  # NaN where one is
+        if not np.isfinite(low + high):
+            wrong = ~np.isfinite(values).all(-1)
+            first = int(wrong.argmax())
+            row, column = divmod(int(pixels[first]), samples.photograph.shape[1])
+            count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
+            raise ValueError(
+                f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
+                f"({count} such pixels). Mask them out."
+            )
+        least, most = min(least, low), max(most, high)
+    return least, most
+
+
+def erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Take one pixel off the edge of a mask."""
+    padded = np.pad(mask, 1)
+    return padded[1:-1, 1:-1] & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]

@@ -1,0 +1,1 @@
+"""Forward: the prediction of every sample, its residual and its derivatives."""

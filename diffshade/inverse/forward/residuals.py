@@ -1,0 +1,200 @@
+"""Residuals of any scene: what each pixel would show, and its derivatives, one block of pixels at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.backend import jit_quickly
+from ...core.fields import Array
+from ...model.cameras import AbstractCamera, Projection
+from ...model.gbuffers import GBuffer
+from ...model.scenes import Scene, light_kinds, stack_scene
+from ...model.tracing import radiance
+from ..data.views import View, is_grey, lights_on, noises, switches
+from ..pixels.blocks import Block, Observed, Piece
+from ..unknowns.parameters import Setup, Slots, without_gbuffers
+from .gram import Gram
+from .losses import Likelihood
+from .rounding import Rounding, no_rounding
+
+
+class Counts(eqx.Module):
+    """How many pixels and samples (channels of pixels) a fit looks at."""
+
+    views: int
+    pixels: int
+    samples: int
+    clipped: int
+    """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
+    left_out: int
+    """Samples at an end of the sensor's range that were left out, with their pixels."""
+
+
+class Pixels(eqx.Module):
+    """Where a block's pixels are, and for each object that is a G-buffer its points there."""
+
+    row: Float[Array, "... pixels"]
+    column: Float[Array, "... pixels"]
+    gbuffers: tuple[GBuffer | None, ...]
+
+
+class Problem(eqx.Module):
+    """All that the predictions of a fit depend on but the unknowns and the pixels."""
+
+    setup: Setup
+    slots: Slots
+    projections: Projection
+    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
+    """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
+    grey: Float[Array, " views"]
+    noise: Any
+    """For each view its `Noise`; None where it is not known."""
+    rounding: Rounding
+    """The steps of the views' files, once they are found."""
+
+
+class Rendered(eqx.Module):
+    """The predictions of any scene, by rendering its pixels; derivatives by `jax.linearize`."""
+
+    problem: Problem
+    likelihood: Likelihood
+    steepest: Float[Array, " p"] | None = None
+    """For each unknown the slope above which a sample does not count, while a search is under way; None asks nothing.
+
+    Of the weighted sample, as a residual is: |sqrt(w) dm/dtheta|.
+    """
+
+    @property
+    def projects(self) -> bool:
+        """Whether one pass gives the Gram at any linear unknowns: no."""
+        return False
+
+    @property
+    def transparent(self) -> bool:
+        """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
+        return any(item.material.k_t is not None for item in self.problem.setup.scene.objects)
+
+    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
+        """Return what the predictions need to know of the pixels of a chunk."""
+        return pixels
+
+    def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
+        """Return exposure * radiance + black, one array a channel; of a grey view the mean of the three channels."""
+        problem, view = self.problem, block.view
+        setup = problem.slots.insert(theta, problem.setup)
+        scene = setup.scene
+        lights = tuple(
+            _switch(jax.tree.map(lambda leaf, index=index: leaf[index[view]], stack), on[view])
+            for stack, (index, on) in zip(scene.lights, problem.lit, strict=True)
+        )
+        scene = eqx.tree_at(lambda s: s.lights, scene, lights)
+        for i, gbuffer in enumerate(block.points.gbuffers):
+            if gbuffer is not None:
+                scene = eqx.tree_at(
+                    lambda s, i=i: s.objects[i].surface, scene, gbuffer, is_leaf=lambda node: node is None
+                )
+        projection = jax.tree.map(lambda leaf: leaf[view], problem.projections)
+        rays = projection.rays(block.points.row, block.points.column)
+        seen = radiance(scene, rays, projection, covered=len(scene.objects) == 1)
+        mean = (seen.x + seen.y + seen.z) / 3.0
+        grey = problem.grey[view] > 0
+        one = len(block.observed.target) == 1
+        channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
+        return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
+
+    def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
+        """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
+        p, views = theta.shape[0], self.problem.grey.shape[0]
+
+        def add(total: Gram, block: Block) -> tuple[Gram, None]:
+            m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
+            J = jax.vmap(derivative)(jnp.eye(p))  # for each channel, J^T: (p, pixels)
+            grams = [
+                Gram(terms.cost.sum(), Jc @ terms.slope, (Jc * terms.curvature[None]) @ Jc.T)
+                for Jc, terms in zip(J, self._costs(m, J, block.observed), strict=True)
+            ]
+            of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
+            return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
+
+        zero = Gram(jnp.zeros(views), jnp.zeros((views, p)), jnp.zeros((views, p, p)))
+        return jax.lax.scan(add, zero, chunk)[0]
+
+    def _costs(self, m: Sequence[Any], J: Sequence[Any], seen: Observed) -> list[Any]:
+        """Return the likelihood's terms channel by channel, of samples that are not too steep."""
+        if self.steepest is None:
+            return costs(self.likelihood, m, seen)
+        limit = self.steepest[:, None]
+        gentle = [jnp.all(jnp.sqrt(w)[None] * jnp.abs(Jc) <= limit, 0) for w, Jc in zip(seen.weight, J, strict=True)]
+        weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
+        return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
+
+    def gram(self, theta: Float[Array, " p"], summary: Gram) -> Gram:
+        """Return the Gram of each view from the sum of the chunks' summaries."""
+        return summary
+
+
+def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[Any]:
+    """Return the likelihood's terms of predictions, channel by channel."""
+    clipped = [None] * len(m) if observed.clipped is None else observed.clipped
+    return [likelihood.terms(*of) for of in zip(m, observed.target, observed.weight, clipped, strict=True)]
+
+
+def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
+    """Gather all that predictions depend on but the unknowns and the pixels."""
+    numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
+    return Problem(
+        Setup(stack_scene(without_gbuffers(scene)), *numbers),
+        slots,
+        jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
+        _lit(scene, views),
+        np.array([1.0 * is_grey(view) for view in views]),
+        noises(views),
+        no_rounding(len(views)),
+    )
+
+
+def _switch(lights: Any, on: Array) -> Any:
+    return eqx.tree_at(lambda light: light.intensity, lights, lights.intensity * on[:, None])
+
+
+def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[GBuffer | None]) -> Pixels:
+    """Return where the pixels of a chunk are."""
+    return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
+
+
+def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:
+    """Return a G-buffer's points at the pixels of a chunk; a padded pixel has a zero normal and is outside the mask."""
+
+    def gather(leaf: Array) -> np.ndarray:
+        leaf = np.asarray(leaf)
+        flat = leaf.reshape(-1, *leaf.shape[2:])
+        out = np.zeros((*shape, *leaf.shape[2:]), leaf.dtype)
+        for b, part in enumerate(parts):
+            out[b, : len(part.pixels)] = flat[part.pixels]
+        return out
+
+    return jax.tree.map(gather, gbuffer)
+
+
+@jit_quickly
+def _jitted_projection(camera: AbstractCamera) -> Projection:
+    return camera.projection()
+
+
+def projection_of(camera: AbstractCamera) -> Projection:
+    """Return a camera's rays as NumPy numbers."""
+    return jax.tree.map(np.asarray, _jitted_projection(camera))
+
+
+def _lit(scene: Scene, views: Sequence[View]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Return for each kind of light which of its lights are on in each view, padded to the same number."""
+    kinds = light_kinds(scene.lights)
+    on = [[[of.index(i) for i in lights_on(scene, view) if i in of] for view in views] for of in kinds]
+    return tuple(switches(rows) for rows in on)

@@ -1,0 +1,218 @@
+r"""Rounding: what the steps of an integer file do to a fit, beside noise.
+
+A file of 8 bits holds a value v, counted in its steps, as the nearest integer. The error is a sawtooth of v, and no
+noise: pixels of one value share one error, however many they are, such as the whole unlit side of an object.
+
+$$ \frac{e}{q} = \sum_{k \ge 1} \frac{(-1)^k}{\pi k} \sin 2 \pi k v $$
+
+Where the steps lie relative to the truth is not known. Averaged over that phase, two samples have the covariance
+
+$$ \langle e_i e_j \rangle = q_i q_j \sum_{k \ge 1} \frac{\cos 2 \pi k (v_i - v_j)}{2 \pi^2 k^2} \, d_{ik} d_{jk} $$
+
+(Widrow and Kollar 2008, "Quantization Noise", ch. 3 to 5): q^2/12 where they are equal, and next to nothing on average
+where they are many different steps apart. Noise of standard deviation s before the rounding damps each term,
+d_ik = exp(-2 pi^2 k^2 s^2/q_i^2): with half a step of it the rounding errors are independent (dither; Gray and Stockham
+1993), and are part of the noise that the residuals show. The gradients of a fit, J^T W e, so have the covariance
+A^T A with two rows of A for each k: the sums over all samples of d_ik q_i w_i J_i times the cosine and the sine of
+2 pi k v_i, over sqrt(2) pi k. Sums, so that one pass over the pixels makes them, tile by tile where they are many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...core.fields import Array
+from ...io.images import srgb_encode
+from ..pixels.blocks import Block, measured_weights
+
+HARMONICS = 12  # of the sawtooth, which have 95 % of its variance
+MOST_NOISE = 0.6  # steps, from which on rounding is nothing but a part of the noise
+BITS = (8, 10, 12, 14, 16)
+FEWEST = 3  # different values, from which steps are found
+CHANCE = 1e-9  # that so many values are so near to steps that are not there
+TOLERANCE = 0.02  # steps, within which a value is on one: float32 holds 65,535 steps to .004
+FINEST = 2.0**-17  # of the largest value: smaller steps are those of floats
+
+
+class Rounded(NamedTuple):
+    """What rounding adds to the errors of a fit."""
+
+    rounding: Rounding
+    waves: Float[np.ndarray, "views p waves"]
+    """See `waves`; in the solver's coordinates."""
+    shared: float
+    """Which part of the residuals' mean square is of the rounding that the waves hold."""
+
+
+class Rounding(eqx.Module):
+    """The steps of the views' files, and the noise that was there before the rounding."""
+
+    step: Float[Array, " views"]
+    """Size of a step; 0 where a view has none."""
+    srgb: Float[Array, " views"]
+    """1 where the steps are equal on the sRGB curve, 0 where they are in linear values."""
+    noise: Float[Array, ""]
+    """Standard deviation before the rounding of a sample of weight 1."""
+
+    @property
+    def exists(self) -> bool:
+        """Whether any view has steps."""
+        return bool(np.any(np.asarray(self.step) > 0))
+
+    def steps(self, view: Any, m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+        """Return where the levels m of a view are, counted in steps, and the size of a step there; 0 without steps."""
+        step, srgb = self.step[view], self.srgb[view] > 0
+        bright = m > 0.0031308
+        root = jnp.where(bright, m, 1.0) ** (1.0 / 2.4)
+        encoded = jnp.where(bright, 1.055 * root - 0.055, 12.92 * m)
+        slope = jnp.where(bright, 1.055 / 2.4 * root / jnp.where(bright, m, 1.0), 12.92)
+        size = jnp.where(step > 0, step, 1.0)
+        return jnp.where(srgb, encoded, m) / size, jnp.where(srgb, step / slope, step)
+
+    def __str__(self) -> str:
+        """Return the steps in words."""
+        pairs = zip(np.asarray(self.step).tolist(), np.asarray(self.srgb).tolist(), strict=True)
+        kinds = dict.fromkeys((f"{1.0 / step:,.0f}", srgb > 0) for step, srgb in pairs if step > 0)
+        return " or ".join(f"{count} {'sRGB ' if srgb else ''}steps" for count, srgb in kinds)
+
+
+def no_rounding(views: int) -> Rounding:
+    """Return the steps of views that have none."""
+    return Rounding(np.zeros(views), np.zeros(views), np.zeros(()))
+
+
+# Which steps
+
+
+def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[float, bool]:
+    """Return the step between the values of a view, and whether they are equal on the sRGB curve; 0 without steps.
+
+    They are those of integers of 8 to 16 bits, or else as the smallest gap between values says, where all other gaps
+    are multiples of it: of a file that was scaled.
+
+    Args:
+        values: Samples that are not clipped, linear.
+        levels: How many steps there are if there are any, where that is known.
+    """
+    different = np.unique(values)
+    if not len(different) or not np.isfinite(different).all():
+        return 0.0, False
+    curves = (False, different), (True, srgb_encode(different))
+    for count in (levels, *(2.0**bits - 1.0 for bits in BITS)):
+        for srgb, of in curves if count > 0 else ():
+            if _on_steps(of * count, least=1 if count == levels else FEWEST):
+                return 1.0 / count, srgb
+    for srgb, of in curves:
+        if step := _common_step(of):
+            return step, srgb
+    return 0.0, False
+
+
+def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
+    """Return the steps of the views, found from the samples of chunks; `levels` of each as `find_steps` has them."""
+    samples: list[list[np.ndarray]] = [[np.zeros(0)] for _ in levels]
+    for chunk in chunks:
+        seen = chunk.observed
+        target = np.asarray(seen.target)
+        counts = np.asarray(chunk.points.counts)[:, None] if seen.weight is None else np.asarray(seen.weight) > 0
+        measured = counts if seen.clipped is None else counts & (np.asarray(seen.clipped) == 0)
+        for view, values, which in zip(np.asarray(chunk.view), target, measured, strict=True):
+            samples[int(view)].append(values[np.broadcast_to(which, values.shape)])
+    found = [find_steps(np.concatenate(of), known) for of, known in zip(samples, levels, strict=True)]
+    step, srgb = (np.array(of, float) for of in zip(*found, strict=True))
+    return Rounding(step, srgb, np.zeros(()))
+
+
+def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
+    """Return whether values counted in steps are whole numbers, so many and so nearly that it is no chance."""
+    values = values[np.abs(values) > TOLERANCE]
+    off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
+    chance = max(2.0 * off, 1e-12) ** min(len(values), 20)
+    return off < TOLERANCE and len(values) >= least and chance < CHANCE
+
+
+def _common_step(values: Float[np.ndarray, " n"]) -> float:
+    """Return the step of which all gaps between sorted values are multiples; 0 without one."""
+    largest = np.abs(values).max()
+    values = values[np.diff(values, prepend=-np.inf) > 1e-3 * FINEST * largest]  # equal but for their last digits
+    gaps = np.diff(values)
+    if len(gaps) < 4 * FEWEST or gaps.min() < FINEST * largest:
+        return 0.0
+    counts = gaps / gaps.min()
+    if not _on_steps(counts):
+        return 0.0
+    step = float((values[-1] - values[0]) / np.rint(counts).sum())
+    return step if _on_steps((values - values[0]) / step) else 0.0
+
+
+# What they do
+
+
+def waves(theta: Any, form: Any, chunk: Block) -> Float[Array, "views p waves"]:
+    """Return the rows of A of each view, as columns, over a chunk: A^T A is what rounding makes the gradients vary.
+
+    Samples weigh as in the Gram; those at an end of the sensor's range are left out.
+    """
+    rounding, p = form.problem.rounding, theta.shape[0]
+
+    def add(total: Any, block: Block) -> tuple[Any, None]:
+        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
+        J = jax.vmap(derivative)(jnp.eye(p))  # (p, channels, pixels)
+        weight = measured_weights(form, block)
+        where, size = rounding.steps(block.view, m)
+        bend = form.likelihood.terms(m, block.observed.target, weight, None).curvature
+        both = _harmonics(2.0 * jnp.pi * where, bend * size, _damping(rounding, weight, size))
+        of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
+        return total.at[block.view].add(of_block), None
+
+    zero = jnp.zeros((form.problem.grey.shape[0], p, 2 * HARMONICS))
+    return jax.lax.scan(add, zero, chunk)[0]
+
+
+def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.ndarray, "waves n"]:
+    """Return S of some samples predicted as m, where S^T S is the covariance of their rounding errors."""
+    where, size = rounding.steps(view, jnp.asarray(m))
+    damping = _damping(rounding, jnp.asarray(weight), size)
+    return np.asarray(_harmonics(2.0 * jnp.pi * where, size, damping)).reshape(2 * HARMONICS, -1)
+
+
+def _damping(rounding: Rounding, weight: Array, size: Array) -> Array:
+    """Return by how much the noise before the rounding damps the first term of the sawtooth."""
+    return jnp.exp(-2.0 * jnp.pi**2 * rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0))
+
+
+def _harmonics(phase: Array, size: Array, damping: Array) -> Array:
+    """Return size damping^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products."""
+    c, s = jnp.cos(phase), jnp.sin(phase)
+
+    def following(at: tuple[Array, ...], k: Array) -> tuple[tuple[Array, ...], Array]:
+        cosine, sine, height, factor = at
+        rotated = cosine * c - sine * s, sine * c + cosine * s
+        return (*rotated, height * factor, factor * damping**2), jnp.stack([cosine, sine]) * (height / k)[None]
+
+    first = c, s, size * damping / (jnp.sqrt(2.0) * jnp.pi), damping**3
+    return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
+
+
+def share_of_waves(noise2: float) -> float:
+    """Return which part of the variance of rounding the waves hold, given the noise's variance in steps squared."""
+    k = np.arange(1.0, HARMONICS + 1.0)
+    return float(6.0 / np.pi**2 * np.sum(np.exp(-4.0 * np.pi**2 * k**2 * noise2) / k**2))
+
+
+def variance_of_steps(form: Any, chunk: Block) -> Float[Array, "2"]:
+    """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
+
+    def add(total: Array, block: Block) -> tuple[Array, None]:
+        weight = measured_weights(form, block)
+        _, size = form.problem.rounding.steps(block.view, block.observed.target)
+        return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
+
+    return jax.lax.scan(add, jnp.zeros(2), chunk)[0]

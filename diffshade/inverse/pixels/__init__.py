@@ -1,0 +1,1 @@
+"""Pixels: the samples that count, in blocks, tiles and streams."""

@@ -1,0 +1,124 @@
+"""Blocks: the pixels that count, cut into equal pieces, and a sum over them on every core."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int, Int8
+
+from ...core.fields import Array
+from ..data.views import Samples, View, is_grey
+
+T = TypeVar("T")
+BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
+CHUNK = 16  # blocks at most in one call of a compiled program
+
+
+class Observed(eqx.Module):
+    """The samples of a block. A block of blocks, a chunk, has a leading axis."""
+
+    target: Float[Array, "... channels pixels"]
+    weight: Float[Array, "... channels pixels"]
+    """1 or 1/variance; 0 where a sample does not count."""
+    clipped: Int8[Array, "... channels pixels"] | None
+    """See `Samples.clipped`; None where no sample of the fit is."""
+
+
+class Block(eqx.Module):
+    """Pixels of one view, padded with pixels of weight 0 to a fixed number, and the points they show."""
+
+    view: Int[Array, "..."]
+    points: Any
+    observed: Observed
+
+
+def weights(form: Any, block: Block) -> Array:
+    """Return the weight of each sample, which a form that projects keeps for the view."""
+    seen = block.observed
+    if seen.weight is not None:
+        return seen.weight
+    return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
+
+
+def measured_weights(form: Any, block: Block) -> Float[Array, "channels pixels"]:
+    """Return the weight of each sample, 0 where it was clipped."""
+    weight, clipped = weights(form, block), block.observed.clipped
+    return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)
+
+
+class Piece(eqx.Module):
+    """The pixels of a view that a block holds, before it is laid out."""
+
+    view: int = eqx.field(static=True)
+    samples: Samples
+    pixels: Int[np.ndarray, " n"]
+
+
+def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) -> list[Piece]:
+    """Cut the pixels of each view into blocks of `size`; with `at_most`, of so many pixels, evenly spread over all."""
+    total = sum(len(s.pixels) for s in samples)
+    found = []
+    for view, s in enumerate(samples):
+        pixels = s.pixels
+        if at_most is not None and at_most < total:
+            count = max(len(pixels) * at_most // total, min(len(pixels), 256))
+            pixels = pixels[np.arange(count) * len(pixels) // count]
+        found += [Piece(view, s, pixels[start : start + size]) for start in range(0, len(pixels), size)]
+    return found
+
+
+def block_size(pixels: Sequence[int]) -> int:
+    """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded."""
+    mean = sum(pixels) / len(pixels)
+    return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
+
+
+def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
+    """Gather blocks into chunks; of several the last is filled up with empty ones, so that one program serves all."""
+    empty = -len(parts) % CHUNK if len(parts) > CHUNK else 0
+    parts = [*parts, *(Piece(part.view, part.samples, part.pixels[:0]) for part in parts[:empty])]
+    return [parts[start : start + CHUNK] for start in range(0, len(parts), CHUNK)]
+
+
+def padded_length(count: int) -> int:
+    """Return the number of blocks of a chunk of at least `count`: few different ones, so that few programs compile."""
+    if count > CHUNK:
+        return -(-count // CHUNK) * CHUNK
+    return next(length for length in (1, 2, 3, 4, 6, 8, 12, CHUNK) if length >= count)
+
+
+def observed(
+    parts: Sequence[Piece],
+    views: Sequence[View],
+    size: int,
+    channels: int,
+    *,
+    clipping: bool,
+    length: int | None = None,
+) -> tuple[Observed, Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
+    """Lay a chunk's samples out in blocks, and beside them the row and the column of each pixel."""
+    length = length or padded_length(len(parts))
+    target, weight = (np.zeros((length, channels, size)) for _ in range(2))
+    clipped = np.zeros((length, channels, size), np.int8) if clipping else None
+    row, column = np.zeros((length, size)), np.zeros((length, size))
+    for b, part in enumerate(parts):
+        n = len(part.pixels)
+        row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.photograph.shape[1])
+        values = part.samples.values(part.pixels)
+        used = 1 if is_grey(views[part.view]) else 3
+        target[b, :used, :n] = values.T
+        weight[b, :used, :n] = 1.0
+        if clipped is not None:
+            clipped[b, :used, :n] = part.samples.clipped(values).T
+    return Observed(target, weight, clipped), row, column
+
+
+def total(parts: Sequence[Any]) -> Any:
+    """Add trees leaf by leaf, always in the same order."""
+    return functools.reduce(lambda a, b: jax.tree.map(np.add, a, b), [jax.tree.map(np.asarray, p) for p in parts])

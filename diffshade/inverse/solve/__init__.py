@@ -1,0 +1,1 @@
+"""Solve: where to start, and the steps to the minimum."""

@@ -1,0 +1,221 @@
+"""Descent: a Levenberg-Marquardt step on J^T J within bounds, as optimistix's parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from ..forward.gram import Point
+
+TINY = 1e-12  # relative; keeps a matrix of unknowns that change nothing regular
+
+
+class BoxNewton(optx.AbstractDescent):
+    """Damped Newton step (H + D/step_size) dy = -g within bounds, by an active set.
+
+    The step is the minimum of the damped quadratic model over the box. D is the running maximum of diag(H), so that it
+    does not depend on the units of an unknown (More 1978).
+    """
+
+    lower: Float[Array, " p"]
+    upper: Float[Array, " p"]
+    projected: Bool[Array, " p"]
+    """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
+
+    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array]:
+        """Return an empty state: the point, its gradient, its Hessian and the scale."""
+        p = y.shape[0]
+        return y, jnp.zeros(p), jnp.zeros((p, p)), jnp.zeros(p)
+
+    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Array, Array]:
+        """Take a new point."""
+        hessian = f_info.hessian.as_matrix()
+        return y, f_info.grad, hessian, jnp.maximum(state[3], jnp.diagonal(hessian))
+
+    def step(self, step_size: Scalar, state: tuple) -> tuple[Array, Any]:
+        """Return the step of damping 1/step_size from the point."""
+        y, g, H, D = state
+        damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
+        dy = box_step(H, g, damping, self.lower - y, self.upper - y, D)
+        finite = jnp.all(jnp.isfinite(dy))
+        result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
+        return jnp.where(finite, dy, 0.0), result
+
+
+def box_minimum(A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
+    """Minimise g.z + z.A z/2 over low <= z <= high, where low <= 0 <= high and A is positive definite.
+
+    The primal active-set method (Nocedal and Wright 2006, algorithm 16.3), from z = 0: go towards the minimum over what
+    is free until a bound is in the way and hold that; once there, let go of the bound that pushes the wrong way most.
+    """
+
+    def move(state: tuple) -> tuple:
+        z, held, _, count = state
+        free = jnp.where(held, 0.0, 1.0)
+        M = A * jnp.outer(free, free) + jnp.diag(1.0 - free)
+        factor = jax.scipy.linalg.cho_factor(M)
+        target = jnp.where(held, z, -jax.scipy.linalg.cho_solve(factor, free * (g + A @ jnp.where(held, z, 0.0))))
+        bound = jnp.where(target < z, low, high)
+        room = jnp.where(~held & (target != z), (bound - z) / jnp.where(target != z, target - z, 1.0), jnp.inf)
+        nearest = jnp.min(room)
+        blocked = nearest < 1.0
+        hits = blocked & (room <= nearest)
+        z = jnp.where(hits, bound, jnp.where(blocked, z + nearest * (target - z), target))
+        slope = g + A @ z
+        wrong = jnp.where(held, jnp.where(z <= low, -slope, 0.0) + jnp.where(z >= high, slope, 0.0), -jnp.inf)
+        release = ~blocked & (wrong == jnp.max(wrong)) & (wrong > 1e-12 * jnp.max(jnp.abs(g)))
+        return z, (held | hits) & ~release, ~blocked & ~jnp.any(release), count + 1
+
+    z = jnp.zeros_like(g)
+    start = (z, at_bound(z, g, low, high), jnp.array(False), jnp.array(0))
+    return jax.lax.while_loop(lambda state: ~state[2] & (state[3] < 10 * len(g) + 10), move, start)[0]
+
+
+def at_bound(y: Array, gradient: Array, lower: Array, upper: Array) -> Bool[Array, " p"]:
+    """Return the unknowns at a bound which the cost would leave the box to improve."""
+    return ((y <= lower) & (gradient >= 0)) | ((y >= upper) & (gradient <= 0))
+
+
+class GainRatio(optx.AbstractSearch):
+    """Accept a step that lowers the cost; set the damping by the ratio of actual to predicted gain (Nielsen 1999).
+
+    With rho that ratio: damping * max(1/3, 1 - (2 rho - 1)^3) after an accepted step, else damping * nu, nu doubled
+    each time. A step whose predicted gain and actual change are both below `rounding` is accepted as well: the gradient
+    is then known better than the cost.
+    """
+
+    rounding: float = 0.0
+    damping: float = 1e-3
+
+    def init(self, y: Array, f_info_struct: Any) -> tuple[Scalar, Scalar]:
+        """Return the first step size, 1/damping, and nu = 2."""
+        return jnp.asarray(1.0 / self.damping), jnp.asarray(2.0)
+
+    def step(
+        self, first_step: Bool[Array, ""], y: Array, y_eval: Array, f_info: Any, f_eval_info: Any, state: tuple
+    ) -> tuple[Scalar, Bool[Array, ""], Any, tuple[Scalar, Scalar]]:
+        """Judge the step from y to y_eval and return the next step size."""
+        step_size, nu = state
+        dy = y_eval - y
+        predicted = -(f_info.grad @ dy + 0.5 * dy @ f_info.hessian.mv(dy))
+        actual = f_info.as_min() - f_eval_info.as_min()
+        unseen = (predicted <= self.rounding) & (jnp.abs(actual) <= self.rounding)
+        accept = first_step | ((actual > 0) & (predicted > 0)) | unseen
+        rho = jnp.where(predicted > 0, actual / jnp.where(predicted > 0, predicted, 1.0), 0.0)
+        rho = jnp.where(unseen, 1.0, rho)
+        longer = jnp.minimum(step_size / jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * rho - 1.0) ** 3), 1e15)
+        step_size = jnp.where(first_step, step_size, jnp.where(accept, longer, step_size / nu))
+        nu = jnp.where(accept, 2.0, 2.0 * nu)
+        return step_size, accept, optx.RESULTS.successful, (step_size, nu)
+
+
+class State(eqx.Module):
+    """Where the solver is between two passes."""
+
+    first: Bool[Array, ""]
+    y_eval: Array  # where to evaluate next
+    cost: Scalar  # of the last accepted point
+    point: Point
+    search: Any
+    descent: Any
+    done: Bool[Array, ""]
+    result: Any
+    rejected: Int[Array, ""]  # steps since the last accepted one
+    unseen: Int[Array, ""]  # steps whose gain is below rounding
+    steps: Int[Array, ""]
+
+
+class GramLevenbergMarquardt(optx.AbstractMinimiser):
+    """Levenberg-Marquardt for a function that returns its cost and, beside it, a `Point`: one pass a step.
+
+    optimistix's own keeps the whole Jacobian. The point may be elsewhere than where the function was asked: at better
+    linear unknowns. Stops when the decrease that a Newton step predicts is below `rtol` of the cost (plus `atol`), or
+    when rounding leaves no step that lowers it.
+    """
+
+    descent: optx.AbstractDescent
+    search: optx.AbstractSearch
+    rtol: float = 1e-16
+    atol: float = 0.0
+    rounding: float = 0.0
+    norm: Callable[[Any], Any] = eqx.field(static=True, default=optx.max_norm)
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> State:
+        cost, point = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), (f_struct, aux_struct))
+        info = _info(cost, point)
+        return State(
+            first=jnp.array(True),
+            y_eval=y,
+            cost=cost,
+            point=point,
+            search=self.search.init(y, info),
+            descent=self.descent.init(y, info),
+            done=jnp.array(False),
+            result=optx.RESULTS.successful,
+            rejected=jnp.array(0),
+            unseen=jnp.array(0),
+            steps=jnp.array(0),
+        )
+
+    def step(self, fn, y, args, options, state, tags) -> tuple[Array, State, Any]:
+        cost, tried = fn(state.y_eval, args)
+        finite = jnp.isfinite(cost) | ~state.first  # later, the search refuses a step to a cost that is not finite
+        step_size, accept, _, search = self.search.step(
+            state.first, y, state.y_eval, _info(state.cost, state.point), _info(cost, tried), state.search
+        )
+        keep = partial(jax.tree.map, lambda new, old: jnp.where(accept, new, old))
+        cost, point = keep((cost, tried), (state.cost, state.point))
+        y = keep(point.theta, y)
+        info = _info(cost, point)
+        descent = keep(self.descent.query(y, info, state.descent), state.descent)
+        dy, result = self.descent.step(step_size, descent)
+        rejected = jnp.where(accept, 0, state.rejected + 1)
+
+        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
+        small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0)
+        rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
+        below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
+        unseen = jnp.where(predicted <= below, state.unseen + 1, 0)
+        state = State(
+            first=jnp.array(False),
+            y_eval=y + dy,
+            cost=cost,
+            point=point,
+            search=search,
+            descent=descent,
+            done=small | rounding | (rejected > 40) | (unseen > 3),
+            result=optx.RESULTS.where(finite, result, optx.RESULTS.nonfinite),
+            rejected=rejected,
+            unseen=unseen,
+            steps=state.steps + 1,
+        )
+        return y, state, point
+
+    def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], Any]:
+        return state.done, state.result
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result) -> tuple[Array, Point, dict]:
+        return y, state.point, {"steps": state.steps, "cost": state.cost}
+
+
+def _info(cost: Scalar, point: Point) -> Any:
+    hessian = lx.MatrixLinearOperator(jnp.asarray(point.total.hessian), lx.positive_semidefinite_tag)
+    return optx.FunctionInfo.EvalGradHessian(cost, point.total.gradient, hessian)
+
+
+def box_step(H: Any, g: Any, damping: Array, low: Array, high: Array, D: Array | None = None) -> Array:
+    """Minimise g.z + z.(H + damping D) z/2 over low <= z <= high; D is diag(H) unless it is given (More 1978)."""
+    D = jnp.diagonal(H) if D is None else D
+    D = jnp.maximum(D, TINY * jnp.max(D))
+    scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
+    A = H * jnp.outer(scale, scale) + jnp.diag(jnp.maximum(damping, 0.0))
+    A = A + jnp.diag(jnp.where(jnp.diagonal(A) > 0, 0.0, 1.0))
+    return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale), low, high)

@@ -1,0 +1,195 @@
+"""The least-squares engine: passes over the pixels on all cores, and between them steps that optimistix decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from ...core import fields
+from ...core.backend import UNFUSED, jit_quickly
+from ...parallel.threads import on_all_cores
+from ..forward.gram import Gram, Point
+from ..pixels.blocks import Block, total
+from ..pixels.streams import Passes
+from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+
+
+class Soft(eqx.Module):
+    """What is known of the unknowns beside the views: a residual for each Gaussian prior and each unit vector."""
+
+    index: Int[fields.Array, " k"]
+    mean: Float[fields.Array, " k"]
+    weight: Float[fields.Array, " k"]
+    """sigma/width of each prior: sigma is the scale of the views' residuals."""
+    units: Int[fields.Array, "u 3"]
+    unit_weight: Float[fields.Array, ""]
+    """Any weight will do: the length of a unit vector changes no pixel, so that 1 is met exactly."""
+
+    def gram(self, theta: Float[fields.Array, " p"]) -> Gram:
+        """Return the Gram of these residuals."""
+
+        def residuals(q: Any) -> Array:
+            lengths = jnp.sum(q[self.units] ** 2, -1)
+            return jnp.concatenate(
+                [self.weight * (q[self.index] - self.mean), self.unit_weight * 0.5 * (lengths - 1.0)]
+            )
+
+        r, J = residuals(theta), jax.jacfwd(residuals)(theta)
+        return Gram(0.5 * r @ r, J.T @ r, J.T @ J)
+
+
+class Box(eqx.Module):
+    """The range of the unknowns, and which of them the prediction is linear in."""
+
+    lower: Float[fields.Array, " p"]
+    upper: Float[fields.Array, " p"]
+    linear: Bool[fields.Array, " p"]
+
+
+class Task:
+    """What is to be minimised: the form that predicts, what is known beside the views, and the range of the unknowns.
+
+    Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
+    """
+
+    def __init__(self, form: Any, soft: Soft, box: Box):
+        self.form, self.soft, self.box = form, soft, box
+        self.form_leaves, self.form_structure = jax.tree.flatten(form)
+        self.leaves, self.structure = jax.tree.flatten((form, soft, box))
+
+
+def evaluate(theta: Float[fields.Array, " p"], form: Any, soft: Soft, box: Box, summary: Any) -> Point:
+    """Return the point at theta, from a pass over the pixels there.
+
+    A form that projects gives the Gram at any linear unknowns from one pass: then it is the point at the best linear
+    unknowns within their bounds instead of theta's own.
+    """
+
+    def at(theta: Any) -> Point:
+        views = form.gram(theta, summary)
+        everything = jax.tree.map(lambda view, more: view.sum(0) + more, views, soft.gram(theta))
+        return Point(theta, everything, views)
+
+    point = at(theta)
+    return at(theta + linear_step(point, box)) if form.projects else point
+
+
+def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
+    """Return the step of the linear unknowns alone to their optimum within bounds."""
+    low = jnp.where(box.linear, box.lower - point.theta, 0.0)
+    high = jnp.where(box.linear, box.upper - point.theta, 0.0)
+    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high)
+
+
+class Minimum(eqx.Module):
+    """Where the solver ended."""
+
+    point: Point
+    steps: int = eqx.field(static=True)
+    message: str = eqx.field(static=True)
+    """Empty where it converged."""
+    costs: tuple[float, ...] = eqx.field(static=True, default=())
+    """The cost at the start, and the lowest after each step."""
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The unknowns, in the solver's coordinates."""
+        return np.asarray(self.point.theta)
+
+
+def _summarise(structure: Any, leaves: list[Any], theta: Array, chunk: Block) -> Any:
+    return jax.tree.unflatten(structure, leaves).summary(theta, chunk)
+
+
+_summary = jax.jit(_summarise, static_argnums=0)
+_summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSED)
+
+
+@partial(jit_quickly, static_argnums=0)
+def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
+    form, soft, box = jax.tree.unflatten(structure, leaves)
+    return evaluate(theta, form, soft, box, summary)
+
+
+def summary_of(theta: Any, form: Any, chunk: Block) -> Any:
+    """Return what a chunk adds to a pass."""
+    return form.summary(theta, chunk)
+
+
+def look(theta: Any, task: Task, chunks: Sequence[Block] | Passes) -> Point:
+    """Return the point at theta, or, for a form that projects, at its best linear unknowns: one pass, on all cores."""
+    if isinstance(chunks, Passes):
+        return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.form))
+    program = _summary_unfused if task.form.transparent and jax.default_backend() == "cpu" else _summary
+    summaries = on_all_cores(lambda chunk: program(task.form_structure, task.form_leaves, theta, chunk), chunks)
+    return _evaluate(task.structure, task.leaves, theta, total(summaries))
+
+
+def _given(y: Array, point: Point) -> tuple[Any, Point]:
+    """Pass a point that is already known through optimistix's interface of a function to minimise."""
+    return point.total.cost, point
+
+
+@jit_quickly
+def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
+    f_struct, aux_struct = jax.eval_shape(_given, theta, point)
+    state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)  # of no weak type, as all later ones
+
+
+@jit_quickly
+def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point) -> tuple[Array, State, Array]:
+    theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
+    return theta, state, state.done | (state.result != optx.RESULTS.successful)
+
+
+def minimise(
+    theta: Any,
+    task: Task,
+    chunks: Sequence[Block] | Passes,
+    *,
+    squares: float,
+    max_steps: int,
+    rtol: float = 1e-16,
+    tell: Callable[[int, float], None] = lambda step, cost: None,
+) -> Minimum:
+    """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
+
+    The steps are decided by a compiled program; the passes between them run on all cores.
+    """
+    box, projects = task.box, task.form.projects
+    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    solver = GramLevenbergMarquardt(
+        descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),
+        search=GainRatio(rounding),
+        rtol=rtol,
+        atol=1e-25 * squares,
+        rounding=rounding,
+    )
+    theta = np.asarray(theta)
+    point = look(theta, task, chunks)
+    state, done = _begin(theta, solver, point), False
+    costs = [float(point.total.cost)]
+    for step in range(1, max_steps + 1):
+        theta, state, done = _advance(theta, state, solver, point)
+        costs.append(min(costs[-1], float(state.cost)))
+        tell(step, costs[-1])
+        if done or step == max_steps:
+            break
+        point = look(state.y_eval, task, chunks)
+    result = state.result if done else optx.RESULTS.nonlinear_max_steps_reached
+    if result == optx.RESULTS.successful:
+        message = ""
+    elif result == optx.RESULTS.nonlinear_max_steps_reached:
+        message = "the cost still falls, along what these views hardly determine"
+    else:
+        message = "a step met a number that is not finite"
+    return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))

@@ -1,0 +1,252 @@
+"""Starts: where a fit begins that is told nothing: a coarse search over what the image is not linear in.
+
+Each candidate is judged by its cost at the best linear unknowns (k_a, k_d, k_s), which are solved for within their
+bounds, on a few of the pixels. Unknowns of one kind are tried together, one group after another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...core.backend import jit_quickly
+from ...core.fields import Array
+from ...core.progress import Tell
+from ...model.lights import SpotLight
+from ...model.scenes import Scene
+from ..forward.gram import Point
+from ..pixels.blocks import Block
+from ..unknowns.parameters import Unknown, coordinates
+from .descent import box_step
+from .solvers import Box, Task, linear_step, look, minimise
+
+EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
+SEARCHING = "searching for a start"
+BEST = 3  # candidates that are followed
+SHORT = 30  # steps, on a part of the pixels
+FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
+EDGE = 5.0  # degrees
+MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
+REACH = {"eta": 0.06}  # a little more than half the distance of what is tried, which `approach` bridges
+APPROACH = 16  # steps,
+SHRINK = 0.6  # each of so much of the last one's reach,
+STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
+
+Theta = Float[np.ndarray, " p"]
+
+
+def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[Float[np.ndarray, "n p"]]:
+    """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
+    found = []
+    for (kind, quantity), members in _groups(unknowns).items():
+        values = np.array([unknowns[j].start for j in members])
+        tried = _scale(values**0, FACTORS) if "/" in quantity else _MOVES[kind](values, scene)
+        at = np.tile(theta, (len(tried), 1))
+        at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
+        found.append(at)
+    return found
+
+
+def _groups(unknowns: Sequence[Unknown]) -> dict[tuple[str, str], list[int]]:
+    """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        if unknown.kind in _MOVES or "/" in unknown.quantity:
+            groups.setdefault((unknown.kind, unknown.quantity), []).append(j)
+    return groups
+
+
+def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
+    return np.asarray(factors)[:, None] * np.ones_like(values)
+
+
+def _turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
+    """Return directions at these angles (degrees) off an axis, six around it for each."""
+    axis = axis / np.linalg.norm(axis)
+    u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    u /= np.linalg.norm(u)
+    around = np.deg2rad(60.0 * np.arange(6))[:, None]
+    ring = np.cos(around) * u + np.sin(around) * np.cross(axis, u)
+    tilts = np.deg2rad(np.asarray(angles))[:, None, None]
+    return np.concatenate([axis[None], (np.cos(tilts) * axis + np.sin(tilts) * ring).reshape(-1, 3)])
+
+
+def _middle(scene: Scene) -> np.ndarray:
+    """Return a point in the middle of the objects."""
+    points = []
+    for item in scene.objects:
+        center, position = getattr(item.surface, "center", None), getattr(item.surface, "position", None)
+        if center is not None:
+            points.append(np.asarray(center))
+        elif position is not None:
+            points.append(np.asarray(position)[np.asarray(item.surface.mask)].mean(0))  # pyright: ignore[reportAttributeAccessIssue]
+    return np.mean(points, 0) if points else np.zeros(3)
+
+
+def _size(scene: Scene) -> float:
+    """Return about half the width of an object."""
+    return float(np.mean([getattr(item.surface, "radius", 1.0) for item in scene.objects]))
+
+
+def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return places around the object, nearer and farther than the scene's."""
+    if len(position) != 3:
+        return position[None]
+    middle = _middle(scene)
+    offset = position - middle
+    far = np.linalg.norm(offset)
+    if far == 0:  # told to stand in the middle of the object: in front of it, seen along -z, is as good a guess as any
+        offset, far = np.array([0.0, 0.0, 1.0]), 3.0 * _size(scene)
+    turned = _turned(offset, (20.0, 40.0, 70.0))
+    return np.concatenate([position[None], *(middle + far * factor * turned for factor in (0.6, 1.0, 1.6))])
+
+
+def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
+    steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])[:, : len(center)]
+    return center + 0.25 * _size(scene) * steps
+
+
+_MOVES = {
+    "n_s": lambda values, scene: _scale(values, EXPONENTS),
+    "eta": lambda values, scene: _scale(values**0, np.linspace(1.0, 2.5, 16)),
+    "z_f": lambda values, scene: _scale(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
+    "z_b": lambda values, scene: _scale(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
+    "exponent": lambda values, scene: np.concatenate([values[None], _scale(values, (0.0, 1.0, 4.0, 16.0, 64.0))]),
+    "cutoff": lambda values, scene: np.concatenate([values[None], _scale(values, (10, 20, 30, 40, 50, 60, 75))]),
+    "radius": lambda values, scene: values * np.array([1.0, 0.85, 1.2])[:, None],
+    "direction": lambda values, scene: values[None] if len(values) != 3 else _turned(values, (20.0, 45.0, 80.0)),
+    "position": _positions,
+    "center": _centers,
+}
+
+
+@jit_quickly
+def _judge(point: Point, box: Box) -> tuple[Array, Array]:
+    """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
+    step = linear_step(point, box)
+    cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian @ step
+    return point.theta + step, cost
+
+
+def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
+    """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
+    point = look(theta, task, chunks)
+    found, cost = (point.theta, point.total.cost) if task.form.projects else _judge(point, task.box)
+    return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
+
+
+def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
+    """Return the slopes above which `Rendered` is to leave samples out, none as yet; None where it never will be."""
+    return np.full(len(unknowns), np.inf) if any(unknown.kind in REACH for unknown in unknowns) else None
+
+
+def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequence[Block], rms: float) -> Theta:
+    """Return where Gauss-Newton steps lead that look only at what a step can tell, from coarse to fine.
+
+    Near the rim of a glass ball a pixel runs through all that is behind while eta changes by a thousandth, and in the
+    sum of squares a few such pixels hide what all others say. So a sample is left out of a step within whose reach it
+    would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
+    """
+    bends = np.array([unknown.kind in REACH for unknown in unknowns])
+    searched = np.array([unknown.kind in _MOVES or "/" in unknown.quantity for unknown in unknowns])
+    reach = np.array([REACH.get(unknown.kind, 0.0) for unknown in unknowns])
+    for _ in range(APPROACH):
+        limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
+        form = eqx.tree_at(lambda f: f.steepest, task.form, limit)
+        point = look(theta, Task(form, task.soft, task.box), chunks)
+        most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
+        theta = np.asarray(_gauss_newton(point, task.box, most))
+        reach = reach * SHRINK
+    return theta
+
+
+@jit_quickly
+def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
+    """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
+    theta, of = point.theta, point.total
+    low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
+    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high)
+
+
+def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
+    """Return the scene with soft edges at least `EDGE` wide for spots whose cutoff is unknown and softness known.
+
+    Only pixels within the edge tell where it is: of a narrow one a search would see nothing.
+    """
+    free = {path for unknown in unknowns for path, _ in unknown.places}
+    for i, light in enumerate(scene.lights):
+        unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
+        if isinstance(light, SpotLight) and unseen and light.softness < EDGE:
+            scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
+    return scene
+
+
+def is_local(unknowns: Sequence[Unknown]) -> bool:
+    """Whether the search is for more than a material: around what the scene says of a light's place, say."""
+    return any(unknown.kind in _MOVES and unknown.kind not in MATERIAL for unknown in unknowns)
+
+
+def search(
+    unknowns: Sequence[Unknown],
+    scene: Scene,
+    task: Task,
+    coarse: Sequence[Block],
+    chunks: Sequence[Block],
+    squares: float,
+    tell: Tell,
+) -> Theta:
+    """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
+
+    What the scene says of lights and surfaces is always followed too, with the best material for it and with a plain
+    one: where several of these are unknown, judging them one after another can lead astray, and so can a highlight that
+    vanishes at the best k_s because it is out of place.
+    """
+    begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
+    first = judge(begin, task, coarse)
+
+    def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
+        within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
+        if kinds[group] in REACH:
+            rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
+            within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
+        judged = [judge(candidate, task, coarse) for candidate in within]
+        return [judged[i] for i in _lowest([cost for cost, _ in judged])]
+
+    kinds = [kind for kind, _ in _groups(unknowns)]
+    found: list[tuple[float, Theta]] = [] if kinds else [first]
+    rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
+    for k in range(rounds):
+        for group in range(len(kinds)):
+            tell(SEARCHING, 0.5 * (k * len(kinds) + group) / (rounds * len(kinds)))
+            found += tried(group, found[0][1] if found else first[1])
+            found.sort(key=lambda pair: pair[0])
+    followed = _distinct(found or [first])[:BEST]
+    if is_local(unknowns):
+        as_told = first
+        for group in (g for g, kind in enumerate(kinds) if kind in MATERIAL):
+            as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
+        followed = _distinct([*followed, as_told, (np.inf, begin)])
+    ends = []
+    for k, (_, theta) in enumerate(followed):
+        tell(SEARCHING, 0.5 + 0.5 * k / len(followed))
+        ends.append(minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6))
+    return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
+
+
+def _lowest(costs: Sequence[float]) -> list[int]:
+    """Return where costs have a local minimum along their list."""
+    padded = [np.inf, *costs, np.inf]
+    return [i for i, c in enumerate(costs) if c <= padded[i] and c <= padded[i + 2] and np.isfinite(c)]
+
+
+def _distinct(found: Sequence[tuple[float, Theta]]) -> list[tuple[float, Theta]]:
+    """Leave out points that are there already."""
+    kept: list[tuple[float, Theta]] = []
+    for cost, theta in found:
+        if all(np.abs(theta - other).max() > 1e-9 for _, other in kept):
+            kept.append((cost, theta))
+    return kept

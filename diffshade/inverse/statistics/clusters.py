@@ -1,0 +1,136 @@
+"""Clusters: views, or patches, whose samples may share an error; whether they agree, and the errors that follow."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+from scipy import special
+
+from ...core.words import listing
+from .uncertainty import Evidence, Vector
+
+FALSE_ALARMS = 0.02  # of fits whose noise is independent, in which clusters are said to disagree
+FEW = 12  # patches, below which a jackknife over them is rough
+LEAST_FREEDOM = 1.99  # of a jackknife: below it, it rests on one or two patches and tells nothing of its own
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """What the errors of a fit are made of: independent samples, or clusters of them."""
+
+    evidence: Evidence
+    count: int
+    """Clusters; 0 where there are too few to compare."""
+    what: str
+    scatter: float
+    """Variance of the clusters' own optima over what independent noise would give them: 1 where it is independent."""
+    disagree: bool
+    """Whether the clusters disagree by more than independent noise explains."""
+    shaken: Bool[np.ndarray, " p"]
+    """Unknowns whose error is by jackknife over the clusters."""
+    freedom: Vector
+    """Of the jackknife: clusters - 1, or fewer where few of them decide (Bell and McCaffrey 2002)."""
+
+    def errors(self) -> Vector:
+        """Return the standard errors: by jackknife where the clusters disagree, else for independent noise.
+
+        The latter are multiplied by the root of the scatter where that is above 1 (Birge 1932), so that they grow
+        smoothly with a disagreement too small to be noticed. What rounding adds is in both.
+        """
+        plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
+        scaled = np.hypot(np.sqrt(max(self.scatter, 1.0)) * plain, rounding)
+        if not self.shaken.any():
+            return scaled
+        return np.where(self.shaken, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled)
+
+    def wide_errors(self) -> Vector:
+        """Return the errors 1.96 of which hold the truth 95 % of the time: `errors` times Student's t over 1.96."""
+        return self.errors() * self.quantiles(0.95) / special.ndtri(0.975)
+
+    def inflation(self) -> Vector:
+        """Return the variances over those of independent noise, with nothing held at a bound."""
+        free = dataclasses.replace(self.evidence, at_bound=np.zeros_like(self.evidence.at_bound))
+        plain = free.plain_errors()
+        usable = np.isfinite(plain) & (plain > 0)
+
+        def over_plain(errors: Vector) -> Vector:
+            return np.where(usable, errors / np.where(usable, plain, 1.0), 0.0) ** 2
+
+        rounding = over_plain(free.rounding_errors())
+        scaled = max(self.scatter, 1.0) + rounding
+        if not self.shaken.any():
+            return scaled
+        clustered = over_plain(free.clustered_errors())
+        return np.where(self.shaken & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
+
+    def rises(self) -> Vector:
+        """Return for each unknown by how much the cost, twice, rises where it is held one error away.
+
+        sigma^2 times the inflation; of a robust loss the cost bends with the slopes psi', where H has its weights rho'.
+        """
+        return self.evidence.sigma2 * self.inflation() / self.evidence.stiffness
+
+    def quantiles(self, level: float) -> Vector:
+        """Return how many errors a two-sided interval reaches: Student's t, of `freedom` by jackknife."""
+        many = max(float(self.evidence.spread[0]) - len(self.shaken), 1.0)
+        freedom = np.where(self.shaken, np.minimum(self.freedom, many), many)
+        return special.stdtrit(freedom, 0.5 + 0.5 * level)
+
+    def sentence(self, quantities: Sequence[str]) -> str:
+        """Say what the errors are made of, and what is not in them; given the unknowns' quantities."""
+        rounding = self._of_rounding()
+        noise = f"for independent noise{f' and {rounding}' if rounding else ''}"
+        if not self.count:
+            return f"{noise}; {self.what} cannot show whether the residuals are correlated."
+        factor = np.sqrt(max(self.scatter, 1.0))
+        if not self.disagree:
+            times = f", times {factor:.3g} for their scatter" if factor > 1.005 else ""
+            return f"{noise}{times}; the {self.what} agree within it."
+        if not self.shaken.any():
+            return (
+                f"{noise}, times {factor:.3g}, since the {self.what} disagree more than it explains and "
+                "are too few to leave out one at a time."
+            )
+        names = list(dict.fromkeys(q for q, here in zip(quantities, self.shaken, strict=True) if here))
+        # where one unknown alone disagrees, the scatter of all together says nothing
+        much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
+        also = f"; and {rounding}" if rounding else ""
+        rough = f"; {self.count} are few for that" if self.count < FEW and "patches" in self.what else ""
+        return (
+            f"by leaving out one at a time of the {self.what}, which disagree about {listing(names)} more than "
+            f"independent noise explains{much}{rough}{also}; errors that all of them share, such as texture or wrong "
+            "normals, are not included."
+        )
+
+    def _of_rounding(self) -> str:
+        """Say what rounding adds; nothing where it adds nothing that is seen."""
+        plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
+        known = np.isfinite(plain) & (plain > 0)
+        times = float(np.max(np.hypot(1.0, rounding[known] / plain[known]), initial=1.0))
+        return f"for rounding to {self.evidence.steps} (up to {times:.2g} times as large)" if times > 1.05 else ""
+
+
+def compared(evidence: Evidence, count: int, what: str) -> Clusters:
+    """Return clusters with the verdict on whether they agree; `what` names them, with their number.
+
+    One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.shaken`) share the false alarms.
+    """
+    scatter, together = evidence.scatter()
+    each, freedom = evidence.shaken()
+    each = np.where(freedom < LEAST_FREEDOM, 1.0, each)
+    tested = max(int(np.sum(np.isfinite(freedom))), 1)
+    alone = each < 0.5 * FALSE_ALARMS / tested
+    all_of_them = together < 0.5 * FALSE_ALARMS
+    jackknife = count >= 3 and evidence.deciding() is None
+    shaken = (all_of_them | alone) & (evidence.lone < 0) & jackknife
+    return Clusters(evidence, count, what, scatter, bool(all_of_them or alone.any()), shaken, freedom)
+
+
+def independent(evidence: Evidence, what: str) -> Clusters:
+    """Return clusters too few to be compared; `what` names them."""
+    none = np.zeros(len(evidence.values), bool)
+    return Clusters(evidence, 0, what, 1.0, False, none, np.full(len(none), np.inf))

@@ -1,0 +1,219 @@
+"""Identifiability: what views cannot tell, in three grades, and in words with a remedy.
+
+Exactly singular: a column of the Jacobian is zero, or a direction changes no pixel. Ill-conditioned: a direction hardly
+changes any. Noise-limited: the views would tell, but not through this much noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.words import listing
+from ..unknowns.parameters import Unknown, logarithms
+from .uncertainty import SINGULAR, Matrix, Vector, scaled
+
+ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
+VAGUE = 0.3  # error relative to the value, above which a number says little
+VAGUE_LOG = 0.5  # standard error of a logarithm
+
+
+def condition_number(H: Matrix) -> float:
+    """Return the condition number of J with columns of unit length; infinite where J is singular."""
+    if not len(H):
+        return 1.0
+    w = np.linalg.eigvalsh(scaled(H)[0])
+    return float(np.sqrt(w[-1] / w[0])) if w[0] > SINGULAR**2 * max(w[-1], 1e-300) else np.inf
+
+
+def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]:
+    """Return the unknowns of zero columns, and directions along which no residual changes, as sparse as they come.
+
+    A direction belongs to the null space where the singular value of the scaled J is below 1e-6 of the largest. The
+    basis is brought to reduced row echelon form, so that each direction names as few unknowns as it can.
+    """
+    A, lengths = scaled(H)
+    largest = lengths.max(initial=0.0)
+    zero = lengths <= 1e-12 * largest if largest > 0 else np.ones(len(H), bool)
+    live = np.flatnonzero(~zero)
+    if not len(live):
+        return zero, np.zeros((0, len(H)))
+    w, V = np.linalg.eigh(A[np.ix_(live, live)])
+    basis = V[:, w < SINGULAR**2 * w[-1]].T
+    for i in range(len(basis)):
+        row, column = divmod(int(np.argmax(np.abs(basis[i:]))), basis.shape[1])
+        basis[[i, i + row]] = basis[[i + row, i]]
+        basis[i] /= basis[i, column]
+        others = np.arange(len(basis)) != i
+        basis[others] -= np.outer(basis[others, column], basis[i])
+    directions = np.zeros((len(basis), len(H)))
+    directions[:, live] = np.where(np.abs(basis) > 1e-4, basis, 0.0) / lengths[live]
+    return zero, directions
+
+
+def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
+    """Return which unknowns take part in each direction along which the residuals hardly change.
+
+    The singular value of the scaled J is between 1e-6 and 1e-3 of the largest there. An unknown takes part where it is
+    at least a tenth of the largest component.
+    """
+    A, lengths = scaled(H)
+    w, V = np.linalg.eigh(A)
+    weak = (w >= SINGULAR**2 * w.max(initial=0.0)) & (w < ILL**2 * w.max(initial=0.0))
+    shares = np.abs(V[:, weak]) * (lengths > 0)[:, None]
+    return [np.flatnonzero(share > 0.1 * share.max()) for share in shares.T]
+
+
+def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector) -> Vector:
+    """Return each error over what it should be small against: 1 for a logarithm, the value, the length of a vector.
+
+    Of a coordinate it is the object's size in `scales`, where that is more than the vector's length.
+    """
+    size = np.abs(values)
+    for j, unknown in enumerate(unknowns):
+        if unknown.logarithmic:
+            continue
+        if not np.isfinite(unknown.lower):  # a component of a vector, or a black level, may be 0
+            same = [i for i, other in enumerate(unknowns) if other.quantity == unknown.quantity]
+            length = np.linalg.norm(values[same]) if len(same) > 1 else 0.0
+            size[j] = max(length, scales[j]) or np.inf
+    with np.errstate(over="ignore"):  # infinite, beside next to nothing
+        relative = errors / np.where((size > 0) & np.isfinite(size), size, 1e-300)
+    return np.where(np.isinf(size), 0.0, relative)
+
+
+def vague(
+    unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector
+) -> tuple[Bool[np.ndarray, " p"], Bool[np.ndarray, " p"]]:
+    """Return the unknowns that are lost in the noise, and those that are 0 within it.
+
+    Lost: the error is over 30 % of the value, or .5 of a logarithm. Of these a number that is at most 30 % of `scales`
+    with two errors added is known to be small, which is something.
+    """
+    log = logarithms(unknowns)
+    lost = relative_errors(unknowns, values, errors, scales) > np.where(log, VAGUE_LOG, VAGUE)
+    small = lost & ~log & (values + 2.0 * errors <= VAGUE * scales)
+    return lost & ~small, small
+
+
+def singular_sentences(
+    zero: Bool[np.ndarray, " p"], directions: Float[np.ndarray, "m p"], unknowns: Sequence[Unknown], values: Vector
+) -> list[str]:
+    """Say which unknowns these views do not determine at all, and what to do about it."""
+    said = []
+    if zero.any():
+        names = _some_channels(zero, unknowns)
+        it = "it" if len(names) == 1 else "them"
+        said.append(
+            f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
+            f"shows {it}."
+        )
+    said += [_sentence(direction, unknowns, values) for direction in directions]
+    return list(dict.fromkeys(said))
+
+
+def weak_sentences(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[Unknown]) -> list[str]:
+    """Say which unknowns these views hardly separate."""
+    said = []
+    for which in directions:
+        names = _quantities(unknowns, which)
+        hardly = f"hardly separate {listing(names)}" if len(names) > 1 else f"hardly separate the parts of {names[0]}"
+        said.append(
+            f"these views {hardly}: changed together they change the pixels a thousandth as much as apart, so that the "
+            f"errors stand and fall with the model. {remedy(names)}"
+        )
+    return list(dict.fromkeys(said))
+
+
+def vague_sentences(
+    lost: Bool[np.ndarray, " p"],
+    small: Bool[np.ndarray, " p"],
+    unknowns: Sequence[Unknown],
+    values: Vector,
+    errors: Vector,
+    scales: Vector,
+) -> list[str]:
+    """Say which unknowns are lost in the noise, by how much, and which are 0 within it."""
+    said = []
+    relative = relative_errors(unknowns, values, errors, scales)
+    for quantity in dict.fromkeys(u.quantity for u, here in zip(unknowns, lost, strict=True) if here):
+        members = np.array([u.quantity == quantity for u in unknowns]) & lost
+        worst = int(np.argmax(np.where(members, relative, -1.0)))
+        names = _some_channels(members, unknowns)
+        if unknowns[worst].logarithmic:
+            size = f"a factor of {np.exp(min(relative[worst], 99.0)):.2g}"
+        elif values[worst]:
+            size = f"{relative[worst]:.0%} of the value"
+        else:
+            size = f"{errors[worst]:.2g} with the value at 0"
+        verb, its = ("is", "its error is") if len(names) == 1 else ("are", "the largest error is")
+        said.append(f"{listing(names)} {verb} lost in the noise: {its} {size}. {remedy([quantity])}")
+    if small.any():
+        limits = [
+            f"{u.name} {v + 2 * e:.2g}" for u, v, e, here in zip(unknowns, values, errors, small, strict=True) if here
+        ]
+        said.append(f"0 within the noise, and two errors above the value at most: {listing(limits)}.")
+    return said
+
+
+def remedy(names: Sequence[str]) -> str:
+    """Say which to fix, and what photograph would tell."""
+    kinds = {name.split(".")[-1] for name in names}
+    last = names[-1]
+    if kinds & {"constant", "linear", "quadratic"}:
+        fix = next(n for n in reversed(names) if n.split(".")[-1] in ("constant", "linear", "quadratic"))
+        return f"Fix one, for example {fix}, or add photographs with the lamp at three distances that differ by half."
+    if kinds & {"n_s", "k_s"}:
+        return f"Fix {last}, or add a photograph with the whole highlight on the object, not clipped."
+    if kinds & {"position", "direction", "intensity"}:
+        return f"Fix {last}, or add views in which this light shows on other sides of the object."
+    return f"Fix {last}, or add a view that shows more of it."
+
+
+def _some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> list[str]:
+    """Return names of unknowns: of a quantity where all its channels are among them, else of the channels."""
+    others = {u.quantity for u, here in zip(unknowns, which, strict=True) if not here}
+    members = [u for u, here in zip(unknowns, which, strict=True) if here]
+    return list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in members))
+
+
+# Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
+_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "k_e": 1, "constant": 1, "linear": 1, "quadratic": 1}
+_GAUGE_SIGN |= {"intensity": -1, "ambient": -1, "exposure": -1}
+_FADERS = ("constant", "linear", "quadratic")
+
+
+def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
+    involved = np.flatnonzero(direction)
+    names = _quantities(unknowns, involved)
+    signs = np.array([_GAUGE_SIGN.get(unknowns[int(j)].quantity.split(".")[-1], 0) for j in involved])
+    factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
+    fix = next(
+        (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),
+        names[-1],
+    )
+    if not np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) or factors[0] == 0:
+        return (
+            f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
+            f"Fix one, for example {fix}, or add views from other distances or directions."
+        )
+    senders = _quantities(unknowns, involved[signs < 0])
+    faders = [name for name in names if name.split(".")[-1] in _FADERS]
+    others = [name for name in names if name not in (*senders, *faders)]
+    if senders:
+        return (
+            f"these views cannot separate {listing(others + faders)} from {listing(senders)}: scaling the former up "
+            f"and the latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
+        )
+    pair = f"{listing(others)} from {listing(faders)}" if others and faders else listing(names)
+    return (
+        f"these views cannot separate {pair}: scaling all of them together leaves every pixel unchanged. "
+        f"Fix one, for example {fix}."
+    )
+
+
+def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
+    """Return the names without their channels, each once."""
+    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))

@@ -1,0 +1,30 @@
+"""Intensities: what no image can check where they are taken as known, said beside the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...core.words import listing
+from ..unknowns.parameters import Unknown
+
+SCALED = ("k_a", "k_d", "k_s")
+
+
+def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
+    """Return a sentence on the lights' intensities where reflections are free and some of what sends light is not.
+
+    All intensities times 1.3 and all reflections over 1.3 make the same images. With every intensity free, or every
+    exposure, that is a gauge, which the fit names.
+
+    Args:
+        unknowns: Of the fit.
+        lights: How many lights the scene has.
+        views: How many views were fitted.
+    """
+    free = {path for unknown in unknowns for path, _ in unknown.places}
+    names = [name for name in SCALED if any(path.endswith(f".material.{name}") for path in free)]
+    senders = ([f"lights.{i}.intensity" for i in range(lights)], [f"views.{i}.exposure" for i in range(views)])
+    if not names or any(of and free.issuperset(of) for of in senders):
+        return ""
+    verb = "scales" if len(names) == 1 else "scale"
+    return f"{listing(names)} {verb} inversely with the lights' intensities, taken as exact: no image can check them."

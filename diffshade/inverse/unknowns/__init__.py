@@ -1,0 +1,1 @@
+"""Unknowns: which numbers of a scene are fitted, their names, ranges and constraints."""

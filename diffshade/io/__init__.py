@@ -1,0 +1,1 @@
+"""Files: images, masks, meshes and scene files, read and written."""

@@ -1,0 +1,221 @@
+"""Images in and out: 8- and 16-bit, float, sRGB, masks."""
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from ..core.fields import Numbers
+from .files import replacing
+from .image_formats import FORMATS, format_of, png_depth, save
+from .image_headers import UnsupportedError
+
+_LOGGER = logging.getLogger("diffshade")
+
+
+def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Float64[np.ndarray, "h w c"]:
+    """Read an image as linear radiance, shape (H, W, C), row 0 on top.
+
+    C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha), as the file has it. Integers are divided by their full
+    range (255, 65535) and lie in [0, 1]; floats are given as they are, whatever their range.
+
+    Formats: PNG (up to 16 bits, palette), JPEG (turned upright by its EXIF tag), TIFF (up to 16 bits, 32-bit float),
+    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). With `srgb` the colours, never alpha, are decoded from
+    the sRGB curve; the default is True for JPEG and 8-bit PNG, else False. Colour profiles are ignored.
+
+    Raises FileNotFoundError and IsADirectoryError; ValueError for a suffix, layout or type of number that is not
+    supported; OSError for a file that is empty, truncated, damaged or not what its suffix says.
+    """
+    path = Path(path)
+    stored = _read(path)
+    return decoded(path, as_fractions(path, stored), stored.dtype, srgb)
+
+
+def read_as(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
+    """Return the kind of an image file in a word or two, and whether `read_image` decodes it from the sRGB curve.
+
+    No more of it is read than its header. Raises FileNotFoundError, and ValueError and OSError as `read_image` does.
+    """
+    check_exists(path, folder=True)
+    suffix = path.suffix.lower()
+    kind = FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
+    dtype = np.dtype(np.uint8)
+    if suffix == ".png":
+        depth = png_depth(path)
+        kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
+    return kind, _is_srgb(path, dtype, srgb)
+
+
+def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
+    """Read a mask, shape (H, W): True where alpha or, in a file without alpha, the mean of the channels is >= half.
+
+    Half is half of the full range of integers (so 128 of 255 is inside and 127 is not) and .5 of floats; no sRGB curve
+    is applied. Formats are those of `read_image`.
+
+    Raises as `read_image` does.
+    """
+    path = Path(path)
+    image = as_fractions(path, _read(path))
+    return (image[..., -1] if _has_alpha(image) else image.mean(axis=-1)) >= 0.5
+
+
+def write_image(
+    path: str | os.PathLike[str], image: Numbers, *, srgb: bool | None = None, bits: int | None = None
+) -> None:
+    """Write linear radiance, shape (H, W) or (H, W, C) with C as in `read_image`: the whole file or, on error, nothing.
+
+    `bits` is 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16 (half) for EXR; 64
+    for .npy; the first is the default. With `srgb` the colours, never alpha, are encoded by the sRGB curve; the default
+    is the rule of `read_image`, so that a file reads back as it was written. Integer formats clip to [0, 1], and the
+    logger "diffshade" warns of how many pixels; float formats keep every value.
+
+    Raises ValueError for a value that is not finite or too large for the format, and for a shape, suffix or number of
+    bits that is not supported; and what `diffshade.io.files.replacing` raises.
+    """
+    path = Path(path)
+    dtype = dtype_to_write(path, bits)
+    pixels = _as_pixels(path, image)
+    _check_can_hold(path, dtype, pixels)
+    if dtype.kind == "u":
+        pixels = _clip(path, pixels)
+    if _is_srgb(path, dtype, srgb):
+        pixels = _on_colours(srgb_encode, pixels)
+    if dtype.kind == "u":
+        pixels = np.rint(pixels * np.iinfo(dtype).max)
+    with replacing(path) as temporary:
+        save(temporary, pixels.astype(dtype))
+
+
+def srgb_encode(linear: Numbers) -> Float64[np.ndarray, "..."]:
+    r"""Linear radiance to sRGB (IEC 61966-2-1:1999), any shape; [0, 1] to [0, 1], the curve going on outside.
+
+    $$ 12.92 x \text{ where } x \le 0.0031308, \text{ else } 1.055 x^{1 / 2.4} - 0.055 $$
+
+    Raises ValueError for what is no array of numbers.
+    """
+    x = np.asarray(linear, np.float64)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
+    r"""From sRGB to linear radiance (IEC 61966-2-1:1999), any shape: the inverse of `srgb_encode`.
+
+    $$ x / 12.92 \text{ where } x \le 0.04045, \text{ else } ((x + 0.055) / 1.055)^{2.4} $$
+
+    Raises ValueError for what is no array of numbers.
+    """
+    x = np.asarray(encoded, np.float64)
+    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+# What an array and a file may be
+
+
+def _is_srgb(path: Path, dtype: np.dtype, asked: bool | None) -> bool:
+    return dtype == np.uint8 and path.suffix.lower() in (".png", ".jpg", ".jpeg") if asked is None else asked
+
+
+def _has_alpha(image: np.ndarray) -> bool:
+    return image.shape[-1] in (2, 4)
+
+
+def _on_colours(curve: Callable[[np.ndarray], np.ndarray], image: np.ndarray) -> np.ndarray:
+    n_colours = image.shape[-1] - _has_alpha(image)
+    return np.concatenate([curve(image[..., :n_colours]), image[..., n_colours:]], axis=-1)
+
+
+def _with_channels(array: np.ndarray, subject: str) -> np.ndarray:
+    image = array[..., None] if array.ndim == 2 else array
+    if image.ndim != 3 or image.size == 0 or image.shape[-1] > 4:
+        raise ValueError(f"{subject} has shape {array.shape}. An image is (H, W) or (H, W, C) with C from 1 to 4.")
+    return image
+
+
+# Reading
+
+
+def check_exists(path: Path, *, folder: bool = False) -> None:
+    """Refuse what is not there, and a folder where that is no image."""
+    if path.is_dir() and not folder:
+        raise IsADirectoryError(f"cannot read {path}: it is a folder. Give the name of an image file.")
+    if not path.exists():
+        raise FileNotFoundError(f"cannot read {path}: there is no such file. Check the name and the folder.")
+
+
+def decoded(path: Path, image: np.ndarray, stored: np.dtype, srgb: bool | None) -> np.ndarray:
+    """Return linear radiance: without the sRGB curve where the file, of numbers of the type `stored`, has one."""
+    return _on_colours(srgb_decode, image) if _is_srgb(path, stored, srgb) else image
+
+
+def _read(path: Path) -> np.ndarray:
+    """The numbers of a file as they are stored, shape (H, W, C)."""
+    check_exists(path)
+    known = format_of(path)
+    try:
+        stored = known.decode(path.absolute(), path.read_bytes())  # imageio takes a leading ~ for a home
+    except (ImportError, MemoryError, PermissionError):
+        raise
+    except UnsupportedError as error:
+        raise ValueError(f"cannot read {path}: it {error}") from None
+    except Exception:  # a decoder raises anything, from SyntaxError to struct.error, for a file that is not sound
+        message = f"it is no {known.name}, or is empty, truncated or damaged. Make or copy the file again."
+        raise OSError(f"cannot read {path}: {message}") from None
+    return _with_channels(stored, f"cannot read {path}: it")
+
+
+def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
+    """Return stored numbers as floats: integers divided by their full range, floats as they are."""
+    if stored.dtype.kind == "u" and stored.dtype.itemsize <= 2:
+        return stored / float(np.iinfo(stored.dtype).max)
+    if stored.dtype.kind in "bf":
+        return stored.astype(np.float64)
+    raise ValueError(f"cannot read {path}: it has numbers of type {stored.dtype}. Use uint8, uint16 or floats.")
+
+
+# Writing
+
+
+def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
+    """Return the type of number that a file's format holds in so many bits; refuse what it does not hold."""
+    name, _, types = format_of(path)
+    dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
+    if bits is not None and bits not in dtypes:
+        raise ValueError(f"cannot write {path} with bits={bits}. {name} takes {' or '.join(map(str, dtypes))}.")
+    return dtypes[bits] if bits is not None else next(iter(dtypes.values()))
+
+
+def _as_pixels(path: Path, image: Numbers) -> np.ndarray:
+    array = np.asarray(image)
+    if np.iscomplexobj(array) or array.dtype.kind in "OSUMm":
+        raise ValueError(f"cannot write {path}: the image has type {array.dtype}. Give an array of real numbers.")
+    return _with_channels(array.astype(np.float64), f"cannot write {path}: the image")
+
+
+def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:
+    bad = np.argwhere(~np.isfinite(pixels))
+    if len(bad):
+        row, column, channel = bad[0]
+        raise ValueError(
+            f"cannot write {path}: the image is {pixels[row, column, channel]} at row {row}, column {column}, channel "
+            f"{channel}; {len(bad)} of {pixels.size} values are not finite. Find out where they come from."
+        )
+    name, channels = format_of(path).name, pixels.shape[-1]
+    if name == "JPEG" and _has_alpha(pixels):
+        raise ValueError(f"cannot write {path}: a JPEG has no alpha. Leave the last channel out, or write a PNG.")
+    if name in ("PNG", "TIFF") and dtype != np.uint8 and channels == 2:
+        raise ValueError(f"cannot write {path}: {name} with grey + alpha takes bits=8. Write RGBA, EXR or .npy.")
+    if dtype.kind == "f" and (largest := np.abs(pixels).max()) > np.finfo(dtype).max:
+        raise ValueError(f"cannot write {path}: {largest:g} is too large for {dtype}. Scale the image, or write .npy.")
+
+
+def _clip(path: Path, pixels: np.ndarray) -> np.ndarray:
+    above, below = (pixels > 1).any(axis=-1), (pixels < 0).any(axis=-1)
+    if n_clipped := np.count_nonzero(above | below):
+        _LOGGER.warning(
+            "%s: %d of %d pixels were clipped to [0, 1], %d above 1 and %d below 0. Scale the image, or write .exr.",
+            *(path, n_clipped, above.size, np.count_nonzero(above), np.count_nonzero(below)),
+        )
+    return pixels.clip(0, 1)

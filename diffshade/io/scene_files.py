@@ -1,0 +1,193 @@
+"""Scene files: a scene and its camera as TOML that people read and write."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from ..core.words import did_you_mean
+from ..model.attenuation import DepthCueing, Fog, RadialAttenuation
+from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
+from ..model.fresnel import Dielectric, NoFresnel, Schlick
+from ..model.lights import AreaLight, DirectionalLight, PointLight, SpotLight
+from ..model.materials import Blinn, Material, Phong
+from ..model.measured_lights import MeasuredLight, Profile
+from ..model.named_materials import material_names
+from ..model.patterns import Chequer
+from ..model.scenes import Object, Scene
+from ..model.surfaces import Box, Plane, Sphere
+from .files import replacing
+
+# What a table may be, by the key that holds it; where there is a choice, `type` makes it, the first by default.
+_TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
+    "camera": (Camera, OrthographicCamera),
+    "objects": (Object,),
+    "surface": (Sphere, Plane, Box),
+    "material": (Material,),
+    "lobe": (Phong, Blinn),
+    "fresnel": (NoFresnel, Schlick, Dielectric),
+    "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
+    "attenuation": (RadialAttenuation,),
+    "profile": (Profile,),
+    "atmosphere": (DepthCueing, Fog),
+    **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
+}
+_SEVERAL = ("objects", "lights")
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
+
+    Names are those of the classes and their fields; where a class is one of several, `type` names it.
+
+
+    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    """
+    document = _load(path)
+    document.pop("camera", None)
+    return _build(Scene, document, f"{path}")
+
+
+def read_camera(path: str | Path) -> AbstractCamera:
+    """Read the camera of a TOML scene file, its table `[camera]`; `type` is "Camera" (default) or "OrthographicCamera".
+
+    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    """
+    document = _load(path)
+    if "camera" not in document:
+        raise ValueError(f"{path} has no table [camera]. Add one, for example with eye = [0, 0, 4] and fov = 35.")
+    return _value("camera", document["camera"], f"{path}: camera")
+
+
+def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> None:
+    """Write a scene, and a camera where one is given, as TOML that `read_scene` and `read_camera` read back exactly.
+
+    Raises ValueError for a scene that has no such form: a G-buffer's points are no text.
+    """
+    import tomli_w
+
+    document = _table(scene)
+    if camera is not None:
+        document["camera"] = _plain("camera", camera)
+    text = tomli_w.dumps(document)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def material_table(material: Material) -> dict[str, Any]:
+    """Return a material as the table that `read_scene` reads it from."""
+    return _table(material)
+
+
+def _load(path: str | Path) -> dict[str, Any]:
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no scene file {path}. Give the path of a TOML file.")
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except RecursionError:
+        raise ValueError(f"{path} is no scene: its lists are nested too deeply. Write them flat.") from None
+    except ValueError as error:  # of TOML, of UTF-8, or of a number with too many digits
+        raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
+    _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
+    return document
+
+
+def _check_keys(table: dict[str, Any], known: Collection[str], where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where} has no key '{key}'. {did_you_mean(key, known)}")
+
+
+def _build(cls: type, table: Any, where: str) -> Any:
+    """Make a `cls` of a table whose keys are its fields."""
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    if not isinstance(table, dict):
+        raise ValueError(f"{where} must be a table of {', '.join(fields)}; got {table!r}. Write it as [table].")
+    _check_keys(table, fields, where)
+    values = {}
+    for key, field in fields.items():
+        if key in table:
+            values[key] = _value(key, table[key], f"{where}: {key}" if cls is Scene else f"{where}.{key}")
+            if field.type in (str, "str") and not isinstance(values[key], str):
+                raise ValueError(f"{where}.{key} must be a word; got {values[key]!r}. Write it in quotes.")
+            if field.type in (bool, "bool") and not isinstance(values[key], bool):
+                raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise ValueError(f"{where} needs the key '{key}' of a {cls.__name__}. Add it.")
+    try:
+        return cls(**values)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _value(key: str, value: Any, where: str) -> Any:
+    """Make what stands under a key: a module, several, or a plain value."""
+    if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
+        if not isinstance(value, bool | int | float | str | list):
+            got = "a table" if isinstance(value, dict) else f"{value}"
+            raise ValueError(f"{where} must be a number, a word or a list; got {got}. Write it as {key} = ...")
+        return value
+    if isinstance(value, list) and key in _SEVERAL:
+        return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
+    types = {cls.__name__: cls for cls in _TYPES[key]}
+    if key == "material" and isinstance(value, str) and value != "Material":  # a named material is meant
+        named = value if value in material_names() else "emerald"
+        raise ValueError(
+            f"{where} must be a table of coefficients; got '{value}'. Write them out, as write_scene does those of "
+            f"material('{named}')."
+        )
+    if isinstance(value, str):
+        value = {"type": value}
+    name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
+    if not isinstance(name, str) or name not in types:
+        raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}")
+    if isinstance(value, dict) and "type" not in value:
+        _check_default(value, types, where)
+    table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
+    return _build(types[name], table, where)
+
+
+def _check_default(table: dict[str, Any], types: dict[str, type], where: str) -> None:
+    """Say which type is meant where a table names none, and its keys are those of another than the default."""
+    keys = {name: {field.name for field in dataclasses.fields(cls)} for name, cls in types.items()}
+    default, *others = keys
+    strange = [key for key in table if key not in keys[default]]
+    meant = [name for name in others if keys[name].issuperset(table)]
+    if strange and meant:
+        raise ValueError(
+            f"{where} without a type is a {default}, which has no key '{strange[0]}'. Write type = \"{meant[0]}\"."
+        )
+
+
+def _table(module: eqx.Module) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for field in dataclasses.fields(module):
+        value = getattr(module, field.name)
+        if value is not None and not (isinstance(value, str) and not value):  # what is left out
+            table[field.name] = _plain(field.name, value)
+    return table
+
+
+def _plain(key: str, value: Any) -> Any:
+    if isinstance(value, tuple) and key in _TYPES:
+        return [_plain(key, item) for item in value]
+    if isinstance(value, eqx.Module):
+        name = type(value).__name__
+        if type(value) not in _TYPES.get(key, ()):
+            raise ValueError(
+                f"a {name} has no form in TOML. Write its arrays with numpy.save, and the rest as a scene."
+            )
+        fields = _table(value)
+        if not fields:
+            return name
+        return {"type": name, **fields} if len(_TYPES[key]) > 1 or key == "surface" else fields
+    if isinstance(value, bool | str):
+        return value
+    return np.asarray(value).tolist()

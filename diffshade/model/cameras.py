@@ -1,0 +1,267 @@
+"""Cameras: from a pixel to its ray, and from a point to its viewer (E8). Right-handed, y up, looking along -z."""
+
+import abc
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..core.fields import (
+    Array,
+    Checked,
+    Numbers,
+    Pair,
+    Scalar,
+    Vector,
+    as_array,
+    as_pair,
+    as_scalar,
+    as_vector,
+    in_short,
+    is_concrete,
+)
+from .vectors import Vec3, cross, dot, length, normalize, where
+
+
+class Rays(eqx.Module):
+    """Rays origin + t direction, t > 0, with unit directions; components of one shape."""
+
+    origin: Vec3
+    direction: Vec3
+
+
+class Projection(eqx.Module):
+    """A camera as numbers: the ray of a pixel is affine in its column and row, for every kind of camera alike.
+
+    Cameras of all kinds thus stack into one array, and one compiled program serves them.
+    """
+
+    origin: Vec3
+    origin_column: Vec3
+    origin_row: Vec3
+    direction: Vec3
+    direction_column: Vec3
+    direction_row: Vec3
+    eye: Vec3
+    backward: Vec3
+    local_viewer: Float[Array, "..."]
+
+    def rays(self, row: Float[Array, "..."], column: Float[Array, "..."]) -> Rays:
+        """Return the rays through the centres of pixels, which lie at +.5."""
+        column, row = column + 0.5, row + 0.5
+        zero = jnp.zeros_like(row)
+        origin = self.origin + self.origin_column * column + self.origin_row * row
+        direction = self.direction + self.direction_column * column + self.direction_row * row
+        return Rays(origin + Vec3(zero, zero, zero), normalize(direction + Vec3(zero, zero, zero)))
+
+    def viewer(self, p: Vec3 | None) -> Vec3:
+        """Return v at p: towards the eye with a local viewer, else the camera's backward axis everywhere (E8)."""
+        if p is None:
+            return self.backward
+        return where(self.local_viewer > 0, normalize(self.eye - p), self.backward)
+
+    def depth(self, p: Vec3, *, radial: bool) -> Float[Array, "..."]:
+        """Return how far p is from the eye: along the view axis, or in a straight line where `radial` is true."""
+        return length(p - self.eye) if radial else -dot(p - self.eye, self.backward)
+
+
+class AbstractCamera(Checked):
+    """Where a picture is taken from. `shape` is (height, width) in pixels; row 0 is on top."""
+
+    eye: eqx.AbstractVar[Vector]
+    target: eqx.AbstractVar[Vector]
+    up: eqx.AbstractVar[Vector]
+    shape: eqx.AbstractVar[tuple[int, int]]
+    local_viewer: eqx.AbstractVar[bool]
+
+    @abc.abstractmethod
+    def projection(self) -> Projection:
+        """Return the camera's rays as affine functions of column and row."""
+
+
+def as_shape(value: Sequence[int]) -> Any:
+    """Make (height, width); what is not two whole numbers is handed on for the check to refuse."""
+    try:
+        height, width = value
+        return (int(height), int(width)) if (height, width) == (int(height), int(width)) else value
+    except (TypeError, ValueError, OverflowError):
+        return value
+
+
+class Camera(AbstractCamera):
+    r"""A perspective (pinhole) camera at `eye`, looking at `target`: the ray of the pixel in row i, column j of H by W.
+
+    $$ forward + 2 \tan(fov/2) [aspect (j + 1/2 - c_x) \, right + (c_y - i - 1/2) \, up] / H $$
+
+    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels. `up`: which way is
+    up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point; `False`: one v, the
+    backward axis, everywhere (E8). `principal_point`: (c_x, c_y), where the line of sight meets the picture, column and
+    row in pixels whose centres lie at +.5; by default the middle. `aspect`: the width of a pixel over its height; by
+    default 1. Of a calibrated camera they come from `Camera.from_intrinsics`; `fov` is then 2 atan(H / (2 f_y)),
+    wherever the principal point is.
+    """
+
+    eye: Vector = eqx.field(converter=as_vector)
+    target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
+    up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
+    fov: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=40.0)
+    shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
+    local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
+    principal_point: Pair | None = eqx.field(kw_only=True, converter=as_pair, default=None)
+    aspect: Scalar | None = eqx.field(kw_only=True, converter=as_scalar, default=None)
+
+    @classmethod
+    def from_intrinsics(
+        cls,
+        K: Numbers,
+        *,
+        shape: Sequence[int],
+        eye: Numbers = (0.0, 0.0, 0.0),
+        target: Numbers = (0.0, 0.0, -1.0),
+        up: Numbers = (0.0, 1.0, 0.0),
+        local_viewer: bool = True,
+    ) -> "Camera":
+        """Make the camera of a calibration matrix K = [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]], in pixels.
+
+        A point that lies X to the right, Y above and Z in front of the eye is seen at column c_x + f_x X/Z and row
+        c_y - f_y Y/Z, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB count otherwise:
+        add .5 to both c of a K of OpenCV, whose first centre is (0, 0), and take .5 from those of MATLAB, (1, 1).
+        `shape`: (height, width) of the photographs, of the size they had when K was found. `eye`, `target`, `up`: the
+        pose; by default the camera is the origin and looks along -z. Photographs must be free of lens distortion.
+        Differentiable in K (Hartley and Zisserman 2004, "Multiple View Geometry", eq. 6.9). Raises ValueError.
+        """
+        matrix = as_array(K)
+        check_intrinsics(matrix)
+        xp = np if isinstance(matrix, np.ndarray) else jnp
+        f_x, f_y = matrix[0, 0], matrix[1, 1]
+        shape = as_shape(shape)
+        height = shape[0] if isinstance(shape, tuple) and shape else 1  # a shape that is none is refused below
+        return cls(
+            eye,  # pyright: ignore[reportArgumentType]
+            target=target,
+            up=up,
+            fov=xp.rad2deg(2.0 * xp.arctan(0.5 * height / f_y)),
+            shape=shape,
+            local_viewer=local_viewer,
+            principal_point=matrix[:2, 2],
+            aspect=f_y / f_x,
+        )
+
+    def check_together(self) -> None:
+        check_camera(self)
+        if is_concrete(self.fov) and not 0 < self.fov < 180:
+            raise ValueError(f"Camera.fov must be above 0 and below 180 degrees; got {self.fov}. Give the full angle.")
+        if self.aspect is not None and is_concrete(self.aspect) and not self.aspect > 0:
+            raise ValueError(
+                f"Camera.aspect must be above 0; got {self.aspect}. Give the width of a pixel over its height."
+            )
+
+    def projection(self) -> Projection:
+        """Return rays from the eye, spread over the full vertical angle `fov`."""
+        right, up, backward = axes(self)
+        pixel = 2.0 * jnp.tan(jnp.deg2rad(self.fov) / 2.0) / self.shape[0]
+        across = pixel if self.aspect is None else pixel * self.aspect
+        middle = (self.shape[1] / 2.0, self.shape[0] / 2.0)
+        column, row = middle if self.principal_point is None else self.principal_point
+        zero = right * 0.0
+        corner = -backward - right * (across * column) + up * (pixel * row)
+        eye = Vec3.of(self.eye)
+        return Projection(
+            eye, zero, zero, corner, right * across, up * -pixel, eye, backward, jnp.asarray(1.0 * self.local_viewer)
+        )
+
+
+class OrthographicCamera(AbstractCamera):
+    r"""A camera of parallel rays along the line from `eye` to `target`, `height` scene units from top to bottom.
+
+    $$ eye + height [(2j + 1 - W) \, right + (H - 2i - 1) \, up] / 2H $$
+
+    is where the ray of the pixel in row i, column j of H by W starts.
+
+    `shape`: (height, width) in pixels, square pixels. `local_viewer=True`: v points to `eye` from each point all the
+    same; `False`: one v, the backward axis, everywhere (E8), as for a far camera.
+    """
+
+    eye: Vector = eqx.field(converter=as_vector)
+    target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
+    up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
+    height: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=2.2)
+    shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
+    local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
+
+    def check_together(self) -> None:
+        check_camera(self)
+        if is_concrete(self.height) and not self.height > 0:
+            raise ValueError(f"OrthographicCamera.height must be above 0; got {self.height}. Give it in scene units.")
+
+    def projection(self) -> Projection:
+        """Return parallel rays that start on the plane through the eye."""
+        right, up, backward = axes(self)
+        pixel = self.height / self.shape[0]
+        zero = right * 0.0
+        eye = Vec3.of(self.eye)
+        corner = eye - right * (pixel * self.shape[1] / 2.0) + up * (pixel * self.shape[0] / 2.0)
+        return Projection(
+            corner,
+            right * pixel,
+            up * -pixel,
+            -backward,
+            zero,
+            zero,
+            eye,
+            backward,
+            jnp.asarray(1.0 * self.local_viewer),
+        )
+
+
+def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
+    """Return the camera's unit axes: right, up, backward."""
+    backward = normalize(Vec3.of(camera.eye) - Vec3.of(camera.target))
+    right = normalize(cross(Vec3.of(camera.up), backward))
+    return right, cross(backward, right), backward
+
+
+def check_intrinsics(K: Any) -> None:
+    """Refuse what is no calibration matrix, or one with skew."""
+    if getattr(K, "shape", None) != (3, 3):
+        got = f"shape {K.shape}" if hasattr(K, "shape") else in_short(K)
+        raise ValueError(
+            f"K must be a matrix of 3 x 3 numbers; got {got}. Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]]."
+        )
+    if not is_concrete(K):
+        return
+    numbers = np.asarray(K)
+    if not (np.isfinite(numbers).all() and numbers[0, 0] > 0 and numbers[1, 1] > 0):
+        raise ValueError(
+            f"K must have focal lengths above 0, and finite numbers; got f_x {numbers[0, 0]:g} and f_y "
+            f"{numbers[1, 1]:g}. Give [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]] in pixels."
+        )
+    if numbers[0, 1] != 0 or numbers[1, 0] != 0 or not np.array_equal(numbers[2], (0, 0, 1)):
+        raise ValueError(
+            f"K must have no skew and end in (0, 0, 1); got skew {numbers[0, 1]:g} and the row {in_short(numbers[2])}. "
+            "Calibrate without skew, as OpenCV does."
+        )
+
+
+def check_camera(camera: AbstractCamera) -> None:
+    """Refuse a shape that is no picture and a line of sight that is none, or is along `up`."""
+    name, shape = type(camera).__name__, camera.shape
+    if not (isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(s, int) and s > 0 for s in shape)):
+        raise ValueError(
+            f"{name}.shape must be (height, width) in pixels, two whole numbers above 0; got {shape!r}. "
+            "Give the image's shape[:2]."
+        )
+    if not is_concrete(camera.eye, camera.target, camera.up):
+        return
+    sight = np.asarray(camera.target, np.float64) - np.asarray(camera.eye, np.float64)
+    if not np.any(sight):
+        raise ValueError(f"{name}.eye must differ from target; got {camera.eye} for both. Move one of them.")
+    up = np.asarray(camera.up, np.float64)
+    if np.linalg.norm(np.cross(sight, up)) <= 1e-9 * np.linalg.norm(sight) * np.linalg.norm(up):
+        raise ValueError(
+            f"{name}.up must not be along the line of sight; got up {camera.up} for an eye at {camera.eye} that looks "
+            f"at {camera.target}. Give another up, for example (0, 0, -1)."
+        )

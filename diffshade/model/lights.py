@@ -1,0 +1,244 @@
+"""Lights: what arrives at a point. A light knows no material."""
+
+import abc
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..core.fields import (
+    Array,
+    Checked,
+    Colour,
+    Scalar,
+    Vector,
+    as_colour,
+    as_scalar,
+    as_vector,
+    check_kind,
+    is_concrete,
+)
+from .attenuation import RadialAttenuation, angular_attenuation
+from .vectors import Vec3, cross, dot, length, normalize
+
+
+class Path(NamedTuple):
+    """How light reaches a point: what its geometry alone decides."""
+
+    l: Vec3
+    """Unit direction from the point to the light."""
+    d: Float[Array, "..."] | None
+    """Distance to the light; None at infinity."""
+    f_ang: Float[Array, "..."] | None
+    """Angular attenuation (E3); None where it is 1."""
+
+
+def as_counts(value: Any) -> Any:
+    """Make (n_u, n_v); one number is both, and what is not two whole numbers is handed on for the check to refuse."""
+    try:
+        if np.asarray(value).dtype == bool:
+            return value
+        n_u, n_v = (value, value) if np.ndim(value) == 0 else value
+        return (int(n_u), int(n_v)) if (n_u, n_v) == (int(n_u), int(n_v)) else value
+    except (TypeError, ValueError, OverflowError):
+        return value
+
+
+class AbstractLight(Checked):
+    """What shines: one emitter or many."""
+
+    @property
+    @abc.abstractmethod
+    def is_local(self) -> bool:
+        """Whether the light stands somewhere, so that it must know where the point is."""
+
+
+class AbstractEmitter(AbstractLight):
+    """A light that reaches a point from one direction: one function of that point."""
+
+    @abc.abstractmethod
+    def path(self, p: Vec3 | None) -> Path:
+        """Return how light reaches the point p; None, position unknown, is enough for a light that is not local."""
+
+    @abc.abstractmethod
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there."""
+
+
+class PointLight(AbstractEmitter):
+    r"""A light at a position that shines equally to all sides, attenuated with distance (E2).
+
+    $$ l = (position - p) / d, \qquad f_{rad}(d) I_l $$
+
+    is where it is seen from the point p, at distance d, and what arrives there. `position`: scene units. `intensity`:
+    RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it gives nothing.
+    """
+
+    position: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+
+    def check_together(self) -> None:
+        check_kind("PointLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = (position - p)/d and d."""
+        assert p is not None
+        to_light = Vec3.of(self.position) - p
+        return Path(normalize(to_light), length(to_light), None)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) I_l."""
+        l, d, _ = self.path(p)
+        assert d is not None
+        return l, Vec3.of(self.intensity) * self.attenuation(d)
+
+
+class DirectionalLight(AbstractEmitter):
+    """A light at infinity, so that l is the same everywhere and nothing fades.
+
+    $$ l = -direction / |direction| $$
+
+    `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
+    """
+
+    direction: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+
+    def check_together(self) -> None:
+        check_direction("DirectionalLight.direction", self.direction)
+
+    @property
+    def is_local(self) -> bool:
+        """False."""
+        return False
+
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = -direction/|direction|, the same at every point."""
+        return Path(-normalize(Vec3.of(self.direction)), None, None)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and I_l, the same at every point."""
+        return self.path(p).l, Vec3.of(self.intensity)
+
+
+class SpotLight(AbstractEmitter):
+    r"""A point light that shines into a cone about `direction`, attenuated with distance (E2, E3; Warn 1983).
+
+    $$ f_{ang} = \cos^a \phi \; S(\cos\phi) \text{ where } \phi \le cutoff, \text{ else } 0 $$
+
+    `direction`: the way its light travels, phi off which a point is: $\cos\phi = -l \cdot direction$. `cutoff`: half
+    angle of the cone, 0 to 90 degrees. `exponent`: a, at least 0. S is 1 or, with softness, the smooth step from
+    cos(cutoff) to cos(cutoff - softness). `softness`: width in degrees of the smooth edge inside the cutoff, 0 (the
+    hard edge) to `cutoff`; the cutoff can be fitted only if it is above 0.
+    """
+
+    position: Vector = eqx.field(converter=as_vector)
+    direction: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    cutoff: Scalar = eqx.field(converter=as_scalar, default=45.0, metadata={"lower": 0, "upper": 90})
+    exponent: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    softness: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 90})
+
+    def check_together(self) -> None:
+        check_direction("SpotLight.direction", self.direction)
+        check_kind("SpotLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
+            raise ValueError(
+                f"SpotLight.softness must be at most cutoff; got {self.softness} with cutoff {self.cutoff}. "
+                "Make softness smaller or the cutoff larger."
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = (position - p)/d, d and f_ang(phi), with cos phi = -l . direction."""
+        assert p is not None
+        to_light = Vec3.of(self.position) - p
+        l = normalize(to_light)
+        cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
+        return Path(l, length(to_light), angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness))
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) f_ang(phi) I_l."""
+        l, d, f_ang = self.path(p)
+        assert d is not None
+        assert f_ang is not None
+        return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
+
+
+class AreaLight(AbstractLight):
+    r"""A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
+
+    $$ \sum_i f_{rad}(d_i) f_{ang}(\phi_i) I_l / n_u n_v $$
+
+    arrives. `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units; edges that are not at
+    right angles span a parallelogram. `intensity`: of the whole, RGB or grey, shared equally by emitters at the centres
+    of `samples` = (n_u, n_v) cells. Each is a `SpotLight` along edge_u x edge_v with `cutoff` (half angle, 0 to 90
+    degrees) and `exponent`, and fades with its own distance. As the samples grow the light converges to that of the
+    continuous rectangle. Warn's flaps are not modelled.
+    """
+
+    corner: Vector = eqx.field(converter=as_vector)
+    edge_u: Vector = eqx.field(converter=as_vector)
+    edge_v: Vector = eqx.field(converter=as_vector)
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    cutoff: Scalar = eqx.field(converter=as_scalar, default=90.0, metadata={"lower": 0, "upper": 90})
+    exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    samples: tuple[int, int] = eqx.field(converter=as_counts, static=True, default=(8, 8))
+
+    def check_together(self) -> None:
+        check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        counts = self.samples
+        if not (isinstance(counts, tuple) and len(counts) == 2 and all(type(n) is int and n > 0 for n in counts)):
+            raise ValueError(
+                f"AreaLight.samples must be two whole numbers above 0; got {counts!r}. Give (8, 8), or 8 for both."
+            )
+        if is_concrete(self.edge_u, self.edge_v) and along_one_line(self.edge_u, self.edge_v):
+            raise ValueError(
+                f"AreaLight.edge_u and edge_v must span a rectangle; got {self.edge_u} and {self.edge_v}. "
+                "Give two edges that are not along one line."
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def emitters(self) -> SpotLight:
+        """Return the emitters as a stack: a light whose leaves have a leading axis."""
+        n_u, n_v = self.samples
+        u, v = np.divmod(np.arange(n_u * n_v), n_v)
+        u, v = (u + 0.5) / n_u, (v + 0.5) / n_v
+        axis = cross(Vec3.of(self.edge_u), Vec3.of(self.edge_v)).stack()
+
+        def at(u: Scalar, v: Scalar) -> SpotLight:
+            position = self.corner + u * self.edge_u + v * self.edge_v
+            share = self.intensity / (n_u * n_v)
+            return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation)
+
+        return jax.vmap(at)(u, v)
+
+
+def along_one_line(a: Vector, b: Vector) -> bool:
+    """Whether two vectors span no plane, to rounding."""
+    a, b = (np.asarray(vector, np.float64) for vector in (a, b))
+    return bool(np.linalg.norm(np.cross(a, b)) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b))
+
+
+def check_direction(name: str, direction: Vector) -> None:
+    """Refuse a direction of length 0."""
+    if is_concrete(direction) and not np.any(direction):
+        raise ValueError(f"{name} must not be the zero vector; got [0, 0, 0]. Give the way the light travels.")

@@ -1,0 +1,150 @@
+"""Materials: how much of each kind of light a surface reflects, and the shape of its highlight."""
+
+from __future__ import annotations
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ..core.fields import (
+    Array,
+    Checked,
+    Coefficient,
+    Exponent,
+    Numbers,
+    Scalar,
+    as_coefficient,
+    as_exponent,
+    as_scalar,
+    check_kind,
+    checked_colour,
+    in_short,
+    is_concrete,
+)
+from .fresnel import AbstractFresnel, Dielectric, NoFresnel
+from .patterns import AbstractPattern, colour_at
+from .vectors import Vec3, dot, halfway, reflect
+
+
+class AbstractLobe(eqx.Module):
+    """The shape of a highlight: the cosine that is raised to n_s."""
+
+    @abc.abstractmethod
+    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
+        """Return the base of the highlight's power; all vectors are unit and point away from the surface."""
+
+
+class Phong(AbstractLobe):
+    r"""A highlight about the mirror direction r of the light (E5; Phong 1975).
+
+    $$ W I_l (v \cdot r)_+^{n_s}, \qquad r = 2 (n \cdot l) n - l $$
+    """
+
+    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
+        """Return v . r."""
+        return dot(v, reflect(l, n))
+
+
+class Blinn(AbstractLobe):
+    r"""A highlight about the halfway vector h (E6; Blinn 1977): about four times Phong's n_s looks alike.
+
+    $$ W I_l (n \cdot h)_+^{n_s}, \qquad h = (l + v) / |l + v| $$
+    """
+
+    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
+        """Return n . h."""
+        return dot(n, halfway(l, v))
+
+
+class Coefficients(eqx.Module):
+    """What a material is at the points that rays hit: patterns have become colours there."""
+
+    k_a: Vec3
+    k_d: Vec3
+    k_s: Vec3
+    k_e: Vec3
+    k_t: Vec3
+    n_s: Exponent | Vec3
+    eta: Float[Array, "..."]
+
+
+class Material(Checked):
+    r"""The coefficients of a surface (E1, E4-E7, E9, E12, E13); one that is not given is 0: no such term.
+
+    $$ I_{refl} = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
+    $$ I = (1 - k_t) I_{refl} + k_t I_{trans}, \qquad \sin\theta_r = (\eta_i / \eta_r) \sin\theta_i $$
+
+    `k_a`, `k_d`, `k_s`, `k_e`: ambient, diffuse and specular reflection and emission, RGB or one number (grey), at
+    least 0. `n_s`: the specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel.
+    `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
+    is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
+    default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 or None
+    does not bend. A colour may be a pattern of the point, for example a `Chequer`, of colours in its range. Where n.l
+    <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources: Phong 1975, Blinn 1977,
+    Foley et al. 1990, 16.1 and 16.5.
+    """
+
+    k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata={"lower": 0})
+    lobe: AbstractLobe = eqx.field(default_factory=Phong)
+    fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
+    k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
+    k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1})
+    eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata={"lower": 0.1, "upper": 10})
+
+    @staticmethod
+    def foley(
+        *,
+        O_d: Numbers,
+        O_s: Numbers = 1.0,
+        k_a: Numbers = 0.0,
+        k_d: Numbers = 0.0,
+        k_s: Numbers = 0.0,
+        **more: Any,
+    ) -> Material:
+        """Return the material of Foley's form, $k_a O_d$, $k_d O_d$ and $k_s O_s$ a channel (E10; Foley et al. 1990).
+
+        `O_d`, `O_s`: the object's diffuse and specular colours, RGB or grey. `more`: n_s, lobe and the rest of
+        `Material`. Raises ValueError for what is no colour or below 0.
+        """
+        given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
+        colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}
+        scaled = {k: colours[k] * colours["O_s" if k == "k_s" else "O_d"] for k in ("k_a", "k_d", "k_s")}
+        return Material(**scaled, **more)
+
+    def check_together(self) -> None:
+        check_kind("Material.lobe", self.lobe, AbstractLobe, "Phong()")
+        check_kind("Material.fresnel", self.fresnel, AbstractFresnel, "Schlick()")
+        for name in ("k_a", "k_d", "k_s", "k_e", "k_t"):
+            if isinstance(colour := getattr(self, name), Checked):
+                check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
+        if not isinstance(self.fresnel, Dielectric):
+            return
+        if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
+            raise ValueError(
+                f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
+                f"{in_short(self.k_s)}. Leave k_s out, or use Schlick()."
+            )
+        if self.eta is None:
+            raise ValueError(
+                "Material.eta must be given with fresnel=Dielectric(); got None. Give for example eta=1.5."
+            )
+
+    @property
+    def patterns(self) -> tuple[AbstractPattern, ...]:
+        """The patterns among the coefficients."""
+        colours = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t)
+        return tuple(colour for colour in colours if isinstance(colour, AbstractPattern))
+
+    def at(self, p: Vec3 | None) -> Coefficients:
+        """Return the coefficients at the point p; where nothing is a pattern, p need not be known."""
+        k_a, k_d, k_s, k_e = (colour_at(k, p) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
+        opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
+        k_t = opaque if self.k_t is None else colour_at(self.k_t, p)
+        n_s = Vec3.of(self.n_s) if np.ndim(self.n_s) else self.n_s
+        return Coefficients(k_a, k_d, k_s, k_e, k_t, n_s, np.ones(()) if self.eta is None else self.eta)

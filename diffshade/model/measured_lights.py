@@ -1,0 +1,167 @@
+"""Measured lights: a lamp whose intensity over angle was measured, as lamp makers publish it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..core.fields import (
+    Array,
+    Checked,
+    Colour,
+    Numbers,
+    Vector,
+    as_array,
+    as_colour,
+    as_vector,
+    check_kind,
+    in_short,
+    is_concrete,
+)
+from .attenuation import RadialAttenuation
+from .lights import AbstractEmitter, Path, along_one_line, check_direction
+from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
+
+BESIDE = 1e-3  # degrees beyond the last angle that still count as there: rounding, not darkness
+
+
+def as_angles(value: Numbers) -> Any:
+    """Make a list of angles; what is none is handed on for the check to refuse."""
+    return as_array(value)
+
+
+class Profile(Checked):
+    """Relative intensity over gamma off a lamp's axis and C about it, linear between a table's (LM-63, EULUMDAT).
+
+    `vertical`: the angles gamma in degrees, (V,), increasing, 0 to 180 at most; beyond them it is dark. `horizontal`:
+    the angles C in degrees, (H,), from 0 to 360 with both ends, or one alone, (1,), for a lamp that is the same all
+    around. `values`: (H, V), at least 0. At gamma = 0 and 180, where all planes meet, their mean is taken. At each
+    angle of the table the derivative jumps; there it is that of the side of the larger angle, and 0 at the poles. The
+    ends of `vertical` are gates, whose jump no derivative sees.
+    """
+
+    vertical: Float[Array, " v"] = eqx.field(converter=as_angles)
+    horizontal: Float[Array, " h"] = eqx.field(converter=as_angles)
+    values: Float[Array, "h v"] = eqx.field(converter=as_angles)
+
+    def check_together(self) -> None:
+        if not is_concrete(self.vertical, self.horizontal, self.values):
+            return
+        for name, angles, last in (("vertical", self.vertical, 180.0), ("horizontal", self.horizontal, 360.0)):
+            rising = (
+                isinstance(angles, Array) and np.ndim(angles) == 1 and np.size(angles) and np.isfinite(angles).all()
+            )
+            if not rising or (np.diff(angles) <= 0).any() or angles[0] < 0 or angles[-1] > last:
+                raise ValueError(
+                    f"Profile.{name} must be angles that increase from 0 to at most {last:g} degrees; got "
+                    f"{in_short(angles)}. Give them in order, each once."
+                )
+        if np.size(self.vertical) < 2:
+            raise ValueError(
+                f"Profile.vertical must hold two angles or more; got {in_short(self.vertical)}. Give the axis and more."
+            )
+        if np.size(self.horizontal) > 1 and not (self.horizontal[0] == 0 and self.horizontal[-1] == 360):
+            raise ValueError(
+                f"Profile.horizontal must go from 0 to 360 degrees, with both; got {in_short(self.horizontal)}. Close "
+                "the circle, or give one angle for a lamp that is the same all around."
+            )
+        shape = (np.size(self.horizontal), np.size(self.vertical))
+        values = self.values
+        if (
+            not isinstance(values, Array)
+            or np.shape(values) != shape
+            or not (np.isfinite(values) & (values >= 0)).all()
+        ):
+            got = f"shape {np.shape(values)}" if isinstance(values, Array) and np.shape(values) != shape else "others"
+            raise ValueError(
+                f"Profile.values must be finite numbers of at least 0, {shape[0]} x {shape[1]} (horizontal x "
+                f"vertical); got {got}. Give one row a horizontal angle."
+            )
+
+    def __call__(self, gamma: Float[Array, "..."], C: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return the relative intensity at gamma (degrees, 0 to 180) and C (degrees, 0 to 360)."""
+        vertical, values = jnp.asarray(self.vertical), self._one_at_the_poles()
+        i, t = _between(vertical, gamma)
+        if values.shape[0] == 1:
+            found = (1.0 - t) * values[0, i] + t * values[0, i + 1]
+        else:
+            j, s = _between(jnp.asarray(self.horizontal), C)
+            near = (1.0 - t) * values[j, i] + t * values[j, i + 1]
+            far = (1.0 - t) * values[j + 1, i] + t * values[j + 1, i + 1]
+            found = (1.0 - s) * near + s * far
+        return jnp.where((gamma >= vertical[0] - BESIDE) & (gamma <= vertical[-1] + BESIDE), found, 0.0)
+
+    def _one_at_the_poles(self) -> Float[Array, "h v"]:
+        """Return the values with one number at each pole: without it the slope around it would pass all bounds."""
+        vertical, values = jnp.asarray(self.vertical), jnp.asarray(self.values)
+        once = values if values.shape[0] == 1 else values[:-1]  # 360 degrees is 0 degrees again
+        pole = (vertical == 0.0) | (vertical == 180.0)
+        return jnp.where(pole[None], jnp.mean(once, 0, keepdims=True), values)
+
+
+class MeasuredLight(AbstractEmitter):
+    r"""A point light with a measured beam, `profile`, about `direction`, attenuated with distance (E2).
+
+    $$ f_{rad}(d) \, profile(\gamma, C) \, I_l $$
+
+    arrives at distance d. `position`: scene units. `intensity`: RGB or grey, at least 0. `direction`: where gamma = 0
+    points, the way its light travels. `side`: a vector on the side of C = 0; what of it is along `direction` does not
+    count. C grows counter-clockwise for one who looks along `direction` from behind the lamp (type C of LM-63, C-planes
+    of EULUMDAT). In a fit the intensity, position and direction can be free, and `side` by its own name.
+    """
+
+    position: Vector = eqx.field(converter=as_vector)
+    direction: Vector = eqx.field(converter=as_vector)
+    profile: Profile
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    side: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0))
+
+    def check_together(self) -> None:
+        check_direction("MeasuredLight.direction", self.direction)
+        check_kind("MeasuredLight.profile", self.profile, Profile, "Profile([0, 90], [0], [[1, 0]])")
+        check_kind("MeasuredLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        if is_concrete(self.side, self.direction) and along_one_line(self.side, self.direction):
+            raise ValueError(
+                f"MeasuredLight.side must not be along direction; got {in_short(self.side)} with direction "
+                f"{in_short(self.direction)}. Give the side to which the plane C = 0 points."
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    def path(self, p: Vec3 | None) -> Path:
+        """Return l = (position - p)/d, d and profile(gamma, C) of the way from the lamp to p."""
+        assert p is not None
+        to_light = Vec3.of(self.position) - p
+        l = normalize(to_light)
+        axis, side = normalize(Vec3.of(self.direction)), Vec3.of(self.side)
+        x = normalize(side - axis * dot(side, axis))
+        y = cross(x, axis)
+        along, across, up = -dot(l, axis), -dot(l, x), -dot(l, y)
+        sine = safe_sqrt(across * across + up * up)
+        off, somewhere = sine > 0, (sine > 0) | (along != 0)  # atan2(0, 0) has no derivative
+        gamma = jnp.arctan2(sine, jnp.where(somewhere, along, 1.0))
+        C = jnp.arctan2(jnp.where(off, up, 0.0), jnp.where(off, across, 1.0))
+        C = jnp.rad2deg(jnp.where(C < 0, C + 2.0 * jnp.pi, C))
+        return Path(l, length(to_light), self.profile(jnp.rad2deg(gamma), C))
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) profile(gamma, C) I_l."""
+        l, d, f_ang = self.path(p)
+        assert d is not None
+        assert f_ang is not None
+        return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
+
+
+def _between(angles: Float[Array, " n"], x: Float[Array, "..."]) -> tuple[Array, Float[Array, "..."]]:
+    """Return the interval of a table that x lies in, and how far along it, 0 to 1."""
+    i = jnp.clip(jnp.searchsorted(angles, x, side="right") - 1, 0, angles.shape[0] - 2)
+    t = (x - angles[i]) / (angles[i + 1] - angles[i])
+    return i, jnp.where(t > 0.0, jnp.where(t < 1.0, t, 1.0), 0.0)

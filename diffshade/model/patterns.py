@@ -1,0 +1,61 @@
+"""Patterns: coefficients that change from point to point of a surface."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..core.fields import Checked, Coefficient, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
+from .vectors import Vec3, dot, where
+
+
+class AbstractPattern(Checked):
+    """A colour as a function of the point."""
+
+    @abc.abstractmethod
+    def __call__(self, p: Vec3) -> Vec3:
+        """Return the colour at p."""
+
+
+class Chequer(AbstractPattern):
+    r"""Squares of two colours in the plane of u and v: `a` where w > 0, `b` elsewhere.
+
+    $$ w = \sin(2\pi \, p \cdot u / period) \sin(2\pi \, p \cdot v / period) $$
+
+    A period is two squares, in scene units. With `smooth=True` the colour is $b + (a - b)(1 + w) / 2$, which has a
+    derivative everywhere; at the edges of the hard squares there is a jump, which no derivative sees. `u` and `v`: the
+    directions in which to count, the x and the y axis by default; (1, 0, 0) and (0, 0, 1) for a floor.
+    """
+
+    a: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
+    b: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
+    period: Scalar = eqx.field(converter=as_scalar, default=1.0)
+    smooth: bool = eqx.field(static=True, default=False)
+    u: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0))
+    v: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0))
+
+    def check_together(self) -> None:
+        if is_concrete(self.period) and not self.period > 0:
+            raise ValueError(f"Chequer.period must be above 0; got {self.period}. Give the length of two squares.")
+        for name, axis in (("u", self.u), ("v", self.v)):
+            if is_concrete(axis) and not np.any(axis):
+                raise ValueError(
+                    f"Chequer.{name} must not be the zero vector; got [0, 0, 0]. Give a direction in which to count."
+                )
+
+    def __call__(self, p: Vec3) -> Vec3:
+        """Return the colour at p."""
+        x, y = (jnp.sin(2.0 * np.pi / self.period * dot(Vec3.of(axis), p)) for axis in (self.u, self.v))
+        a, b, wave = Vec3.of(self.a), Vec3.of(self.b), x * y
+        return b + (a - b) * (0.5 + 0.5 * wave) if self.smooth else where(wave > 0, a, b)
+
+
+def colour_at(coefficient: Coefficient, p: Vec3 | None) -> Vec3:
+    """Return a coefficient at the point p."""
+    if isinstance(coefficient, AbstractPattern):
+        assert p is not None
+        return coefficient(p)
+    return Vec3.of(coefficient)

@@ -1,0 +1,162 @@
+"""Rendering: from a scene and a camera to an image of linear radiance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core.backend import UNFUSED, check_backend, with_new_arrays
+from ..core.fields import Array, check, is_concrete
+from .cameras import AbstractCamera, Projection, Rays
+from .gbuffers import GBuffer
+from .lights import AbstractLight
+from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
+from .surfaces import AbstractSurface
+from .tracing import nearest, radiance
+from .vectors import Vec3, where
+
+MANY = 6  # transparent objects, over which the compiler takes longer than it saves
+MOST_PIXELS = 2**31  # with more XLA ends the process
+
+
+def render(
+    scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
+) -> Float[Array, "height width 3"]:
+    r"""Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
+
+    $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
+
+    at the nearest surface (E9), of which what is transparent lets through what is behind it (E13), each fogged at its
+    own distance (E14). `lit`: the indices of the lights that are on; all of them by default. Ambient light is never
+    switched. Compiled once for each structure and shape; differentiable in every number of the scene and the camera
+    except at silhouettes and gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
+
+    XLA's CPU compiler may take minutes over a program of your own, such as a gradient, in which several transparent
+    objects are rendered. Let it leave fusion out: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
+
+    Raises ValueError for a scene, camera or GBuffer that does not fit together.
+    """
+    check((scene, camera))
+    check_shapes(scene, camera)
+    check_positions(scene, camera)
+    if (pixels := camera.shape[0] * camera.shape[1]) >= MOST_PIXELS:
+        raise ValueError(
+            f"a picture of {camera.shape[1]} x {camera.shape[0]} has {pixels:,} pixels, more than XLA can count. "
+            "Render parts of it."
+        )
+    check_backend()
+    stacked = stack_scene(scene if lit is None else eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
+    program = _render_unfused if _takes_long(stacked, camera) else _render
+    return program(*with_new_arrays((stacked, camera)))
+
+
+def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+    """Shade a G-buffer with the material of the scene's only object, whatever that object's own shape (E9).
+
+    Otherwise as `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer, material)`.
+
+    Raises ValueError for a scene of several objects, and as `render` does.
+    """
+    if len(scene.objects) != 1:
+        raise ValueError(
+            f"shade needs a scene of one object, whose material it uses; got {len(scene.objects)} objects. "
+            "Use render with Object(gbuffer, material) for each."
+        )
+    return render(eqx.tree_at(lambda s: s.objects[0].surface, scene, gbuffer), camera)
+
+
+def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
+    """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points.
+
+    Arrays (H, W, 3) and (H, W), lengths in scene units; the normals are unit and on the viewer's side. Raises
+    ValueError for a scene, camera or GBuffer that does not fit together.
+    """
+    check((scene, camera))
+    check_shapes(scene, camera)
+    check_backend()
+    return GBuffer(*visible_points(*with_new_arrays((scene.objects, camera))))
+
+
+def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight, ...]:
+    """Return the lights that are on."""
+    if lit is None:
+        return scene.lights
+    lit = [int(i) for i in np.ravel(lit)]
+    for i in lit:
+        if not 0 <= i < len(scene.lights):
+            raise ValueError(
+                f"lit must hold indices of the scene's {len(scene.lights)} lights, from 0; got {i}. "
+                "Count the lights, or add the missing one to the scene."
+            )
+    return tuple(scene.lights[i] for i in lit)
+
+
+def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
+    """Return the ray of every pixel of a picture."""
+    row, column = jnp.meshgrid(jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float), indexing="ij")
+    return projection.rays(row, column)
+
+
+def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+    projection = camera.projection()
+    return radiance(scene, pixel_rays(projection, camera.shape), projection).stack()
+
+
+_render = jax.jit(_image)
+_render_unfused = jax.jit(_image, compiler_options=UNFUSED)
+
+
+def _takes_long(scene: StackedScene, camera: AbstractCamera) -> bool:
+    """Whether to compile without fusion; within a program of the caller's that is not for this one to say."""
+    if sum(item.material.k_t is not None for item in scene.objects) < MANY:
+        return False
+    return jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((scene, camera)))
+
+
+@jax.jit
+def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
+    """Return the pixels that show an object."""
+    rays = pixel_rays(camera.projection(), camera.shape)
+    return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
+
+
+def silhouette_of_rows(
+    objects: tuple[Object, ...], camera: AbstractCamera, first: int, last: int
+) -> Bool[np.ndarray, "r w"]:
+    """Return `silhouette` of some rows alone, in a program for the next power of two of rows, so that these are few."""
+    rows = np.minimum(first + np.arange(1 << (last - first - 1).bit_length()), camera.shape[0] - 1)
+
+    def of_rows(item: Object) -> AbstractSurface:
+        surface = item.surface
+        return jax.tree.map(lambda leaf: leaf[rows], surface) if isinstance(surface, GBuffer) else surface
+
+    surfaces = tuple(of_rows(item) for item in objects)
+    return np.asarray(_silhouette_of_rows(surfaces, camera, rows.astype(float)))[: last - first]
+
+
+@jax.jit
+def _silhouette_of_rows(
+    surfaces: tuple[AbstractSurface, ...], camera: AbstractCamera, rows: Float[Array, " r"]
+) -> Bool[Array, "r w"]:
+    row, column = jnp.meshgrid(rows, jnp.arange(camera.shape[1], dtype=float), indexing="ij")
+    rays = camera.projection().rays(row, column)
+    return jnp.any(jnp.stack([surface.intersect(rays).inside for surface in surfaces]), 0)
+
+
+@jax.jit
+def visible_points(
+    objects: tuple[Object, ...], camera: AbstractCamera
+) -> tuple[Float[Array, "h w 3"], Float[Array, "h w 3"] | None, Bool[Array, "h w"]]:
+    """Return the normals and positions of the nearest objects' points, and the pixels that show one."""
+    rays = pixel_rays(camera.projection(), camera.shape)
+    hits = [item.surface.intersect(rays) for item in objects]
+    n = p = Vec3.of(jnp.zeros((*camera.shape, 3)))
+    for hit, seen in zip(hits, nearest(objects, hits), strict=True):
+        n = where(seen, hit.n, n)
+        p = None if hit.p is None or p is None else where(seen, hit.p, p)
+    return n.stack(), None if p is None else p.stack(), silhouette(objects, camera)

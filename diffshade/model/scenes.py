@@ -1,0 +1,162 @@
+"""Scenes: objects and lights together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Shaped
+
+from ..core.fields import Array, Checked, Colour, as_colour, check_kind, is_concrete
+from ..core.words import with_article
+from .attenuation import AbstractAtmosphere
+from .cameras import AbstractCamera
+from .gbuffers import GBuffer
+from .lights import AbstractEmitter, AbstractLight, AreaLight
+from .materials import Material
+from .surfaces import AbstractSolid, AbstractSurface
+
+
+class Object(Checked):
+    """A surface and what it is made of: `surface`, a shape or a `GBuffer`, and `material`.
+
+    `name`: a word of your own, which then stands in the names of its parameters: `objects.ball.material.k_d`, or
+    `ball.material.k_d`, instead of `objects.0.material.k_d`.
+    """
+
+    surface: AbstractSurface
+    material: Material = eqx.field(default_factory=Material)
+    name: str = eqx.field(static=True, default="")
+
+    def check_together(self) -> None:
+        check_kind("Object.surface", self.surface, AbstractSurface, "Sphere(radius=1)")
+        check_kind("Object.material", self.material, Material, "Material(k_d=0.7)")
+        if self.name and not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise ValueError(f"Object.name must be one word, of letters, digits and _; got {self.name!r}. Rename it.")
+
+
+def as_tuple(value: Any) -> tuple:
+    """Make a tuple of one thing or several."""
+    return tuple(value) if isinstance(value, Iterable) else (value,)
+
+
+class Scene(Checked):
+    """Objects, the lights that shine on them, and what surrounds them.
+
+    `objects`: one or several, in any order; the nearest is seen, and through one with k_t what is behind it. Of
+    surfaces that coincide an opaque one is seen, and of two alike the one that comes first in the list. The cost is
+    linear in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer, a mesh or a map cannot
+    stand in a scene with a `Sphere` or `Box` that bends rays, k_t with an eta other than 1: it knows only what its
+    camera's own rays see. `lights`: any number of any kind. A light reaches every point that faces it, through any
+    object: there are no shadows and no interreflection. `ambient`: I_a, RGB or grey, at least 0, never attenuated (E1).
+    `background`: what a ray that meets nothing sees, never fogged. `atmosphere`: `DepthCueing` or `Fog` (E14); by
+    default none.
+    """
+
+    objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
+    lights: tuple[AbstractLight, ...] = eqx.field(converter=as_tuple, default=())
+    ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
+    atmosphere: AbstractAtmosphere | None = None
+
+    def check_together(self) -> None:
+        for i, item in enumerate(self.objects):
+            check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
+        for i, light in enumerate(self.lights):
+            check_kind(f"Scene.lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
+            if not isinstance(light, AbstractEmitter | AreaLight):
+                raise TypeError(
+                    f"Scene.lights[{i}] must say how light reaches a point; got {with_article(type(light).__name__)}, "
+                    "an AbstractLight that does not. Derive it from diffshade.model.lights.AbstractEmitter, with path "
+                    "and arriving."
+                )
+        if self.atmosphere is not None:
+            check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
+        names = [item.name for item in self.objects if item.name]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"objects must have different names; got {name!r} twice. Rename one of them.")
+        if not self.objects:
+            raise ValueError("Scene.objects must hold at least one Object; got none. Give one: Object(Sphere()).")
+        buffers = [item.surface for item in self.objects if isinstance(item.surface, GBuffer)]
+        if len(self.objects) > 1 and any(buffer.position is None for buffer in buffers):
+            raise ValueError(
+                "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
+                "Give GBuffer.position, or make it the only object."
+            )
+        for i, item in enumerate(self.objects if buffers else ()):
+            if bends(item) and is_concrete(eta := item.material.eta) and eta != 1.0:
+                raise ValueError(
+                    "a GBuffer cannot stand in a scene with glass that bends rays, since it knows only what the "
+                    f"camera's own rays see; got eta {eta} in objects[{i}]. Give eta=1, or a Sphere, Plane or Box for "
+                    "the GBuffer."
+                )
+
+
+def bends(item: Object) -> bool:
+    """Whether rays pass through an object, and may be bent there."""
+    material = item.material
+    return isinstance(item.surface, AbstractSolid) and material.k_t is not None and material.eta is not None
+
+
+def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
+    """Refuse a G-buffer that is not of the camera's shape."""
+    for i, item in enumerate(scene.objects):
+        if isinstance(item.surface, GBuffer) and item.surface.mask.shape != camera.shape:
+            raise ValueError(
+                f"objects[{i}].surface must have one normal a pixel; got a GBuffer of shape {item.surface.mask.shape} "
+                f"for a camera of shape {camera.shape}. Make the two the same."
+            )
+
+
+def check_positions(scene: Scene, camera: AbstractCamera) -> None:
+    """Refuse a G-buffer without positions where something needs them."""
+    needing = ["a camera with local_viewer=True"] * camera.local_viewer
+    needing += [with_article(type(light).__name__) for light in scene.lights if light.is_local]
+    needing += [] if scene.atmosphere is None else [with_article(type(scene.atmosphere).__name__)]
+    for item in scene.objects:
+        if isinstance(item.surface, GBuffer) and item.surface.position is None:
+            here = needing + [with_article(type(pattern).__name__) for pattern in item.material.patterns]
+            if here:
+                raise ValueError(
+                    f"{here[0]} needs to know where the surface is; got a GBuffer without positions. Give "
+                    "GBuffer.position, or use directional lights and a camera with local_viewer=False."
+                )
+
+
+class StackedScene(eqx.Module):
+    """A scene as compiled programs take it: the lights of one kind stacked along a leading axis.
+
+    A hundred lights then compile as one. Two lights are of one kind when their tree structures and shapes are
+    equal: the same class, the same static fields, and tables of one size.
+    """
+
+    objects: tuple[Object, ...]
+    lights: tuple[AbstractLight, ...]
+    ambient: Shaped[Array, "3"]
+    background: Shaped[Array, "3"]
+    atmosphere: AbstractAtmosphere | None
+
+
+def stack_scene(scene: Scene) -> StackedScene:
+    """Stack the lights of a scene by kind, kinds in the order of their first lights."""
+    kinds = [[scene.lights[i] for i in members] for members in light_kinds(scene.lights)]
+    lights = tuple(jax.tree.map(_stack, *kind) for kind in kinds)
+    return StackedScene(scene.objects, lights, scene.ambient, scene.background, scene.atmosphere)
+
+
+def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:
+    """Return the indices of the lights of each kind."""
+    kinds: dict[Any, list[int]] = {}
+    for i, light in enumerate(lights):
+        shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(light))
+        kinds.setdefault((jax.tree.structure(light), shapes), []).append(i)
+    return list(kinds.values())
+
+
+def _stack(*leaves: Any) -> Any:
+    return (jnp if any(isinstance(leaf, jax.Array) for leaf in leaves) else np).stack(leaves)

@@ -1,0 +1,210 @@
+"""Surfaces: where a ray meets a shape, and which way the shape faces there."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
+from .cameras import Rays
+from .vectors import Vec3, dot, normalize, safe_sqrt, where
+
+GRAZING = 1e-12  # a cosine below it: the ray never meets the plane
+
+
+class Hit(eqx.Module):
+    """Where rays meet a surface: distance along the ray, point, unit normal, and whether they meet it at all.
+
+    Outside `inside` the numbers are finite and mean nothing. `p` is None where the surface does not know it.
+    """
+
+    distance: Float[Array, "..."]
+    p: Vec3 | None
+    n: Vec3
+    inside: Bool[Array, "..."]
+
+
+class AbstractSurface(Checked):
+    """A shape that rays meet."""
+
+    @abc.abstractmethod
+    def intersect(self, rays: Rays) -> Hit:
+        """Return the first hit in front of each ray's origin."""
+
+    def extent(self) -> float:
+        """Return about how far the surface reaches from its middle, in scene units; 0 where it has no such length."""
+        return 0.0
+
+
+class AbstractSolid(AbstractSurface):
+    """A convex shape with an inside, through which rays can pass."""
+
+    @abc.abstractmethod
+    def leave(self, rays: Rays) -> Hit:
+        """Return the last hit of each ray, where it leaves the solid, with the outward normal."""
+
+    @abc.abstractmethod
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the origin of a ray that hits the solid is within it: then the first hit is the last."""
+
+
+def touching(t: Array, size: Array) -> Array:
+    """Return how near to a solid a ray's origin lies on it: such a ray enters it there or does not meet it.
+
+    Rays go on from points on surfaces, and solids stand on each other. What is decided there must not hang on a
+    rounding: compiled code may compute it more than once, for x of a point and for y, and round each in another way.
+    """
+    return 4.0 * np.sqrt(float(jnp.finfo(t.dtype).eps)) * size
+
+
+class Sphere(AbstractSolid):
+    """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
+
+    $$ |o + t d - center|^2 = {radius}^2 $$
+
+    for the smallest t > 0 is where a ray from o along d meets it. The derivative of a hit grows without bound at the
+    silhouette. A ray that misses gets the sphere's nearest point, which is smooth across the silhouette's edge;
+    `inside` is False there.
+    """
+
+    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    radius: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
+
+    def check_together(self) -> None:
+        if is_concrete(self.radius) and not self.radius > 0:
+            raise ValueError(f"Sphere.radius must be above 0; got {self.radius}. Give the radius in scene units.")
+
+    def extent(self) -> float:
+        """Return the radius."""
+        return float(self.radius)
+
+    def intersect(self, rays: Rays) -> Hit:
+        """Solve |o + t d - c|^2 = radius^2 for the smallest t > 0."""
+        nearest, half_chord, hit, miss = self._chord(rays)
+        within = self.holds(rays)
+        t = jnp.where(within, nearest + half_chord, nearest - half_chord)
+        n = self._normal(rays, t, hit, miss)
+        facing = where(hit & within, -n, n)
+        in_front = nearest + half_chord > touching(nearest, self.radius)
+        return Hit(t, Vec3.of(self.center) + n * self.radius, facing, hit & in_front)
+
+    def leave(self, rays: Rays) -> Hit:
+        """Solve |o + t d - c|^2 = radius^2 for the largest t."""
+        nearest, half_chord, hit, miss = self._chord(rays)
+        t = nearest + half_chord
+        n = self._normal(rays, t, hit, miss)
+        return Hit(t, Vec3.of(self.center) + n * self.radius, n, hit & (t > 0))
+
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the sphere was entered behind the origin."""
+        nearest, half_chord, _, _ = self._chord(rays)
+        return nearest - half_chord <= -touching(nearest, self.radius)
+
+    def _chord(self, rays: Rays) -> tuple[Array, Array, Array, Vec3]:
+        """Return t of the point of a ray nearest to the centre, half the chord, whether there is one, and the point."""
+        o, d = rays.origin - Vec3.of(self.center), rays.direction
+        nearest = -dot(o, d)
+        miss = o + d * nearest
+        half_chord2 = self.radius * self.radius - dot(miss, miss)
+        return nearest, safe_sqrt(half_chord2), half_chord2 > 0, miss
+
+    def _normal(self, rays: Rays, t: Array, hit: Array, miss: Vec3) -> Vec3:
+        """Return the outward normal at t, or of the sphere's point nearest to a ray that misses."""
+        return normalize(where(hit, rays.origin - Vec3.of(self.center) + rays.direction * t, miss))
+
+
+class Plane(AbstractSurface):
+    r"""An infinite plane through `point`; its normal is that of the side the viewer is on.
+
+    $$ (o + t d - point) \cdot normal = 0 $$
+
+    for a t > 0 is where a ray from o along d meets it. `normal`: of any length but 0. A ray along the plane misses it.
+    """
+
+    point: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    normal: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0))
+
+    def check_together(self) -> None:
+        if is_concrete(self.normal) and not np.any(self.normal):
+            raise ValueError("Plane.normal must not be the zero vector; got [0, 0, 0]. Give the way the plane faces.")
+
+    def intersect(self, rays: Rays) -> Hit:
+        """Solve (o + t d - point).n = 0 for t > 0."""
+        n = normalize(Vec3.of(self.normal))
+        n_d = dot(rays.direction, n)
+        meets = jnp.abs(n_d) > GRAZING
+        t = jnp.where(meets, dot(Vec3.of(self.point) - rays.origin, n), 0.0) / jnp.where(meets, n_d, 1.0)
+        one = jnp.ones_like(t)
+        return Hit(t, rays.origin + rays.direction * t, where(n_d > 0, -n * one, n * one), meets & (t > 0))
+
+
+class Box(AbstractSolid):
+    """A box about `center`; normals point outward, or to the viewer's side when seen from inside.
+
+    A ray is within it from the last of the near to the first of the far planes (Kay and Kajiya 1986). `size`: width,
+    height and depth, scene units, above 0. `rotation`: degrees about the x, then the y, then the z axis, right-handed,
+    about the centre. At an edge the derivative is that of one of its faces.
+    """
+
+    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    size: Vector = eqx.field(converter=as_vector, default=(1.0, 1.0, 1.0), metadata={"lower": 0})
+    rotation: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+
+    def check_together(self) -> None:
+        if is_concrete(self.size) and not np.all(np.asarray(self.size) > 0):
+            raise ValueError(f"Box.size must be above 0; got {self.size}. Give width, height and depth in scene units.")
+
+    def extent(self) -> float:
+        """Return half the diagonal."""
+        return 0.5 * float(np.linalg.norm(self.size))
+
+    def intersect(self, rays: Rays) -> Hit:
+        """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""
+        (near, entering), (far, leaving) = self._slabs(rays)
+        within = self.holds(rays)
+        t = jnp.where(within, far, near)
+        n = where(within, -leaving, entering)
+        in_front = far > touching(near, jnp.max(self.size))
+        return Hit(t, rays.origin + rays.direction * t, n, (near < far) & in_front)
+
+    def leave(self, rays: Rays) -> Hit:
+        """Return where a ray crosses the first of the far faces' planes."""
+        (near, _), (far, n) = self._slabs(rays)
+        return Hit(far, rays.origin + rays.direction * far, n, (near < far) & (far > 0))
+
+    def holds(self, rays: Rays) -> Bool[Array, "..."]:
+        """Return whether the box was entered behind the origin."""
+        (near, _), _ = self._slabs(rays)
+        return near <= -touching(near, jnp.max(self.size))
+
+    def _slabs(self, rays: Rays) -> tuple[tuple[Array, Vec3], tuple[Array, Vec3]]:
+        """Return t and the outward normal of the last plane crossed inwards, and of the first crossed outwards."""
+        pairs = []
+        for axis, size in zip(rotation_axes(self.rotation), (self.size[i] for i in range(3)), strict=True):
+            o, d = dot(rays.origin - Vec3.of(self.center), axis), dot(rays.direction, axis)
+            away = jnp.where(d < 0, -1.0, 1.0)  # which way the ray crosses this pair of faces
+            speed = jnp.where(jnp.abs(d) > GRAZING, jnp.abs(d), GRAZING)
+            middle, half = -o * away / speed, 0.5 * size / speed
+            pairs.append((middle - half, middle + half, axis * away))
+        near, entering = pairs[0][0], -pairs[0][2]
+        far, leaving = pairs[0][1], pairs[0][2]
+        for t_in, t_out, n in pairs[1:]:
+            later, sooner = t_in > near, t_out < far
+            near, entering = jnp.where(later, t_in, near), where(later, -n, entering)
+            far, leaving = jnp.where(sooner, t_out, far), where(sooner, n, leaving)
+        return (near, entering), (far, leaving)
+
+
+def rotation_axes(degrees: Vector) -> tuple[Vec3, Vec3, Vec3]:
+    """Return where the x, y and z axes go when turned about the x, then the y, then the z axis (right-handed)."""
+    (a, b, c) = (jnp.deg2rad(degrees[i]) for i in range(3))
+    (sa, ca), (sb, cb), (sc, cc) = ((jnp.sin(angle), jnp.cos(angle)) for angle in (a, b, c))
+    return (
+        Vec3(cc * cb, sc * cb, -sb),
+        Vec3(cc * sb * sa - sc * ca, sc * sb * sa + cc * ca, cb * sa),
+        Vec3(cc * sb * ca + sc * sa, sc * sb * ca - cc * sa, cb * ca),
+    )

@@ -1,0 +1,175 @@
+"""Tracing: the radiance that arrives along a ray, from the surfaces on its way, front to back (E9, E13, E14)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from ..core.fields import Array
+from .cameras import Projection, Rays
+from .materials import Coefficients
+from .reflection import reflection
+from .scenes import Object, StackedScene
+from .surfaces import AbstractSolid, AbstractSurface, Hit, touching
+from .transmission import Way, bend, straight
+from .vectors import Vec3, where
+
+
+class Level(eqx.Module):
+    """Where rays are on their way from the eye."""
+
+    way: Way
+    weight: Vec3
+    """How much of what they meet next arrives at the eye."""
+    met: tuple[Bool[Array, "..."], ...]
+    """For each object whether they have met it: each counts once, at its first hit."""
+
+
+def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered: bool = False) -> Vec3:
+    """Return the radiance that arrives along each ray.
+
+    I = (1 - k_t) I_refl + k_t I_trans, where I_trans is what the ray, bent where eta is not 1, meets next, at its end
+    the background. `covered`: the scene's only object is taken to be met by every ray, by those that miss it at its
+    nearest point, as a fit wants it whose mask stays while its surface moves.
+    """
+    objects = scene.objects
+    hits = [item.surface.intersect(rays) for item in objects]
+    if covered:
+        hits = [eqx.tree_at(lambda hit: hit.inside, hits[0], jnp.ones_like(hits[0].inside))]
+    seen = nearest(objects, hits)
+    reflected, k = reflected_light(scene, hits, seen, projection)
+    clear = sum(item.material.k_t is not None for item in objects)
+    if not clear:
+        return reflected if covered else where(_any(seen), reflected, Vec3.of(scene.background))
+    one = jnp.ones_like(rays.direction.x)
+    never = jnp.zeros(one.shape, bool)
+    level = Level(straight(rays), Vec3(one, one, one), (never,) * len(objects))
+    image, level = _pass(objects, level, hits, [never] * len(objects), seen, reflected, k)
+
+    def meet(carry: tuple[Vec3, Level], _: None) -> tuple[tuple[Vec3, Level], None]:
+        image, level = carry
+        inner = [item.surface.intersect(level.way.inner) for item in objects]
+        outer = [item.surface.intersect(level.way.outer) for item in objects]
+        ends = [_end(item.surface, level.way.length) for item in objects]
+        within = [hit.inside & (hit.distance < end) for hit, end in zip(inner, ends, strict=True)]
+        hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
+        seen = nearest(objects, hits)
+        reflected, k = reflected_light(scene, hits, seen, projection)
+        more, level = _pass(objects, level, outer, within, seen, reflected, k)
+        return (image + more, level), None
+
+    deeper = min(clear, len(objects) - 1)
+    if deeper:  # scanned, so that many transparent objects compile as one
+        (image, level), _ = jax.lax.scan(jax.checkpoint(meet), (image, level), length=deeper)
+    return image + level.weight * Vec3.of(scene.background)
+
+
+def nearest(objects: Sequence[Object], hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
+    """Return for each object the rays on which it is the nearest hit.
+
+    Of surfaces that coincide, to rounding, an opaque one is met before one that lets light through, else the first.
+    """
+    if len(hits) == 1:  # whose distances then need not be known
+        return [hits[0].inside]
+    first = jnp.full(hits[0].distance.shape, jnp.inf)
+    index = jnp.full(first.shape, -1)
+    before = 1.0 - 16.0 * float(jnp.finfo(first.dtype).eps)
+    for i in sorted(range(len(hits)), key=lambda i: objects[i].material.k_t is not None):
+        nearer = hits[i].inside & (hits[i].distance < before * first)
+        first, index = jnp.where(nearer, hits[i].distance, first), jnp.where(nearer, i, index)
+    return [index == i for i in range(len(hits))]
+
+
+def reflected_light(
+    scene: StackedScene, hits: Sequence[Hit], seen: Sequence[Array], projection: Projection
+) -> tuple[Vec3, Coefficients]:
+    """Return the radiance of the object that each ray sees, as it leaves towards the eye, and the coefficients there.
+
+    Points are chosen before they are shaded: many objects cost as much as one, where their highlights are of one kind.
+    """
+    image = chosen = None
+    for members in _of_one_kind(scene.objects):
+        material = scene.objects[members[0]].material
+        points = [(hits[i], scene.objects[i].material.at(hits[i].p)) for i in members]
+        hit, k = points[0]
+        for i, point in zip(members[1:], points[1:], strict=True):
+            hit, k = where(seen[i], point, (hit, k))
+        v = projection.viewer(hit.p)
+        light = reflection(k, material.lobe, material.fresnel, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
+        if scene.atmosphere is not None:
+            assert hit.p is not None
+            light = scene.atmosphere(light, projection.depth(hit.p, radial=scene.atmosphere.radial))
+        if image is None or chosen is None:
+            image, chosen = light, k
+        else:
+            here = _any([seen[i] for i in members])
+            image = where(here, light, image)
+            chosen = eqx.tree_at(lambda c: c.k_t, chosen, where(here, k.k_t, chosen.k_t))
+    assert image is not None
+    assert chosen is not None
+    return image, chosen
+
+
+def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
+    """Return the indices of the objects that are shaded by one program: of one lobe, Fresnel term and shape of n_s."""
+    kinds: dict[Any, list[int]] = {}
+    for i, item in enumerate(objects):
+        m = item.material
+        kinds.setdefault((type(m.lobe), type(m.fresnel), np.ndim(m.n_s)), []).append(i)
+    return list(kinds.values())
+
+
+def _end(surface: AbstractSurface, length: Array) -> Array:
+    """Return how far along its inner part a way meets a surface from within: to its end, give or take a rounding.
+
+    A solid that stands against the end is entered from outside; a wall or a floor there is met before the way goes on,
+    which begins on it, or behind it by a rounding.
+    """
+    rounding = touching(length, length)
+    return length - rounding if isinstance(surface, AbstractSolid) else length + rounding
+
+
+def _next(inner: Hit, outer: Hit, within: Array, met: Array, way: Way) -> Hit:
+    """Return an object's first hit on the rest of a way, at its distance along the way."""
+    hit = where(within, inner, eqx.tree_at(lambda h: h.distance, outer, way.length + outer.distance))
+    return eqx.tree_at(lambda h: h.inside, hit, (within | outer.inside) & ~met)
+
+
+def _pass(
+    objects: Sequence[Object],
+    level: Level,
+    outer: Sequence[Hit],
+    within: Sequence[Array],
+    seen: Sequence[Array],
+    reflected: Vec3,
+    k: Coefficients,
+) -> tuple[Vec3, Level]:
+    """Return what arrives of the light that each ray's next object reflects, and the level behind it.
+
+    `outer` are the objects' hits on the part of the way that is outside of any solid. A solid that is met there bends
+    the ray; one that is met within another is passed straight, since media do not nest. Where Snell's law has no
+    solution k_t counts as 0.
+    """
+    way, through = level.way, jnp.ones(seen[0].shape, bool)
+    for item, hit, inside, here in zip(objects, outer, within, seen, strict=True):
+        eta = item.material.eta
+        if item.material.k_t is not None and eta is not None and isinstance(item.surface, AbstractSolid):
+            bent, exists = bend(item.surface, level.way.outer, hit, eta)
+            bends = here & ~inside
+            way, through = where(bends, (bent, exists), (way, through))
+    some = _any(seen)
+    k_t = where(some, where(through, k.k_t, 0.0 * k.k_t), Vec3(*(jnp.ones(some.shape) for _ in range(3))))
+    image = level.weight * (reflected - reflected * k_t)
+    met = tuple(before | here for before, here in zip(level.met, seen, strict=True))
+    return image, Level(way, level.weight * k_t, met)
+
+
+def _any(masks: Sequence[Array]) -> Array:
+    """Return where any of the masks is True."""
+    return jnp.any(jnp.stack(masks), 0)

@@ -1,0 +1,45 @@
+"""Transmission: the way of a ray through solids (E12), and what is seen through them (E13)."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from ..core.fields import Array
+from .cameras import Rays
+from .surfaces import AbstractSolid, Hit
+from .vectors import refract, where
+
+
+class Way(eqx.Module):
+    """The way of a ray that has met a solid: `length` along `inner`, within the solid, and then along `outer`."""
+
+    inner: Rays
+    length: Float[Array, "..."]
+    outer: Rays
+
+
+def straight(rays: Rays) -> Way:
+    """Return the way of rays that have met nothing yet."""
+    return Way(rays, jnp.zeros_like(rays.direction.x), rays)
+
+
+def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -> tuple[Way, Bool[Array, "..."]]:
+    """Return the way of rays through a solid that they hit, and whether there is one (E12; Snell).
+
+    On entering, T = refract(v, n, 1/eta) with v = -direction; on leaving, at the last point of the solid along T, n and
+    the ratio invert. Outside is air. There is no way where either has total internal reflection. A ray from within the
+    solid only leaves.
+    """
+    far = solid.leave(rays)
+    enters = ~solid.holds(rays)
+    T, enters_at_all = refract(-rays.direction, hit.n, 1.0 / eta)
+    assert hit.p is not None
+    inside = Rays(hit.p, T)
+    exit_ = solid.leave(inside)
+    inner = where(enters, inside, rays)
+    p, n = where(enters, (exit_.p, exit_.n), (far.p, far.n))
+    assert p is not None
+    out, leaves = refract(-inner.direction, -n, eta)
+    return Way(inner, jnp.where(enters, exit_.distance, far.distance), Rays(p, out)), (enters_at_all | ~enters) & leaves

@@ -1,0 +1,63 @@
+"""Threads: compiled programs on every core of this process, in float64, with results in order."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import jax
+
+from ..core.backend import in_float64
+
+T = TypeVar("T")
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(cores(), thread_name_prefix="diffshade")
+
+
+def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
+    """Return work(item) for each item, in order, in float64, from as many threads as there are cores.
+
+    A scan runs on one core; a compiled program called from several threads runs on as many.
+    """
+
+    def worked(item: Any) -> T:
+        with in_float64():  # the context belongs to the thread
+            return jax.block_until_ready(work(item))
+
+    items = list(items)
+    return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
+
+
+def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ahead: int) -> Iterator[T]:
+    """Yield work(item) for each item, in order, in float64, from so many threads, at most `ahead` items early.
+
+    What is early waits, so that memory holds so many results and no more.
+    """
+
+    def worked(item: Any) -> T:
+        with in_float64():
+            return work(item)
+
+    waiting: deque[Future[T]] = deque()
+    with ThreadPoolExecutor(threads, thread_name_prefix="diffshade") as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(worked, item))
+                if len(waiting) > ahead:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
