@@ -128,25 +128,24 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.problem import Study
-    from diffshade.inverse.running import look_at
+    from diffshade.inverse.problem import PART, LaidOutProblem, fit_problem
+    from diffshade.inverse.running import samples_for
+    from diffshade.inverse.starting import find_start
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
-    samples, counts = look_at(made.scene, made.views, unknowns, "hinge")
+    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
 
-    def laid() -> Study:
-        study = Study(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
-        study.lay_out()
-        study.whole = study.whole or study.chunks()
-        return study
+    fit = fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
+    part, everything = fit.chunks(PART), fit.chunks()
 
-    study = laid()
-    squares = study.squares
+    def tell(words: str, share: float | None = None) -> None:
+        pass
 
     def solve() -> np.ndarray:
-        study.squares = squares
-        return study.solve(from_scene=False, tell=lambda words: None).theta
+        start = find_start(fit, part, from_scene=False, tell=tell)
+        squares = start.squares * max(counts.pixels / PART, 1.0)
+        return LaidOutProblem(fit, start, everything, squares).minimise(tell).theta
 
     return solve
 

@@ -52,44 +52,44 @@ def main() -> None:
 
 def fit_pass() -> tuple[Any, int, int]:
     """Return a pass over one block, its pixels, and the bytes that it reads of each: three fields, three samples."""
+    from diffshade.inverse.problem import PART
     from diffshade.inverse.solve import solvers
 
     with jax.enable_x64(True):
-        study = laid_out(SIZE)
-        block = jax.tree.map(lambda leaf: leaf[:1], study.part[0])
-        task = study.task()
-        theta = np.array([u.start for u in study.unknowns])
-        return solvers._summary.lower(task.form_structure, task.form_leaves, theta, block), study.size, 6 * 8 + 1
+        fit = problem_of(SIZE)
+        block = jax.tree.map(lambda leaf: leaf[:1], fit.chunks(PART)[0])
+        task = fit.task(1.0)
+        theta = np.array([u.start for u in fit.unknowns])
+        lowered = solvers._summary.lower(task.model_structure, task.model_leaves, theta, block)
+        return lowered, fit.block_size, 6 * 8 + 1
 
 
 def time_of_a_pass() -> tuple[float, int]:
     """Return the processor time of a pass over a megapixel, in ns a pixel that counts, and how many a solve takes."""
+    from diffshade.inverse.running import solve
     from diffshade.inverse.solve import solvers
 
     with jax.enable_x64(True):
-        study = laid_out(1024)
-        study.whole = study.whole or study.chunks()
-        end = study.solve(from_scene=False, tell=lambda words: None)
-        task = study.task()
-        look = {"pass": lambda: solvers.look(end.theta, task, study.whole)}
+        fit = problem_of(1024)
+        laid, end = solve(fit)
+        task = laid.task
+        look = {"pass": lambda: solvers.look(end.theta, task, laid.pixels)}
         seconds = medians(take_turns(look, 15, clock=time.process_time))["pass"]
-    return 1e9 * seconds / study.count, end.steps
+    return 1e9 * seconds / fit.counts.pixels, end.steps
 
 
-def laid_out(size: int) -> Any:
-    """Return the fit of the other benchmarks with a part of its pixels laid out."""
+def problem_of(size: int) -> Any:
+    """Return the fit of the other benchmarks."""
     import problem
 
-    from diffshade.inverse.problem import Study
-    from diffshade.inverse.running import look_at
+    from diffshade.inverse.problem import fit_problem
+    from diffshade.inverse.running import samples_for
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)
     unknowns = find_unknowns(made.scene, made.views, problem.FREE, problem.TIED)
-    samples, counts = look_at(made.scene, made.views, unknowns, "hinge")
-    study = Study(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
-    study.lay_out()
-    return study
+    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
+    return fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..inverse.data.views import erode
+from ..inverse.data.samples import erode
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene

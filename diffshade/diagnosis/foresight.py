@@ -13,14 +13,17 @@ from jaxtyping import Bool
 from ..core.backend import in_float64
 from ..inverse.data.views import Noise, View, is_grey, photograph
 from ..inverse.fitting import check_choices, check_free
-from ..inverse.problem import Study
+from ..inverse.forward.rounding import no_rounding
+from ..inverse.forward.sums import sum_of_squares
+from ..inverse.problem import LaidOutProblem, Start, fit_problem
 from ..inverse.result import diagnose
-from ..inverse.running import look_at
+from ..inverse.running import samples_for
 from ..inverse.solve.solvers import Minimum, look
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.constraints import Grey, Proportional
 from ..inverse.unknowns.parameters import coordinates, find_unknowns, values_in
 from ..model.scenes import Scene
+from ..parallel.threads import on_all_cores
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +83,14 @@ def foresee(
             scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=all(map(is_grey, views))
         )
         check_free(unknowns)
-        samples, counts = look_at(scene, views, unknowns, "hinge", foreseen=True)
-        study = Study(scene, views, unknowns, samples, counts, "squares", "hinge")
+        samples, counts = samples_for(scene, views, unknowns, "hinge", foreseen=True)
+        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
-        study.lay_out()
-        study.whole = study.reweigh(theta, study.whole or study.chunks())
-        end = Minimum(look(theta, study.task(), study.whole), 0, "")
-        evidence = study.evidence(end)
-        fit = diagnose(
-            scene, views, unknowns, study.likelihood, "hinge", end, *evidence, counts, study.squares, foreseen=True
-        )
+        chunks = problem.chunks()
+        squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), chunks))) or 1.0
+        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0)
+        laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
+        fit = diagnose(laid, Minimum(look(theta, laid.task, laid.pixels), 0, ""), foreseen=True)
     return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.progress import Tell, silent
-from ..inverse.refits import Laid
+from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
@@ -27,12 +27,12 @@ class Profile:
     """
 
     def __init__(self, fit: Fit, clusters: Clusters):
-        self.laid = Laid(fit)
+        self.laid = LaidOutFit(fit)
         self.fit, self.clusters = fit, clusters
         self.variance = clusters.rises()
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
         self.errors = clusters.errors() / self.unit  # in the solver's coordinates
-        self.bounds = [np.asarray(bound) for bound in (self.laid.study.box.lower, self.laid.study.box.upper)]
+        self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
         self.best = self.laid.cost()
         # a difference of costs is known to a rounding of the sum of squares
         self.asked: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]

@@ -18,9 +18,10 @@ from ..core.fields import Array, check_kind
 from ..core.progress import showing, silent
 from ..core.words import listing
 from ..inverse.data.views import is_grey, setups
+from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
-from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece, weights
-from ..inverse.refits import Laid
+from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece
+from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import look
 from ..inverse.statistics.uncertainty import lone_views
@@ -106,7 +107,7 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])
     with showing("compare") if progress else contextlib.nullcontext(silent) as tell, in_float64(dict(fits)) as fits:
-        laid = {name: Laid(fits[name]) for name in names}
+        laid = {name: LaidOutFit(fits[name]) for name in names}
         for name in names[1:]:
             _check_same_pixels(names[0], laid[names[0]], name, laid[name])
         tightest = min(names, key=lambda name: (fits[name].rmse, name))
@@ -170,9 +171,9 @@ def _numbers(noise: Any) -> np.ndarray | None:
     return None if noise is None else np.array(jax.tree.leaves(noise), float)
 
 
-def _check_same_pixels(one: str, a: Laid, other: str, b: Laid) -> None:
+def _check_same_pixels(one: str, a: LaidOutFit, other: str, b: LaidOutFit) -> None:
     """Refuse fits that look at different pixels of their photographs, by other surfaces, cameras or clipping."""
-    for i, (s, t) in enumerate(zip(a.study.samples, b.study.samples, strict=True)):
+    for i, (s, t) in enumerate(zip(a.samples, b.samples, strict=True)):
         if not np.array_equal(s.pixels, t.pixels):
             raise ValueError(
                 f"fits['{one}'] and fits['{other}'] must look at the same pixels; of views[{i}] they have "
@@ -202,9 +203,9 @@ def _unknowns(fit: Fit) -> int:
     return int(np.sum(fit.evidence.determined & ~fit.at_bound)) - len(fit.evidence.units)
 
 
-def _cut(laid: Laid) -> Cut:
+def _cut(laid: LaidOutFit) -> Cut:
     """Return the clusters: views, those taken alike together, where there are three or more of them, else patches."""
-    samples, size = laid.study.samples, laid.study.size
+    samples, size = laid.samples, laid.problem.block_size
     groups = [[v for v in group if len(samples[v].pixels)] for group in setups(laid.fit.scene, laid.fit.views)]
     groups = [group for group in groups if group]  # a view that is an earlier one again has no pixels
     if len(groups) >= FEWEST_VIEWS:
@@ -237,7 +238,7 @@ def _in_blocks(parts: Sequence[Piece], cluster: Int[np.ndarray, " n"], size: int
 class Tried:
     """How a model did."""
 
-    laid: Laid
+    laid: LaidOutFit
     chunks: list[Block]
     squares: Float[np.ndarray, " clusters"]
     """Sum of squares of each cluster, predicted without it."""
@@ -250,19 +251,19 @@ class Tried:
 
     def shown(self, c: int) -> tuple[np.ndarray, ...]:
         """Return what the fit shows in a chunk, and the weight of each sample that was measured, else 0."""
-        return _shown(jnp.asarray(self.laid.theta), self.laid.study.form, self.chunks[c])
+        return _shown(jnp.asarray(self.laid.theta), self.laid.model, self.chunks[c])
 
 
-def _left_out(laid: Laid, cut: Cut, scale: float, tell: Callable[[float], None]) -> Tried:
+def _left_out(laid: LaidOutFit, cut: Cut, scale: float, tell: Callable[[float], None]) -> Tried:
     """Predict each cluster by a fit to the others."""
-    study, rho = laid.study, LOSSES[laid.fit.likelihood.loss].value
-    chunks = study.lay(cut.pieces, cut.size)  # weighed by the photograph, the same for every model
-    weighed = study.reweigh(laid.theta, chunks)
+    problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
+    chunks = problem.lay_out(cut.pieces, cut.size)  # weighed by the photograph, the same for every model
+    weighed = problem.reweigh(laid.theta, chunks)
     none = [Piece(p.view, p.samples, p.pixels[:0]) for p in cut.pieces[:CHUNK]]
-    (empty,) = study.reweigh(laid.theta, study.lay(none, cut.size))
+    (empty,) = laid.lay_out(none, cut.size)
     of_block = [cut.cluster[at : at + CHUNK] for at in range(0, len(cut.cluster), CHUNK)]
     # a view's own exposure is not known without the view
-    lone = lone_views(np.asarray(look(laid.theta, study.task(), weighed).views.hessian))
+    lone = lone_views(np.asarray(look(laid.theta, laid.task, weighed).views.hessian))
     lone = lone if cut.by_view else np.full(len(lone), -1)
     squares, samples, stuck = np.zeros(cut.count), np.zeros(cut.count), False
     for k in range(cut.count):
@@ -279,7 +280,7 @@ def _left_out(laid: Laid, cut: Cut, scale: float, tell: Callable[[float], None])
         for chunk, blocks in zip(chunks, of_block, strict=True):
             if (blocks == k).any():
                 mine = np.flatnonzero(blocks == k)
-                m, weight = (x[mine] for x in _shown(jnp.asarray(end.theta), study.form, chunk))
+                m, weight = (x[mine] for x in _shown(jnp.asarray(end.theta), laid.model, chunk))
                 s = weight * (m - np.asarray(chunk.observed.target)[mine]) ** 2 / scale**2
                 squares[k] += scale**2 * float(np.sum(rho(s)))
                 samples[k] += float(np.sum(weight > 0))
@@ -301,18 +302,18 @@ def _without(chunk: Block, empty: Block, out: Bool[np.ndarray, " blocks"]) -> Bl
     )
 
 
-def _shown(theta: Array, form: Any, chunk: Block) -> tuple[np.ndarray, ...]:
-    return tuple(map(np.asarray, _predicted(theta, form, chunk)))
+def _shown(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[np.ndarray, ...]:
+    return tuple(map(np.asarray, _predicted(theta, model, chunk)))
 
 
 @jax.jit
-def _predicted(theta: Array, form: Any, chunk: Block) -> tuple[Array, Array]:
+def _predicted(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, Array]:
     """Return the predictions of a chunk, and the weights of its samples: 0 where one is clipped, and no number."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        weight, seen = weights(form, block), block.observed
+        weight, seen = model.sample_weights(block), block.observed
         measured = weight if seen.clipped is None else jnp.where(seen.clipped == 0, weight, 0.0)
-        return jnp.stack(form.predict(theta, block)), measured
+        return jnp.stack(model.predict(theta, block)), measured
 
     return jax.lax.map(of_block, chunk)
 

@@ -11,10 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
-from ..inverse.data.views import Samples, setups
-from ..inverse.forward.rounding import waves
+from ..inverse.data.samples import Samples
+from ..inverse.data.views import setups
+from ..inverse.forward.gram import Gram
+from ..inverse.forward.interface import AbstractForwardModel
+from ..inverse.forward.sums import waves
 from ..inverse.pixels.blocks import Block, Piece
-from ..inverse.refits import Laid
+from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
 from ..inverse.unknowns.parameters import coordinate_slopes
@@ -30,15 +33,15 @@ def find_clusters(fit: Fit) -> Clusters:
         return fit.clusters
     differences, counts = residual_images(fit)
     width = patch_width(differences, counts)
-    laid = Laid(fit)
-    parts, patch = cut_in_patches(fit, laid.study.samples, width)
+    laid = LaidOutFit(fit)
+    parts, patch = cut_in_patches(fit, laid.samples, width)
     count = len(set(patch))
     if count < FEWEST:
         return independent(fit.evidence, f"{count} patches of {width} x {width} pixels")
     size = max(64, 1 << int(np.ceil(np.log2(max(len(part.pixels) for part in parts)))))
-    laid_out = laid.study.reweigh(laid.theta, laid.study.lay(parts, size))
+    laid_out = laid.lay_out(parts, size)
     theta = jnp.asarray(laid.theta)
-    grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.study.form, chunk), laid_out)
+    grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.model, chunk), laid_out)
 
     def by_patch(found: Sequence[Array]) -> Float[np.ndarray, "patches ..."]:
         of = np.concatenate([np.asarray(one) for one in found])[: len(parts)]
@@ -48,7 +51,7 @@ def find_clusters(fit: Fit) -> Clusters:
     slope = coordinate_slopes(fit.values, fit.unknowns)
     evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope)
     if fit.evidence.waves is not None:
-        waves = on_all_cores(lambda chunk: _waves_of_each_block(theta, laid.study.form, chunk), laid_out)
+        waves = on_all_cores(lambda chunk: _waves_of_each_block(theta, laid.model, chunk), laid_out)
         evidence = dataclasses.replace(evidence, waves=by_patch(waves) * slope[:, None])
     if evidence.deciding() is not None:
         return independent(fit.evidence, f"{count} patches, one of which decides,")
@@ -56,18 +59,18 @@ def find_clusters(fit: Fit) -> Clusters:
 
 
 @jax.jit
-def _gram_of_each_block(theta: Array, form: object, chunk: Block) -> object:
-    def of_block(block: Block) -> object:
+def _gram_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block) -> Gram:
+    def of_block(block: Block) -> Gram:
         one = jax.tree.map(lambda leaf: leaf[None], block)
-        return jax.tree.map(lambda leaf: leaf.sum(0), form.gram(theta, form.summary(theta, one)))  # pyright: ignore
+        return jax.tree.map(lambda leaf: leaf.sum(0), model.gram(theta, model.summary(theta, one)))
 
     return jax.lax.map(of_block, chunk)
 
 
 @jax.jit
-def _waves_of_each_block(theta: Array, form: object, chunk: Block) -> Array:
+def _waves_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block) -> Array:
     def of_block(block: Block) -> Array:
-        return waves(theta, form, jax.tree.map(lambda leaf: leaf[None], block)).sum(0)
+        return waves(theta, model, jax.tree.map(lambda leaf: leaf[None], block)).sum(0)
 
     return jax.lax.map(of_block, chunk)
 

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,11 +18,12 @@ from ..core.backend import in_float64
 from ..core.fields import Array, Checked, Scalar, as_scalar, check, check_kind, is_concrete, quantities
 from ..core.progress import showing, silent
 from ..core.words import did_you_mean, listing
-from ..inverse.data.views import View, find_samples, has_mask, is_grey, lights_on
+from ..inverse.data.samples import Counts, find_samples
+from ..inverse.data.views import View, has_mask, is_grey, lights_on
 from ..inverse.forward.gram import Gram
-from ..inverse.forward.residuals import Counts
-from ..inverse.pixels.blocks import total
-from ..inverse.problem import Study
+from ..inverse.forward.interface import AbstractForwardModel
+from ..inverse.pixels.blocks import Block, total
+from ..inverse.problem import fit_problem
 from ..inverse.result import Fit
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, null_directions, relative_errors
 from ..inverse.statistics.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
@@ -241,7 +243,7 @@ def _look(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
     if not counts.any():
         return np.zeros((len(unknowns),) * 2), clipped
     number = int(counts.sum())
-    study = Study(
+    problem = fit_problem(
         scene,
         [view],
         unknowns,
@@ -251,8 +253,8 @@ def _look(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
         "leave out",
     )
     theta = jnp.asarray(coordinates(fit.values, unknowns))
-    summaries = on_all_cores(lambda chunk: _summary(theta, study.form, chunk), study.chunks())
-    H = np.asarray(_gram(theta, study.form, total(summaries)).hessian).sum(0)
+    summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())
+    H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian).sum(0)
     slope = coordinate_slopes(fit.values, unknowns)
     # a robust loss gives the samples of a shot the weight that those of the views have on average
     count, _, _, _, weight = fit.evidence.spread
@@ -260,13 +262,13 @@ def _look(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
 
 
 @jax.jit
-def _summary(theta: Array, form: object, chunk: object) -> object:
-    return form.summary(theta, chunk)  # pyright: ignore[reportAttributeAccessIssue]
+def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
+    return model.summary(theta, chunk)
 
 
 @jax.jit
-def _gram(theta: Array, form: object, summary: object) -> Gram:
-    return form.gram(theta, summary)  # pyright: ignore[reportAttributeAccessIssue]
+def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> Gram:
+    return model.gram(theta, summary)
 
 
 def _lit_by(fit: Fit, shot: Shot) -> tuple[Scene, tuple[int, ...] | None, list[Unknown]]:

@@ -11,7 +11,7 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing, silent
 from ..inverse.data.views import setups
-from ..inverse.refits import Laid
+from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.unknowns.parameters import values_at
 
@@ -37,7 +37,7 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
     random = np.random.default_rng(seed)
     found = np.empty((draws, len(fit.values)))
     with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as fit:
-        laid = Laid(fit)
+        laid = LaidOutFit(fit)
         chunks = laid.by_view()
         for draw in range(draws):
             tell(f"draw {draw + 1} of {draws}", draw / draws)

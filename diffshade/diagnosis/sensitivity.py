@@ -13,9 +13,10 @@ from jaxtyping import Bool, Float
 
 from ..core.backend import SOONER, in_float64, jit_quickly
 from ..core.fields import Array, check_kind
-from ..inverse.forward.residuals import costs
+from ..inverse.forward.interface import AbstractForwardModel
+from ..inverse.forward.rendered import costs
 from ..inverse.pixels.blocks import Block, total
-from ..inverse.refits import Laid
+from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
 from ..inverse.unknowns.parameters import (
@@ -59,7 +60,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
             len(bases), len(known)
         )
         z = jnp.asarray(np.concatenate([at.theta, phi]))
-        second = total(on_all_cores(lambda chunk: _second(z, slots, along, at.study.form, chunk), at.chunks))
+        second = total(on_all_cores(lambda chunk: _second(z, slots, along, at.model, chunk), at.chunks))
         p = len(at.theta)
         moves = at.solve(second[:p, :p], second[:p, p:])
     values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
@@ -83,11 +84,11 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
         theta = jnp.asarray(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
-        second = total(on_all_cores(lambda chunk: _second(theta, empty, along, at.study.form, chunk), at.chunks))
-        slopes = on_all_cores(lambda chunk: _by_sample(theta, at.study.form, chunk), at.chunks)
+        second = total(on_all_cores(lambda chunk: _second(theta, empty, along, at.model, chunk), at.chunks))
+        slopes = on_all_cores(lambda chunk: _by_sample(theta, at.model, chunk), at.chunks)
         views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
-        samples = at.study.samples[view]
+        samples = at.samples[view]
         _, channels, size = by_block.shape[1:]
         number = -(-len(samples.pixels) // size)
         flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(at.theta), number * size, channels)
@@ -98,8 +99,8 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     return image.reshape(len(moves), *samples.inside.shape, used)
 
 
-class _At(Laid):
-    """A fit laid out again at its end, by the form that any scene has."""
+class _At(LaidOutFit):
+    """A fit laid out again at its end, by the model that serves any scene."""
 
     def __init__(self, fit: Fit):
         singular = ~fit.evidence.determined
@@ -112,7 +113,7 @@ class _At(Laid):
 
     def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
         """Return -H^-1 of the mixed derivatives, in the values' own units."""
-        everything = np.asarray(hessian) + np.asarray(_soft_hessian(self.study.soft(), jnp.asarray(self.theta)))
+        everything = np.asarray(hessian) + np.asarray(_soft_hessian(self.priors, jnp.asarray(self.theta)))
         inner = np.ix_(self.free, self.free)
         moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
         moves[self.free] = -inverse(everything[inner]) @ np.asarray(mixed)[self.free]
@@ -125,17 +126,17 @@ def _soft_hessian(soft: Any, theta: Array) -> Array:
 
 
 @partial(jit_quickly, options=SOONER)
-def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Array:
+def _second(z: Array, slots: Slots, along: Array, model: AbstractForwardModel, chunk: Block) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
 
     `along` is 1 where a product of the unknowns (a row) holds a known number (a column) as its constant.
     """
-    p = form.problem.slots.logarithmic.shape[0]
+    p = model.setting.slots.logarithmic.shape[0]
 
     def cost(z: Array, block: Block) -> Array:
-        setup = slots.insert(z[p:], form.problem.setup) if z.shape[0] > p else form.problem.setup
-        held = form.problem.slots.products[2] + along @ (z[p:] - jax.lax.stop_gradient(z[p:]))
-        there = eqx.tree_at(lambda f: (f.problem.setup, f.problem.slots.products[2]), form, (setup, held))
+        setup = slots.insert(z[p:], model.setting.setup) if z.shape[0] > p else model.setting.setup
+        held = model.setting.slots.products[2] + along @ (z[p:] - jax.lax.stop_gradient(z[p:]))
+        there = eqx.tree_at(lambda m: (m.setting.setup, m.setting.slots.products[2]), model, (setup, held))
         terms = costs(there.likelihood, there.predict(z[:p], block), block.observed)
         return jnp.sum(jnp.stack([jnp.sum(t.cost) for t in terms]))
 
@@ -146,17 +147,17 @@ def _second(z: Array, slots: Slots, along: Array, form: Any, chunk: Block) -> Ar
 
 
 @partial(jit_quickly, options=SOONER)
-def _by_sample(theta: Array, form: Any, chunk: Block) -> Array:
+def _by_sample(theta: Array, model: AbstractForwardModel, chunk: Block) -> Array:
     """Return the derivative of the gradient of the cost by each sample: (blocks, p, channels, pixels)."""
 
     def of_block(block: Block) -> Array:
-        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
+        m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
         J = jax.vmap(derivative)(jnp.eye(theta.shape[0]))
         seen = block.observed
 
         def slope(y: Array) -> Array:
             shown = eqx.tree_at(lambda o: o.target, seen, y)
-            return jnp.stack([t.slope for t in costs(form.likelihood, list(m), shown)])
+            return jnp.stack([t.slope for t in costs(model.likelihood, list(m), shown)])
 
         by_y = jax.jvp(slope, (seen.target,), (jnp.ones_like(seen.target),))[1]
         return J * (by_y if seen.clipped is None else jnp.where(seen.clipped == 0, by_y, 0.0))[None]

@@ -16,17 +16,19 @@ from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
 from ..core.progress import Tell, showing, silent
 from ..model.scenes import Scene
+from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import Lanes, open_checkpoint
 from .checks.contradictions import check_priors
 from .checks.outlines import check_outlines
 from .checks.stability import checked, unchecked
+from .data.samples import Counts, check_enough, count_samples
 from .data.views import View, is_grey, repeats
 from .forward.losses import LOSSES
-from .pixels.streams import surveyed
+from .forward.streams import surveyed
 from .pixels.tiles import Tiles
-from .problem import Study
-from .result import MEMORY, Fit, diagnose
-from .running import check_enough, counted, laid_bytes, look_at, moves_surface, run
+from .problem import laid_bytes
+from .result import MEMORY, Fit
+from .running import moves_surface, run, samples_for
 from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import Unknown, find_unknowns
 
@@ -112,43 +114,48 @@ def fit(
         in_float64((scene, views)) as (scene, views),
     ):
         tell("reading the views")
-        if checkpoint is None and mesh is None and laid_bytes(scene, views) <= memory:
-            samples, counts = look_at(scene, views, unknowns, clipped)
-            found = run(scene, views, unknowns, samples, counts, loss, clipped, from_scene=start == "scene", tell=tell)
-            found = checked(found, tell)
+        by_tiles = checkpoint is not None or mesh is not None or laid_bytes(scene, views) > memory
+        lanes = None if mesh is None else Lanes(mesh)
+        kept = None
+        if by_tiles:
+            kept = open_checkpoint(checkpoint, lanes, scene, views, tuple(unknowns), loss, clipped, start == "scene")
+            samples, counts = survey_tiles(scene, views, unknowns, clipped, kept, lanes, tell)
         else:
-            found = run_by_tiles(
-                scene, views, unknowns, loss, clipped, memory, checkpoint, mesh, from_scene=start == "scene", tell=tell
-            )
-            found = unchecked(found)
+            samples, counts = samples_for(scene, views, unknowns, clipped)
+        found = run(
+            scene,
+            views,
+            unknowns,
+            samples,
+            counts,
+            loss,
+            clipped,
+            from_scene=start == "scene",
+            memory=memory,
+            checkpoint=kept,
+            lanes=lanes,
+            tell=tell,
+        )
+        found = unchecked(found) if by_tiles else checked(found, tell)
         return dataclasses.replace(check_priors(check_outlines(found)), memory=memory)
 
 
-def run_by_tiles(
+def survey_tiles(
     scene: Scene,
     views: tuple[View, ...],
     unknowns: Sequence[Unknown],
-    loss: str,
     clipped: str,
-    memory: float | int,
-    checkpoint: str | Path | None,
-    mesh: Mesh | None,
-    *,
-    from_scene: bool = False,
-    tell: Tell = silent,
-) -> Fit:
-    """As `look_at` and `run`, with a few tiles of the views in memory at a time, what is found kept in a checkpoint."""
-    lanes = None if mesh is None else Lanes(mesh)
-    kept = open_checkpoint(checkpoint, lanes, scene, views, tuple(unknowns), loss, clipped, from_scene)
+    kept: Checkpoint,
+    lanes: Lanes | None,
+    tell: Tell,
+) -> tuple[Tiles, Counts]:
+    """Return the tiles that a fit reads its samples by, and the counts, as `samples_for` of views in memory."""
     again = repeats(scene, views)
     tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "leave out")
     ends = tiles.settle(surveyed(tiles, kept, lanes, tell))
-    counts = counted(views, len(views) - len(again), tiles.pixels, *ends)
-    check_enough(counts, unknowns, tiles.brightest.tolist())
-    study = Study(scene, views, unknowns, tiles, counts, loss, clipped)
-    theta = study.stream(kept, lanes, memory, from_scene=from_scene, tell=tell)
-    end = study.finish(theta, tell)
-    return diagnose(scene, views, unknowns, study.likelihood, clipped, end, *study.evidence(end), counts, study.squares)
+    counts = count_samples(views, len(views) - len(again), tiles.pixels, *ends)
+    check_enough(counts, len(unknowns), tiles.brightest.tolist())
+    return tiles, counts
 
 
 def check_free(unknowns: Sequence[Unknown]) -> None:

@@ -10,21 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .data.views import Samples
-from .forward.residuals import Counts
+from .data.samples import Counts, Samples
+from .forward.interface import AbstractForwardModel
 from .pixels.blocks import Block, Piece, pieces
 from .pixels.blocks import chunks as in_chunks
-from .problem import MAX_STEPS, Study
+from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
-from .running import laid_bytes, look_at, run
-from .solve.solvers import Box, Minimum, Task, look, minimise
+from .running import run, samples_for
+from .solve.solvers import Box, Minimum, PriorResiduals, Task, look, minimise
 from .unknowns.parameters import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
 """For each view the pixels to keep; None keeps all."""
 
 
-class Laid:
+class LaidOutFit:
     """A fit laid out again at its end. To be used in float64."""
 
     def __init__(
@@ -35,27 +35,54 @@ class Laid:
         rendered: bool = False,
         beside: Sequence[Unknown] = (),
         at_most: int | None = None,
+        sigma: float | None = None,
     ):
-        """Lay out the pixels of a fit, or those to keep; `rendered` asks for the form that serves any scene.
+        """Lay out the pixels of a fit, or those to keep; `rendered` asks for the model that serves any scene.
 
         `beside`: numbers that the fit held, which follow its own unknowns. `at_most`: so many pixels, evenly spread.
+        `sigma`: another scale of the residuals than the fit's.
         """
-        samples, counts = samples_of(fit, keep)
+        self.samples, counts = samples_of(fit, keep)
         self.fit = fit
         self.unknowns = (*fit.unknowns, *beside)
-        self.study = Study(
-            fit.scene, fit.views, self.unknowns, samples, counts, fit.likelihood.loss, fit.clipped, rendered
+        problem = fit_problem(
+            fit.scene,
+            fit.views,
+            self.unknowns,
+            self.samples,
+            counts,
+            fit.likelihood.loss,
+            fit.clipped,
+            rendered=rendered,
         )
-        self.study.use(float(fit.likelihood.sigma), fit.likelihood.loss)
-        self.study.squares = fit.squares
-        self.study.round(fit.rounding)
+        scale = float(fit.likelihood.sigma) if sigma is None else sigma
+        self.problem = problem.with_scale(scale, fit.likelihood.loss).with_rounding(fit.rounding)
         self.theta = coordinates(np.array([*fit.values, *(u.start for u in beside)]), self.unknowns)
-        self.parts = pieces(samples, self.study.size, at_most)
-        self.chunks = self.study.reweigh(self.theta, self.study.lay(self.parts, self.study.size))
+        self.parts = pieces(self.samples, self.problem.block_size, at_most)
+        self.chunks = self.lay_out(self.parts)
+
+    @property
+    def model(self) -> AbstractForwardModel:
+        """The model that predicts the samples."""
+        return self.problem.model
+
+    @property
+    def task(self) -> Task:
+        """What the fit minimised."""
+        return self.problem.task(self.fit.squares)
+
+    @property
+    def priors(self) -> PriorResiduals:
+        """What is known of the unknowns beside the views."""
+        return self.problem.priors(self.fit.squares)
+
+    def lay_out(self, parts: Sequence[Piece], size: int | None = None) -> list[Block]:
+        """Return the chunks of pieces, a block each, weighed at the fit; blocks of another size where it is given."""
+        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.problem.block_size))
 
     def without(self, masks: Masks) -> list[Block]:
         """Return the chunks with no weight on the masked pixels: the same programs serve."""
-        size = self.study.size
+        size = self.problem.block_size
 
         def weigh(chunk: Block, parts: Sequence[Piece]) -> Block:
             kept = np.ones((len(chunk.view), 1, size))
@@ -67,29 +94,26 @@ class Laid:
         return [weigh(*of) for of in zip(self.chunks, in_chunks(self.parts), strict=True)]
 
     def cost(self) -> float:
-        """Return the cost at the end of the fit, or, of a form that projects, at the best linear unknowns there."""
-        return float(look(self.theta, self.study.task(), self.chunks).total.cost)
+        """Return the cost at the end of the fit, or, of a model that projects, at the best linear unknowns there."""
+        return float(look(self.theta, self.task, self.chunks).total.cost)
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
-        parts = pieces(self.study.samples, self.study.size)
-        return [
-            self.study.reweigh(self.theta, self.study.lay([p for p in parts if p.view == view], self.study.size))
-            for view in range(len(self.fit.views))
-        ]
+        parts = pieces(self.samples, self.problem.block_size)
+        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.fit.views))]
 
     def minimise(
         self, held: Mapping[int, float], theta: Float[np.ndarray, " p"], chunks: Sequence[Block], rtol: float = 1e-16
     ) -> Minimum:
         """Return the minimum from theta, with some unknowns held at a value; all in the solver's coordinates."""
         which, at = np.array(list(held), int), np.array(list(held.values()), float)
-        lower, upper = (np.array(bound) for bound in (self.study.box.lower, self.study.box.upper))
+        lower, upper = (np.array(bound) for bound in (self.problem.box.lower, self.problem.box.upper))
         theta = np.clip(theta, lower, upper)
         for array in (lower, upper, theta):
             array[which] = at
-        box = Box(jnp.asarray(lower), jnp.asarray(upper), self.study.box.linear)
-        task = Task(self.study.form, self.study.soft(), box)
-        return minimise(theta, task, chunks, squares=self.study.squares, max_steps=MAX_STEPS, rtol=rtol)
+        box = Box(jnp.asarray(lower), jnp.asarray(upper), self.problem.box.linear)
+        task = Task(self.model, self.priors, box)
+        return minimise(theta, task, chunks, squares=self.fit.squares, max_steps=MAX_STEPS, rtol=rtol)
 
 
 def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Counts]:
@@ -99,7 +123,7 @@ def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Coun
             f"what looks at a fit again holds all of its pixels at once, here {needs:.3g} bytes, and this fit's memory "
             f"is {fit.memory:.3g}. Fit some of the rows or views, or give fit more memory."
         )
-    samples, counts = look_at(fit.scene, fit.views, fit.unknowns, fit.clipped)
+    samples, counts = samples_for(fit.scene, fit.views, fit.unknowns, fit.clipped)
     if keep is None:
         return samples, counts
     samples = [

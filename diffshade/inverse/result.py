@@ -15,11 +15,11 @@ from ..core.words import count, listing
 from ..model.materials import Material
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
-from .data.views import View, find_samples, has_mask, photograph, repeated, setups
-from .forward.gram import Gram
+from .data.samples import Counts, find_samples
+from .data.views import View, has_mask, photograph, repeated, setups
 from .forward.losses import Likelihood, variance
-from .forward.residuals import Counts
-from .forward.rounding import Rounded, Rounding, no_rounding
+from .forward.rounding import Rounding, no_rounding
+from .problem import LaidOutProblem
 from .solve.solvers import Minimum
 from .statistics.clusters import Clusters, compared, independent
 from .statistics.identifiability import (
@@ -179,27 +179,15 @@ class Prediction:
         return float(np.sqrt(np.sum(self.difference**2) / self.counts.sum()))
 
 
-def diagnose(
-    scene: Scene,
-    views: tuple[View, ...],
-    unknowns: Sequence[Unknown],
-    likelihood: Likelihood,
-    clipped: str,
-    end: Minimum,
-    beside: Gram,
-    spread: Float[np.ndarray, "5"],
-    rounded: Rounded | None,
-    counts: Counts,
-    squares: float,
-    *,
-    foreseen: bool = False,
-) -> Fit:
+def diagnose(laid: LaidOutProblem, end: Minimum, *, foreseen: bool = False) -> Fit:
     """Say what is known at the end of a fit: values, errors, bounds, what is not determined.
 
-    `beside` is the Gram of what is known beside the views, `spread` the sums of `Likelihood.spread`, `rounded` what the
-    files' steps add, `squares` the sum of squares of the images. `foreseen` says that nothing was measured, so that no
-    view disagrees with another.
+    `foreseen` says that nothing was measured, so that no view disagrees with another.
     """
+    problem = laid.problem
+    scene, views, unknowns, counts = problem.scene, problem.views, problem.unknowns, problem.counts
+    likelihood, squares, beside, spread = problem.model.likelihood, laid.squares, laid.prior_gram(end), laid.spread(end)
+    rounded = laid.rounded(end, spread)
     theta = end.theta
     if not (np.isfinite(theta).all() and np.isfinite(end.point.total.cost)):
         raise FloatingPointError(
@@ -282,7 +270,7 @@ def diagnose(
         converged=not end.message,
         costs=np.array(end.costs),
         likelihood=jax.tree.map(np.asarray, likelihood),
-        clipped=clipped,
+        clipped=problem.clipped,
         squares=squares,
         clusters=clusters,
         scales=scales,

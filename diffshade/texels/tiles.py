@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import Array
 from ..inverse.data.views import View, is_grey, repeats
-from ..inverse.forward.residuals import projection_of
+from ..inverse.forward.rendered import projection_of
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer, as_mask
 from ..model.scenes import Scene

@@ -11,12 +11,12 @@ from synthetic import light_positions, seen_by, standard_scene
 import diffshade as ds
 from diffshade.core.backend import jit_quickly
 from diffshade.inverse.data.views import is_grey
-from diffshade.inverse.forward.features import FeatureForm, has_features
+from diffshade.inverse.forward.features import FeatureModel, has_features
 from diffshade.inverse.forward.gram import Gram
-from diffshade.inverse.forward.residuals import Rendered
+from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import Study
-from diffshade.inverse.running import look_at
+from diffshade.inverse.problem import FitProblem, fit_problem
+from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.solvers import look
 from diffshade.inverse.unknowns.parameters import coordinates, find_unknowns
 
@@ -51,16 +51,14 @@ class Case(NamedTuple):
     shared: bool = True
     bounds: tuple[str, ...] = ("k_d", "k_s")
 
-    def study(self, *, rendered: bool) -> Study:
+    def problem(self, *, rendered: bool) -> FitProblem:
         grey = all(is_grey(view) for view in self.views)
         bounds = {name: BOUNDS[name] for name in self.bounds} if self.shared else None
         options = (self.free, self.tied, bounds, self.constraints)
         unknowns = find_unknowns(self.scene, self.views, *options, grey=grey)
-        samples, counts = look_at(self.scene, self.views, unknowns, self.clipped)
-        work = Study(self.scene, self.views, unknowns, samples, counts, self.loss, self.clipped, rendered=rendered)
-        work.use(0.2 if self.loss != "squares" else 1.0, self.loss)
-        work.squares = 1.0
-        return work
+        samples, counts = samples_for(self.scene, self.views, unknowns, self.clipped)
+        of = (self.scene, self.views, unknowns, samples, counts, self.loss, self.clipped)
+        return fit_problem(*of, rendered=rendered).with_scale(0.2 if self.loss != "squares" else 1.0, self.loss)
 
 
 def noise(seed: int, *channels: int) -> np.ndarray:
@@ -160,12 +158,12 @@ def _summary(theta, form, chunk):
     return form.summary(theta, chunk)
 
 
-def rendered_gram(theta: np.ndarray, work: Study) -> Gram:
+def rendered_gram(theta: np.ndarray, work: FitProblem) -> Gram:
     """Return the Gram of each view by rendering; compiled without optimisation, which takes half the time."""
-    return total([_summary(jnp.asarray(theta), work.form, chunk) for chunk in work.chunks()])
+    return total([_summary(jnp.asarray(theta), work.model, chunk) for chunk in work.chunks()])
 
 
-def random_values(work: Study, random: np.random.Generator) -> np.ndarray:
+def random_values(work: FitProblem, random: np.random.Generator) -> np.ndarray:
     """Unknowns of the size that they have in a scene, in the solver's coordinates."""
     values = random.uniform(0.2, 0.9, len(work.unknowns))
     small = np.array([u.kind in ("constant", "linear", "quadratic") for u in work.unknowns])
@@ -193,17 +191,17 @@ def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknown
     Where one pass serves at any linear unknowns, the fast form looks at the best; it passed at others.
     """
     case = make()
-    fast, generic = (case.study(rendered=rendered) for rendered in (False, True))
-    assert isinstance(fast.form, FeatureForm)
-    assert isinstance(generic.form, Rendered)
-    assert fast.form.shared == fast.form.projects == case.shared
+    fast, generic = (case.problem(rendered=rendered) for rendered in (False, True))
+    assert isinstance(fast.model, FeatureModel)
+    assert isinstance(generic.model, RenderedModel)
+    assert fast.model.shared == fast.model.projects == case.shared
     box = [np.asarray(end) for end in (fast.box.lower, fast.box.upper)]
     linear = np.array([u.is_linear for u in fast.unknowns])
     chunks = fast.chunks()
     held, moved = 0, 0.0
     for seed in range(2):
         theta = np.clip(random_values(fast, np.random.default_rng(seed)), *box)
-        point = look(theta, fast.task(), chunks)
+        point = look(theta, fast.task(1.0), chunks)
         found = np.asarray(point.theta)
         views = rendered_gram(found, generic)
         assert_agree(point.views, views)
@@ -223,7 +221,7 @@ def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknown
 
 def test_a_clamped_attenuation_is_compared_on_both_sides_of_its_clamp():
     """At the values that the comparison above draws."""
-    work = all_kinds_of_lights_and_blinn().study(rendered=False)
+    work = all_kinds_of_lights_and_blinn().problem(rendered=False)
     names = [u.name for u in work.unknowns]
     theta = random_values(work, np.random.default_rng(0))
     a0, a1, a2 = (theta[names.index(f"lights.0.attenuation.{name}")] for name in ("constant", "linear", "quadratic"))
@@ -269,7 +267,7 @@ def test_the_fast_form_serves_where_every_unknown_is_a_coefficient_of_light(scen
 @pytest.mark.thorough
 def test_an_ambient_scene_without_a_light_is_the_same_in_both_forms():
     case = Case(standard_scene(PHONG, []), [view()], ("k_a", "black"), bounds=())
-    fast, generic = (case.study(rendered=rendered) for rendered in (False, True))
-    assert isinstance(fast.form, FeatureForm)
-    point = look(np.array([0.3, 0.2, 0.5, 0.1]), fast.task(), fast.chunks())
+    fast, generic = (case.problem(rendered=rendered) for rendered in (False, True))
+    assert isinstance(fast.model, FeatureModel)
+    point = look(np.array([0.3, 0.2, 0.5, 0.1]), fast.task(1.0), fast.chunks())
     assert_agree(point.views, rendered_gram(np.asarray(point.theta), generic))

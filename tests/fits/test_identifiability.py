@@ -19,8 +19,8 @@ from synthetic import (
 )
 
 import diffshade as ds
+from diffshade.inverse.data.samples import Counts
 from diffshade.inverse.data.views import repeated, setups
-from diffshade.inverse.forward.residuals import Counts
 from diffshade.inverse.result import _at_bounds, _beyond_noise, _ends, _jumps, _scales, _too_bright
 from diffshade.inverse.statistics.identifiability import (
     condition_number,

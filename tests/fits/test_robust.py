@@ -10,7 +10,7 @@ from scenarios import SIGMA, clean_images, noisy_fit, noisy_images, standard_fit
 from synthetic import CAMERA, noisy, photographs, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.views import find_samples
+from diffshade.inverse.data.samples import find_samples
 
 INSIDE = np.asarray(seen_by(CAMERA).mask)
 SCENE = standard_scene()

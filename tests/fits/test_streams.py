@@ -9,7 +9,7 @@ import synthetic
 
 import diffshade as ds
 from diffshade.inverse.checks.stability import UNCHECKED
-from diffshade.inverse.data.views import find_samples
+from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.fitting import check_scale
 from diffshade.inverse.pixels.tiles import Tiles
 from diffshade.parallel import checkpoints

@@ -10,8 +10,7 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
 
-from diffshade.inverse.data.views import find_samples
-from diffshade.inverse.forward.residuals import Counts
+from diffshade.inverse.data.samples import Counts, find_samples
 from diffshade.inverse.result import _views
 from diffshade.inverse.statistics.clusters import compared
 from diffshade.inverse.statistics.identifiability import condition_number, null_directions

@@ -17,7 +17,7 @@ from solver_witness import (
 from synthetic import FREE, MATERIAL, TIED, noisy, one_light_each, photographs, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.views import find_samples
+from diffshade.inverse.data.samples import find_samples
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def _float64():
 def test_the_optimum_is_that_of_optimistix_levenberg_marquardt(rendered):
     """The witness keeps the whole Jacobian and knows no bounds; here none is reached."""
     solver = three_views(rendered=rendered)
-    assert solver.work.form.projects is not rendered
+    assert solver.problem.model.projects is not rendered
     end = solver.run()
     assert end.message == ""
     witness = optx.least_squares(

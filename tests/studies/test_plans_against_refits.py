@@ -22,7 +22,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.refits import Laid
+from diffshade.inverse.refits import LaidOutFit
 from diffshade.inverse.unknowns.parameters import natural
 
 SIGMA = 0.002
@@ -61,7 +61,7 @@ def refits_with(shot: ds.Shot, draws: int) -> np.ndarray:
     clean = ds.fit(scene, [*one_light_each(photographs(SCENE)), view], free=FREE, tied=TIED)
     found = []
     with jax.enable_x64(True):
-        laid = Laid(clean)
+        laid = LaidOutFit(clean)
         log = np.array([u.logarithmic for u in clean.unknowns])
         for draw in range(draws):
             random = np.random.default_rng(draw)  # the same noise in the views that all candidates share

@@ -10,11 +10,12 @@ import numpy as np
 from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.views import find_samples, is_grey
+from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import Study
-from diffshade.inverse.running import look_at
+from diffshade.inverse.problem import FitProblem, fit_problem
+from diffshade.inverse.running import samples_for
 from diffshade.inverse.unknowns.parameters import Unknown
 from diffshade.parallel.threads import on_all_cores
 
@@ -23,9 +24,9 @@ QUICK = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
 
 
-def study(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> Study:
-    samples, counts = look_at(scene, views, unknowns, "hinge")
-    return Study(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=True)
+def problem_of(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> FitProblem:
+    samples, counts = samples_for(scene, views, unknowns, "hinge")
+    return fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=True)
 
 
 @jax.jit
@@ -35,8 +36,8 @@ def summary(theta, form, chunk):
 
 def gram(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown], theta: np.ndarray) -> Gram:
     """Return the Gram of each view as a fit adds it up."""
-    work = study(scene, views, unknowns)
-    return total(on_all_cores(lambda chunk: summary(jnp.asarray(theta), work.form, chunk), work.chunks()))
+    work = problem_of(scene, views, unknowns)
+    return total(on_all_cores(lambda chunk: summary(jnp.asarray(theta), work.model, chunk), work.chunks()))
 
 
 def dense_gram(

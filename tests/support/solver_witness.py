@@ -20,10 +20,11 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse.forward.gram import Gram, Point
-from diffshade.inverse.forward.residuals import Rendered
+from diffshade.inverse.forward.interface import AbstractForwardModel
+from diffshade.inverse.forward.sums import sum_of_squares
 from diffshade.inverse.pixels.blocks import Block
-from diffshade.inverse.problem import Study
-from diffshade.inverse.running import look_at
+from diffshade.inverse.problem import FitProblem, fit_problem
+from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.solvers import Minimum, minimise
 from diffshade.inverse.unknowns.parameters import Unknown, coordinates, find_unknowns
 
@@ -32,15 +33,19 @@ class Solver(NamedTuple):
     """A fit's unknowns and residuals as numbers, in the solver's coordinates (log n_s)."""
 
     unknowns: list[Unknown]
-    work: Study
-    witness: tuple[Rendered, Block]
+    problem: FitProblem
+    chunks: list[Block]
+    squares: float
+    witness: tuple[AbstractForwardModel, Block]
     """The same residuals by rendering, in one chunk of blocks, whatever form the solver uses."""
     start: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
 
     def run(self, max_steps: int = 200) -> Minimum:
-        return minimise(self.start, self.work.task(), self.work.whole, squares=self.work.squares, max_steps=max_steps)
+        return minimise(
+            self.start, self.problem.task(self.squares), self.chunks, squares=self.squares, max_steps=max_steps
+        )
 
 
 def three_views(
@@ -49,17 +54,17 @@ def three_views(
     scene = standard_scene(material, point_lights(attenuation))
     views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
     unknowns = find_unknowns(scene, views, free, TIED, bounds)
-    samples, counts = look_at(scene, views, unknowns, "hinge")
-    works = [
-        Study(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=form) for form in (rendered, True)
-    ]
-    for work in works:
-        work.lay_out()
-    (chunk,) = works[1].whole
+    samples, counts = samples_for(scene, views, unknowns, "hinge")
+    fast, generic = (
+        fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=form)
+        for form in (rendered, True)
+    )
+    chunks, (chunk,) = fast.chunks(), generic.chunks()
+    squares = float(sum(np.asarray(sum_of_squares(fast.model, of)) for of in chunks))
     ends = (
         coordinates(np.array([getattr(u, name) for u in unknowns]), unknowns) for name in ("start", "lower", "upper")
     )
-    return Solver(unknowns, works[0], (works[1].form, chunk), *ends)
+    return Solver(unknowns, fast, chunks, squares, (generic.model, chunk), *ends)
 
 
 def all_residuals(theta, witness):

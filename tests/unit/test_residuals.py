@@ -11,18 +11,19 @@ from normal_equations import (
     gram,
     grey_views_of_normals_without_positions,
     lights_of_several_kinds_and_views_of_every_sort,
+    problem_of,
     random_views,
     several_objects_and_cameras,
-    study,
 )
 from refusals import refuses
 from synthetic import seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.views import find_samples, is_grey
+from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
-from diffshade.inverse.running import look_at
+from diffshade.inverse.running import samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.parallel.threads import on_all_cores
 
@@ -179,7 +180,7 @@ def test_a_corner_outside_the_silhouette_may_hold_anything():
 )
 def test_a_view_that_leaves_nothing_to_fit_is_named_by_its_number(view, words):
     views = [ds.View(DARK, SMALL), view]
-    refuses(lambda: look_at(BALL, views, find_unknowns(BALL, views, ("k_d",)), "hinge"), "views[1]: ", *words)
+    refuses(lambda: samples_for(BALL, views, find_unknowns(BALL, views, ("k_d",)), "hinge"), "views[1]: ", *words)
 
 
 def test_a_moving_surface_needs_a_mask_and_loses_one_pixel_of_its_edge():
@@ -208,11 +209,11 @@ def test_counts_add_up_over_views_of_all_kinds():
         ds.View(DARK, SMALL, mask=changed(np.zeros((10, 12), bool), at=SILHOUETTE, value=True)),
     ]
     unknowns = find_unknowns(BALL, views, ("k_d",))
-    samples, counts = look_at(BALL, views, unknowns, "hinge")
+    samples, counts = samples_for(BALL, views, unknowns, "hinge")
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette + 1, 3, 0)
     assert counts.samples == (3 + 1 + 3) * silhouette + 3
     assert [len(s.pixels) for s in samples] == [silhouette] * 3 + [1]
-    samples, counts = look_at(BALL, views, unknowns, "leave out")  # one pixel
+    samples, counts = samples_for(BALL, views, unknowns, "leave out")  # one pixel
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
     assert [len(s.pixels) for s in samples] == [silhouette, silhouette, silhouette - 1, 1]
@@ -261,13 +262,13 @@ def test_padding_has_no_weight_and_clipped_samples_are_marked():
             ds.View(DARK[..., 0], SMALL, saturation=0.9, floor=0.5),
         ]
         unknowns = find_unknowns(BALL, views, ("k_d",))
-        work = study(BALL, views, unknowns)
+        work = problem_of(BALL, views, unknowns)
         (chunk,) = work.chunks()
         seen = chunk.observed
         assert seen.clipped is not None
         weight = np.asarray(seen.weight)
         assert set(np.unique(weight)) == {0.0, 1.0}
-        silhouette = len(work.samples[0].pixels)
+        silhouette = work.pixels[0]
         assert weight.sum(-1).tolist() == [[silhouette] * 3, [silhouette, 0, 0]]
         marks = np.asarray(seen.clipped) * weight
         assert (marks > 0).sum(-1).tolist() == [[0, 1, 0], [0, 0, 0]]
@@ -281,7 +282,7 @@ def test_known_noise_weighs_each_sample_by_its_variance_at_the_photographs_level
         noise = ds.Noise(read=0.1, shot=0.3)
         views = random_views(BALL, [SMALL], noise=noise)
         unknowns = find_unknowns(BALL, views, ("k_d",))
-        (chunk,) = study(BALL, views, unknowns).chunks()
+        (chunk,) = problem_of(BALL, views, unknowns).chunks()
         target, weight = np.asarray(chunk.observed.target), np.asarray(chunk.observed.weight)
         assert 3 * len(find_samples(BALL, views[0]).pixels) == (weight > 0).sum() < weight.size
         np.testing.assert_allclose(weight[weight > 0], 1.0 / (0.01 + 0.3 * target[weight > 0]), rtol=1e-12)
@@ -294,7 +295,7 @@ def test_a_part_of_the_pixels_is_spread_over_every_view_and_all_of_them_are_each
     mask[25:35, 25:35] = True
     picture = np.full((*large.shape, 3), 0.5)
     views = [ds.View(picture, large), ds.View(picture, large, mask=mask)]
-    samples, counts = look_at(scene, views, find_unknowns(scene, views, ("k_d",)), "hinge")
+    samples, counts = samples_for(scene, views, find_unknowns(scene, views, ("k_d",)), "hinge")
     everything = pieces(samples, 64)
     for view, s in enumerate(samples):
         pixels = np.concatenate([part.pixels for part in everything if part.view == view])

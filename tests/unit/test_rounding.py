@@ -11,7 +11,8 @@ import pytest
 
 import diffshade as ds
 from diffshade.inverse.forward.losses import Likelihood
-from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_steps, no_rounding, waves
+from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_steps, no_rounding
+from diffshade.inverse.forward.sums import waves
 from diffshade.inverse.pixels.blocks import Block, Observed
 from diffshade.inverse.statistics.clusters import compared, independent
 from diffshade.inverse.statistics.uncertainty import Evidence
@@ -79,13 +80,14 @@ def test_steps_are_those_of_the_samples_that_count():
 
 @jax.jit
 def _waves(J: Any, theta: Any, rounding: Rounding) -> Any:
-    form = SimpleNamespace(
-        problem=SimpleNamespace(grey=jnp.zeros(len(J)), rounding=rounding),
+    model: Any = SimpleNamespace(
+        setting=SimpleNamespace(grey=jnp.zeros(len(J)), rounding=rounding),
         likelihood=Likelihood(jnp.asarray(1.0)),
         predict=lambda theta, block: (block.points @ theta,),
+        measured_weights=lambda block: block.observed.weight,
     )
     seen = Observed(jnp.zeros((len(J), 1, J.shape[1])), jnp.ones((len(J), 1, J.shape[1])), None)
-    return waves(theta, form, Block(jnp.arange(len(J)), J, seen))
+    return waves(theta, model, Block(jnp.arange(len(J)), J, seen))
 
 
 def waves_of(J: np.ndarray, theta: np.ndarray, *, srgb: bool = False, noise: float = 0.0) -> np.ndarray:

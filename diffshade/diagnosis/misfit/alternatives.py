@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...inverse.data.views import lights_on
-from ...inverse.refits import Laid
+from ...inverse.refits import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import look
 from ...inverse.statistics.uncertainty import inverse
@@ -99,9 +99,9 @@ class Alternatives:
         laid, groups = self._lay(state, self.paths)
         if not groups:
             return []
-        total = look(laid.theta, laid.study.task(), self._chunks(laid, state)).total
+        total = look(laid.theta, laid.task, self._chunks(laid, state)).total
         H, g = np.asarray(total.hessian), np.asarray(total.gradient)
-        box = laid.study.box
+        box = laid.problem.box
         inside = (laid.theta > np.asarray(box.lower)) & (laid.theta < np.asarray(box.upper))
         F = np.flatnonzero(inside[: len(state.fit.unknowns)]).tolist()
         from_F = inverse(H[F][:, F])
@@ -150,7 +150,7 @@ class Alternatives:
         taken = state.taken if key is None or key in state.taken else (*state.taken, key)
         return State(fit, np.array(end.point.views.cost) * _inflation(laid, state), state.out, taken)
 
-    def _lay(self, state: State, paths: Iterable[str]) -> tuple[Laid, dict[Key, list[int]]]:
+    def _lay(self, state: State, paths: Iterable[str]) -> tuple[LaidOutFit, dict[Key, list[int]]]:
         """Lay a state out with these numbers beside its unknowns, and return their indices."""
         fit, paths = state.fit, tuple(paths)
         beside = find_unknowns(fit.scene, fit.views, paths, from_scene=True)
@@ -159,10 +159,10 @@ class Alternatives:
             path = unknown.places[0][0]
             groups.setdefault(self.paths[path], []).append(len(fit.unknowns) + j)
             unknown.prior = self._prior(unknown, path)
-        laid = Laid(fit, rendered=True, beside=beside, at_most=PIXELS)
-        if fit.likelihood.loss == "squares" and not laid.study.noisy:
-            laid.study.use(fit.rmse, "squares")  # what the width of a prior is to the residuals
-        return laid, groups
+        noise_known = fit.views[0].noise is not None
+        # what the width of a prior is to the residuals
+        sigma = fit.rmse if fit.likelihood.loss == "squares" and not noise_known else None
+        return LaidOutFit(fit, rendered=True, beside=beside, at_most=PIXELS, sigma=sigma), groups
 
     def _prior(self, unknown: Unknown, path: str) -> tuple[float, float] | None:
         kind, i = self.paths[path]
@@ -173,7 +173,7 @@ class Alternatives:
             return unknown.start, DISTANCE_WIDTH * max(float(distance), 1e-9)
         return None
 
-    def _chunks(self, laid: Laid, state: State) -> list:
+    def _chunks(self, laid: LaidOutFit, state: State) -> list:
         return laid.chunks if all(mask is None for mask in state.out) else laid.without(state.out)
 
 
@@ -205,7 +205,7 @@ def _degrees(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
 
 
-def _inflation(laid: Laid, state: State) -> np.ndarray:
+def _inflation(laid: LaidOutFit, state: State) -> np.ndarray:
     """Return for each view its samples over those that are not left out."""
     everything, left = np.zeros(len(state.out)), np.zeros(len(state.out))
     for part in laid.parts:

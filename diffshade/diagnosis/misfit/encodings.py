@@ -10,13 +10,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...core.progress import silent
-from ...inverse.data.views import Samples, View, photograph
+from ...inverse.data.samples import Counts, Samples
+from ...inverse.data.views import View, photograph
 from ...inverse.forward.losses import LOSSES
-from ...inverse.forward.residuals import Counts
-from ...inverse.problem import Study
+from ...inverse.problem import fit_problem
 from ...inverse.refits import samples_of
 from ...inverse.result import Fit
+from ...inverse.running import solve
 from ...inverse.unknowns.parameters import put_back, values_at
 from ...io.images import srgb_decode, srgb_encode
 
@@ -78,7 +78,7 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
     unknowns = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     pixels = sum(len(s.pixels) for s in samples)
     clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
-    study = Study(
+    problem = fit_problem(
         fit.scene,
         views,
         unknowns,
@@ -87,8 +87,7 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
         fit.likelihood.loss,
         "hinge" if fit.clipped == "tobit" else fit.clipped,
     )
-    study.lay_out()
-    theta = study.solve(from_scene=False, tell=silent).theta
+    theta = solve(problem)[1].theta
     scene, seen = put_back(fit.scene, fit.views, unknowns, values_at(theta, unknowns))
     other = dataclasses.replace(fit, scene=scene, views=seen)
     before, after = _misfit(fit, samples, lambda image: image), _misfit(other, samples, back)

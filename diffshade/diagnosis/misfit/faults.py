@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ...inverse.data.views import View, photograph
 from ...inverse.forward.rounding import sawtooth
-from ...inverse.refits import Laid
+from ...inverse.refits import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
 from ...model.lights import DirectionalLight, PointLight, SpotLight
@@ -67,7 +67,7 @@ def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised
     keep = None if out is None else [None if mask is None else ~mask for mask in out]
     paths = _paths(fit)
     beside = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
-    laid = Laid(fit, keep, rendered=True, beside=beside, at_most=PIXELS)
+    laid = LaidOutFit(fit, keep, rendered=True, beside=beside, at_most=PIXELS)
     p = len(fit.unknowns)
     at = {unknown.places[0]: p + j for j, unknown in enumerate(beside)}
     moves = _moves(fit, at, len(laid.theta))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +13,11 @@ from jaxtyping import Float, Int
 from ...core.fields import Array
 from ...inverse.data.views import is_grey
 from ...inverse.forward.gram import Gram
-from ...inverse.pixels.blocks import Block, measured_weights, weights
+from ...inverse.forward.interface import AbstractForwardModel
+from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
-from ...inverse.problem import beside
-from ...inverse.refits import Laid
+from ...inverse.problem import prior_gram
+from ...inverse.refits import LaidOutFit
 from ...inverse.statistics.uncertainty import Vector, inverse
 
 STEPS = 8  # of Gauss and Newton
@@ -73,7 +73,7 @@ class End:
 class LaidSamples:
     """A fit laid out again, with numbers beside its own unknowns. To be used in float64."""
 
-    def __init__(self, laid: Laid, along: Float[np.ndarray, "k p"]):
+    def __init__(self, laid: LaidOutFit, along: Float[np.ndarray, "k p"]):
         """Find where each sample is; `along`: directions of the numbers, beside each unknown of the fit."""
         self.tangents = np.concatenate([np.eye(len(laid.fit.unknowns), len(laid.theta)), along])
         self.laid, self.own = laid, len(laid.fit.unknowns)
@@ -91,7 +91,7 @@ class LaidSamples:
         found: list[list[np.ndarray]] = []
         cost = 0.0
         for chunk, parts in zip(self.laid.chunks, in_chunks(self.laid.parts), strict=True):
-            *of_chunk, costs = _changes(jnp.asarray(theta), jnp.asarray(self.tangents), self.laid.study.form, chunk)
+            *of_chunk, costs = _changes(jnp.asarray(theta), jnp.asarray(self.tangents), self.laid.model, chunk)
             arrays = [np.asarray(of) for of in of_chunk]
             cost += float(np.sum(np.asarray(costs)))
             for b, part in enumerate(parts):
@@ -102,11 +102,11 @@ class LaidSamples:
 
     def known(self, theta: Vector) -> Gram:
         """Return what is known of the numbers beside the samples."""
-        return beside(jnp.asarray(theta), self.laid.study.soft())
+        return prior_gram(jnp.asarray(theta), self.laid.priors)
 
     def search(self, along: Sequence[int]) -> End:
         """Return the minimum along some of the directions, the unknowns at their best, by Gauss and Newton's steps."""
-        box, q = self.laid.study.box, len(self.inside)
+        box, q = self.laid.problem.box, len(self.inside)
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)
         which = np.concatenate([self.inside, self.own + np.asarray(along, int)])
         theta, amount = np.array(self.laid.theta), np.zeros(len(along))
@@ -137,18 +137,18 @@ class LaidSamples:
 
 
 @jax.jit
-def _changes(theta: Array, tangents: Array, form: Any, chunk: Block) -> tuple[Array, ...]:
+def _changes(theta: Array, tangents: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
     """Return a chunk's predictions, their changes along tangents, the cost's slopes and curvatures, weights and costs.
 
     A clipped sample, which was not measured, has no weight of its own.
     """
 
     def of_block(block: Block) -> tuple[Array, ...]:
-        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
+        m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
         seen = block.observed
-        weight = weights(form, block)
-        terms = form.likelihood.terms(m, seen.target, weight, seen.clipped)
-        measured, cost = measured_weights(form, block), jnp.sum(terms.cost)
+        weight = model.sample_weights(block)
+        terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
+        measured, cost = model.measured_weights(block), jnp.sum(terms.cost)
         return m, jax.vmap(derivative)(tangents), terms.slope, terms.curvature, measured, cost
 
     return jax.lax.map(of_block, chunk)

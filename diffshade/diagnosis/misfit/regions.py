@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ...inverse.data.views import Samples, View, is_grey
+from ...inverse.data.samples import Samples
+from ...inverse.data.views import View, is_grey
 from ...inverse.result import Fit
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points

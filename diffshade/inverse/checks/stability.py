@@ -18,9 +18,9 @@ from ...model.rendering import render
 from ...model.scenes import Scene
 from ...model.vectors import Vec3
 from ..data.views import View, lights_on
-from ..refits import Laid, Masks, refit, samples_of
+from ..refits import LaidOutFit, Masks, refit, samples_of
 from ..result import Fit
-from ..running import look_at
+from ..running import samples_for
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import relative_errors
 from ..statistics.uncertainty import Vector
@@ -64,7 +64,7 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
     """Yield the pixels that are not within so many of a saturated one, where there is any."""
-    samples, _ = look_at(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
+    samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
@@ -213,7 +213,7 @@ def moved(
     found = np.zeros(len(known), bool)
     if not len(suspects):
         return found
-    laid = Laid(fit, keep)
+    laid = LaidOutFit(fit, keep)
     held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
     there = coordinates(again.values, fit.unknowns)
 

@@ -1,4 +1,4 @@
-"""Views: photographs and how they were taken, and which of their samples count."""
+"""Views: photographs and how they were taken."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Bool, Float, Int, Int8
+from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number
 from ...io.lazy_images import LazyImage, row_tiles
 from ...model.cameras import AbstractCamera
-from ...model.gbuffers import as_mask
-from ...model.rendering import render, select, silhouette
-from ...model.scenes import Scene, check_positions, check_shapes
+from ...model.rendering import render
+from ...model.scenes import Scene
 
 # Float[np.ndarray, "h w c"], or a LazyImage; Any, so that a type checker takes it for what one knows it is.
 Image: TypeAlias = Any
@@ -167,45 +166,6 @@ class View(Checked):
             raise ValueError(f"View.exposure must be above 0; got {self.exposure}. Give 1 if it is not known.")
 
 
-class Samples(eqx.Module):
-    """The samples of one view that count: a sample is one channel of a pixel."""
-
-    inside: Bool[np.ndarray, "h w"]
-    """Pixels that show an object."""
-    pixels: Int[np.ndarray, " n"]
-    """Where those pixels are in the flattened image."""
-    photograph: Image
-    """The photograph without alpha, not copied."""
-    floor: float
-    """The sensor's range: samples at or below its floor, and at or above its level, are clipped."""
-    level: float
-    brightest: float
-    """The largest sample."""
-    first: int = 0
-    """The row of the image at which `inside` and `photograph` begin, where they are a tile of it."""
-
-    def values(self, pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
-        """Return the photograph at some of its pixels."""
-        if isinstance(self.photograph, LazyImage):
-            return self.photograph.at(pixels)
-        h, w, c = self.photograph.shape
-        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
-
-    def whole(self) -> Float[np.ndarray, "h w c"]:
-        """Return the whole photograph, which is read here where it is lazy."""
-        return self.photograph[:]
-
-    def clipped(self, values: Float[np.ndarray, "m c"]) -> Int8[np.ndarray, "m c"]:
-        """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
-        return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
-
-    def ends(self) -> Int8[np.ndarray, "n c"]:
-        """Return `clipped` of all the samples."""
-        if self.brightest < self.level and self.floor == -np.inf:  # nothing can be
-            return np.zeros((len(self.pixels), self.photograph.shape[2]), np.int8)
-        return self.clipped(self.values(self.pixels))
-
-
 def is_grey(view: View) -> bool:
     """Whether a view has one channel, and so one residual a pixel."""
     return view.image.shape[2] < 3
@@ -298,85 +258,3 @@ def colours(view: View) -> Image:
 def has_mask(view: View) -> bool:
     """Whether a view says which of its pixels count."""
     return view.mask is not None or has_alpha(view)
-
-
-def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
-    """Find the samples of a view that count.
-
-    `moving` says that a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
-    otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
-    """
-    check_view(scene, view, moving=moving)
-    masks = [] if view.mask is None else [as_mask(view.mask)]
-    if has_alpha(view):
-        masks.append(_alpha(view.image))
-    if not moving:
-        masks.append(np.asarray(silhouette(scene.objects, view.camera)))
-    inside = np.logical_and.reduce(masks)
-    if moving:
-        inside = erode(inside)
-    pixels = np.flatnonzero(inside).astype(np.int32)
-    check_any(len(pixels))
-    samples = Samples(inside, pixels, colours(view), -np.inf, np.inf, 0.0)
-    least, most = extremes(samples)
-    return Samples(inside, pixels, samples.photograph, *sensor_range(view, least, most), most)
-
-
-def check_view(scene: Scene, view: View, *, moving: bool) -> None:
-    """Refuse a view that does not fit the scene, or has no mask where a surface is free."""
-    select(scene, view.lit)
-    check_shapes(scene, view.camera)
-    check_positions(scene, view.camera)
-    if moving and not has_mask(view):
-        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
-
-
-def check_any(pixels: int) -> None:
-    """Refuse a view of which no pixel counts."""
-    if not pixels:
-        raise ValueError(
-            "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
-            "Check that the mask is white on the object, and the camera."
-        )
-
-
-def sensor_range(view: View, least: float, most: float) -> tuple[float, float]:
-    """Return the levels at which the sensor clips, at the bottom and at the top, given the extreme samples."""
-    rounded = view.image.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
-    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
-    if least >= level:
-        raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
-    return -np.inf if view.floor is None else float(rounded(view.floor)), level
-
-
-def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
-    """Return where the last channel is at least half."""
-    if isinstance(image, LazyImage):
-        return np.concatenate([as_mask(tile[..., -1]) for _, tile in image.tiles()])
-    return np.asarray(as_mask(image[..., -1]))
-
-
-def extremes(samples: Samples) -> tuple[float, float]:
-    """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
-    least, most = np.inf, -np.inf
-    for start in range(0, len(samples.pixels), 1 << 16):
-        pixels = samples.pixels[start : start + (1 << 16)]
-        values = samples.values(pixels)
-        low, high = float(values.min()), float(values.max())  # NaN where one is
-        if not np.isfinite(low + high):
-            wrong = ~np.isfinite(values).all(-1)
-            first = int(wrong.argmax())
-            row, column = divmod(int(pixels[first]), samples.photograph.shape[1])
-            count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
-            raise ValueError(
-                f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
-                f"({count} such pixels). Mask them out."
-            )
-        least, most = min(least, low), max(most, high)
-    return least, most
-
-
-def erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Take one pixel off the edge of a mask."""
-    padded = np.pad(mask, 1)
-    return padded[1:-1, 1:-1] & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]

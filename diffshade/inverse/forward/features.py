@@ -32,11 +32,12 @@ from ..data.views import View, lights_on
 from ..pixels.blocks import Block
 from ..unknowns.parameters import RANGES, Unknown
 from .gram import Gram
+from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
-from .residuals import Pixels, Problem, costs
+from .rendered import costs
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
-MOST_LIGHTS = 4  # on in one view; with more, the generic form is no slower
+MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
 KNOWS = {
     "k_a",
     "k_d",
@@ -76,10 +77,10 @@ class Lamps(eqx.Module):
     clamp: Float[Array, "views lights"]
 
 
-class FeatureForm(eqx.Module):
+class FeatureModel(AbstractForwardModel):
     """The predictions of one object's material, as sums of features."""
 
-    problem: Problem
+    setting: Setting
     likelihood: Likelihood
     with_exponent: bool = eqx.field(static=True)
     """Whether n_s is unknown, and which coefficients of the attenuation are."""
@@ -101,14 +102,7 @@ class FeatureForm(eqx.Module):
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields:
         """Return the fields of a chunk's pixels, of those that count and are no padding."""
-        return _fields(self.problem, pixels, view, counts)
-
-    def weights(self) -> Float[Array, " views"]:
-        """Return the weight of the samples of each view where all of a view weigh the same."""
-        noise = self.problem.noise
-        if noise is None:
-            return jnp.ones_like(self.problem.grey)
-        return 1.0 / jax.vmap(lambda of_view: of_view.variance(jnp.zeros(())))(noise)
+        return _fields(self.setting, pixels, view, counts)
 
     def rows(self, lamps: Lamps, n_s: Array, view: Array, points: Fields) -> list[Any]:
         """Return F of a block: 1, then u, v and their derivatives for each light."""
@@ -139,9 +133,9 @@ class FeatureForm(eqx.Module):
         The second has for each derivative of u or v the coefficient of u or v, held constant, times the unknown that it
         is the derivative by: its derivative by theta are the columns of the prediction's Jacobian.
         """
-        problem = self.problem
-        setup = problem.slots.insert(theta, problem.setup)
-        scene, lamps = setup.scene, _lamps(setup.scene, problem.lit)
+        setting = self.setting
+        setup = setting.slots.insert(theta, setting.setup)
+        scene, lamps = setup.scene, _lamps(setup.scene, setting.lit)
         material = scene.objects[0].material
         exposure = setup.exposure[:, None]
         constant = exposure * (material.k_e + material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, 3)
@@ -169,18 +163,18 @@ class FeatureForm(eqx.Module):
         if self.grey:
             return mean
         first = jnp.where(jnp.arange(3)[None, :, None] == 0, mean, 0.0)
-        return jnp.where(self.problem.grey[:, None, None] > 0, first, stacked)
+        return jnp.where(self.setting.grey[:, None, None] > 0, first, stacked)
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return the predictions of a block, one array a channel."""
         predicted, _ = self.coefficients(theta)
-        scene = self.problem.slots.insert(theta, self.problem.setup).scene
-        lamps = _lamps(scene, self.problem.lit)
+        scene = self.setting.slots.insert(theta, self.setting.setup).scene
+        lamps = _lamps(scene, self.setting.lit)
         rows = self.rows(lamps, scene.objects[0].material.n_s, block.view, block.points)
         return self._predict(predicted[block.view], rows)
 
     def _predict(self, coefficients: Array, rows: Sequence[Any]) -> tuple[Any, ...]:
-        lights = sum(index.shape[1] for index, _ in self.problem.lit)
+        lights = sum(index.shape[1] for index, _ in self.setting.lit)
         each = (len(rows) - 1) // lights if lights else 0
         used = [0, *(1 + light * each + k for light in range(lights) for k in (0, 1))]
         return tuple(sum((channel[r] * rows[r] for r in used[1:]), channel[0] * rows[0]) for channel in coefficients)
@@ -191,9 +185,9 @@ class FeatureForm(eqx.Module):
         Where samples weigh differently, the cost and, channel by channel, F l' and F h F^T with the slopes l' and the
         curvatures h of the loss.
         """
-        problem = self.problem
-        scene = problem.slots.insert(theta, problem.setup).scene
-        lamps, n_s = _lamps(scene, problem.lit), scene.objects[0].material.n_s
+        setting = self.setting
+        scene = setting.slots.insert(theta, setting.setup).scene
+        lamps, n_s = _lamps(scene, setting.lit), scene.objects[0].material.n_s
         predicted, _ = self.coefficients(theta)
         views, channels, features = predicted.shape
 
@@ -239,7 +233,7 @@ class FeatureForm(eqx.Module):
         features = predicted.shape[2]
         FF, Fy = summary[:, :features, :features], summary[:, :features, features:].transpose(0, 2, 1)
         yy = jnp.trace(summary[:, features:, features:], axis1=1, axis2=2)
-        scale = self.weights()
+        scale = self.view_weights()
         slope = jnp.einsum("vfg,vcg->vcf", FF, predicted) - Fy
         cost = 0.5 * (jnp.einsum("vcf,vcf->v", predicted, slope - Fy) + yy)
         return Gram(
@@ -250,7 +244,7 @@ class FeatureForm(eqx.Module):
 
 
 def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
-    """Whether this form can serve: one object, few lights at once, and every unknown a coefficient of light."""
+    """Whether this model can serve: one object, few lights at once, and every unknown a coefficient of light."""
     names = _kinds(unknowns)
     material = scene.objects[0].material
     n_s = material.n_s
@@ -268,13 +262,13 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
     )
 
 
-def feature_form(
-    problem: Problem, likelihood: Likelihood, unknowns: Sequence[Unknown], *, shared: bool, grey: bool
-) -> FeatureForm:
-    """Return the form with the features that these unknowns need."""
+def feature_model(
+    setting: Setting, likelihood: Likelihood, unknowns: Sequence[Unknown], *, shared: bool, grey: bool
+) -> FeatureModel:
+    """Return the model with the features that these unknowns need."""
     names = _kinds(unknowns)
     fade = tuple(k for k, name in enumerate(FADES) if name in names)
-    return FeatureForm(problem, likelihood, "n_s" in names, fade, shared, grey)
+    return FeatureModel(setting, likelihood, "n_s" in names, fade, shared, grey)
 
 
 def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
@@ -304,22 +298,22 @@ def _lamps(scene: Any, lit: Any) -> Lamps:
 
 
 @jax.jit
-def _fields(problem: Problem, pixels: Pixels, view: Array, counts: Array) -> Fields:
+def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
     """Compute the fields of a chunk's pixels, one block after another."""
-    scene = problem.setup.scene
+    scene = setting.setup.scene
     material: Material = scene.objects[0].material
     local = any(not isinstance(stack, DirectionalLight) for stack in scene.lights)
     spots = any(isinstance(stack, SpotLight | MeasuredLight) for stack in scene.lights)
 
     def of_block(block: tuple) -> Fields:
         pixels, view, counts = block
-        projection = jax.tree.map(lambda leaf: leaf[view], problem.projections)
+        projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         rays = projection.rays(pixels.row, pixels.column)
         surface = scene.objects[0].surface if pixels.gbuffers[0] is None else pixels.gbuffers[0]
         hit = surface.intersect(rays)
         v = projection.viewer(hit.p)
         rows: list[tuple] = []
-        for stack, (index, _) in zip(scene.lights, problem.lit, strict=True):
+        for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
             for k in range(index.shape[1]):
                 light = jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack)
                 l, d, f_ang = light.path(hit.p)

@@ -30,7 +30,7 @@ from jaxtyping import Float
 
 from ...core.fields import Array
 from ...io.images import srgb_encode
-from ..pixels.blocks import Block, measured_weights
+from ..pixels.blocks import Block
 
 HARMONICS = 12  # of the sawtooth, which have 95 % of its variance
 MOST_NOISE = 0.6  # steps, from which on rounding is nothing but a part of the noise
@@ -46,7 +46,7 @@ class Rounded(NamedTuple):
 
     rounding: Rounding
     waves: Float[np.ndarray, "views p waves"]
-    """See `waves`; in the solver's coordinates."""
+    """See `sums.waves`; in the solver's coordinates."""
     shared: float
     """Which part of the residuals' mean square is of the rounding that the waves hold."""
 
@@ -155,49 +155,28 @@ def _common_step(values: Float[np.ndarray, " n"]) -> float:
 # What they do
 
 
-def waves(theta: Any, form: Any, chunk: Block) -> Float[Array, "views p waves"]:
-    """Return the rows of A of each view, as columns, over a chunk: A^T A is what rounding makes the gradients vary.
-
-    Samples weigh as in the Gram; those at an end of the sensor's range are left out.
-    """
-    rounding, p = form.problem.rounding, theta.shape[0]
-
-    def add(total: Any, block: Block) -> tuple[Any, None]:
-        m, derivative = jax.linearize(lambda q: jnp.stack(form.predict(q, block)), theta)
-        J = jax.vmap(derivative)(jnp.eye(p))  # (p, channels, pixels)
-        weight = measured_weights(form, block)
-        where, size = rounding.steps(block.view, m)
-        bend = form.likelihood.terms(m, block.observed.target, weight, None).curvature
-        both = _harmonics(2.0 * jnp.pi * where, bend * size, _damping(rounding, weight, size))
-        of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
-        return total.at[block.view].add(of_block), None
-
-    zero = jnp.zeros((form.problem.grey.shape[0], p, 2 * HARMONICS))
-    return jax.lax.scan(add, zero, chunk)[0]
-
-
 def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.ndarray, "waves n"]:
     """Return S of some samples predicted as m, where S^T S is the covariance of their rounding errors."""
     where, size = rounding.steps(view, jnp.asarray(m))
-    damping = _damping(rounding, jnp.asarray(weight), size)
-    return np.asarray(_harmonics(2.0 * jnp.pi * where, size, damping)).reshape(2 * HARMONICS, -1)
+    damped = damping(rounding, jnp.asarray(weight), size)
+    return np.asarray(harmonics(2.0 * jnp.pi * where, size, damped)).reshape(2 * HARMONICS, -1)
 
 
-def _damping(rounding: Rounding, weight: Array, size: Array) -> Array:
+def damping(rounding: Rounding, weight: Array, size: Array) -> Array:
     """Return by how much the noise before the rounding damps the first term of the sawtooth."""
     return jnp.exp(-2.0 * jnp.pi**2 * rounding.noise**2 / jnp.where(weight * size > 0, weight * size**2, 1.0))
 
 
-def _harmonics(phase: Array, size: Array, damping: Array) -> Array:
-    """Return size damping^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products."""
+def harmonics(phase: Array, size: Array, damped: Array) -> Array:
+    """Return size damped^(k^2) / (sqrt(2) pi k) times the cosine and the sine of k phase, for each k; by products."""
     c, s = jnp.cos(phase), jnp.sin(phase)
 
     def following(at: tuple[Array, ...], k: Array) -> tuple[tuple[Array, ...], Array]:
         cosine, sine, height, factor = at
         rotated = cosine * c - sine * s, sine * c + cosine * s
-        return (*rotated, height * factor, factor * damping**2), jnp.stack([cosine, sine]) * (height / k)[None]
+        return (*rotated, height * factor, factor * damped**2), jnp.stack([cosine, sine]) * (height / k)[None]
 
-    first = c, s, size * damping / (jnp.sqrt(2.0) * jnp.pi), damping**3
+    first = c, s, size * damped / (jnp.sqrt(2.0) * jnp.pi), damped**3
     return jax.lax.scan(following, first, jnp.arange(1.0, HARMONICS + 1.0))[1]
 
 
@@ -205,14 +184,3 @@ def share_of_waves(noise2: float) -> float:
     """Return which part of the variance of rounding the waves hold, given the noise's variance in steps squared."""
     k = np.arange(1.0, HARMONICS + 1.0)
     return float(6.0 / np.pi**2 * np.sum(np.exp(-4.0 * np.pi**2 * k**2 * noise2) / k**2))
-
-
-def variance_of_steps(form: Any, chunk: Block) -> Float[Array, "2"]:
-    """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
-
-    def add(total: Array, block: Block) -> tuple[Array, None]:
-        weight = measured_weights(form, block)
-        _, size = form.problem.rounding.steps(block.view, block.observed.target)
-        return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
-
-    return jax.lax.scan(add, jnp.zeros(2), chunk)[0]

@@ -8,12 +8,12 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, Int8
 
 from ...core.fields import Array
-from ..data.views import Samples, View, is_grey
+from ..data.samples import Samples
+from ..data.views import View, is_grey
 
 T = TypeVar("T")
 BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
@@ -36,20 +36,6 @@ class Block(eqx.Module):
     view: Int[Array, "..."]
     points: Any
     observed: Observed
-
-
-def weights(form: Any, block: Block) -> Array:
-    """Return the weight of each sample, which a form that projects keeps for the view."""
-    seen = block.observed
-    if seen.weight is not None:
-        return seen.weight
-    return jnp.broadcast_to(jnp.where(block.points.counts, form.weights()[block.view], 0.0), seen.target.shape)
-
-
-def measured_weights(form: Any, block: Block) -> Float[Array, "channels pixels"]:
-    """Return the weight of each sample, 0 where it was clipped."""
-    weight, clipped = weights(form, block), block.observed.clipped
-    return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)
 
 
 class Piece(eqx.Module):

@@ -12,7 +12,8 @@ from ...io.lazy_images import row_tiles, rows_of_a_tile
 from ...model.gbuffers import as_mask
 from ...model.rendering import silhouette_of_rows
 from ...model.scenes import Scene
-from ..data.views import Samples, View, check_any, check_view, colours, erode, extremes, has_alpha, sensor_range
+from ..data.samples import Samples, check_any, check_view, erode, extremes, sensor_range
+from ..data.views import View, colours, has_alpha
 
 LOOKED_AT = 1 << 25  # pixels at most that are read for a part of them, evenly spread
 

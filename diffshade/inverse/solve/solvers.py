@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,12 +17,13 @@ from ...core import fields
 from ...core.backend import UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Gram, Point
+from ..forward.interface import AbstractForwardModel
+from ..forward.streams import AllPixels, StreamingReduction
 from ..pixels.blocks import Block, total
-from ..pixels.streams import Passes
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 
 
-class Soft(eqx.Module):
+class PriorResiduals(eqx.Module):
     """What is known of the unknowns beside the views: a residual for each Gaussian prior and each unit vector."""
 
     index: Int[fields.Array, " k"]
@@ -55,31 +56,33 @@ class Box(eqx.Module):
 
 
 class Task:
-    """What is to be minimised: the form that predicts, what is known beside the views, and the range of the unknowns.
+    """What is to be minimised: the model that predicts, what is known beside the views, and the range of the unknowns.
 
     Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
     """
 
-    def __init__(self, form: Any, soft: Soft, box: Box):
-        self.form, self.soft, self.box = form, soft, box
-        self.form_leaves, self.form_structure = jax.tree.flatten(form)
-        self.leaves, self.structure = jax.tree.flatten((form, soft, box))
+    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: Box):
+        self.model, self.priors, self.box = model, priors, box
+        self.model_leaves, self.model_structure = jax.tree.flatten(model)
+        self.leaves, self.structure = jax.tree.flatten((model, priors, box))
 
 
-def evaluate(theta: Float[fields.Array, " p"], form: Any, soft: Soft, box: Box, summary: Any) -> Point:
+def evaluate(
+    theta: Float[fields.Array, " p"], model: AbstractForwardModel, priors: PriorResiduals, box: Box, summary: Any
+) -> Point:
     """Return the point at theta, from a pass over the pixels there.
 
-    A form that projects gives the Gram at any linear unknowns from one pass: then it is the point at the best linear
+    A model that projects gives the Gram at any linear unknowns from one pass: then it is the point at the best linear
     unknowns within their bounds instead of theta's own.
     """
 
     def at(theta: Any) -> Point:
-        views = form.gram(theta, summary)
-        everything = jax.tree.map(lambda view, more: view.sum(0) + more, views, soft.gram(theta))
+        views = model.gram(theta, summary)
+        everything = jax.tree.map(lambda view, more: view.sum(0) + more, views, priors.gram(theta))
         return Point(theta, everything, views)
 
     point = at(theta)
-    return at(theta + linear_step(point, box)) if form.projects else point
+    return at(theta + linear_step(point, box)) if model.projects else point
 
 
 def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
@@ -115,21 +118,21 @@ _summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSE
 
 @partial(jit_quickly, static_argnums=0)
 def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
-    form, soft, box = jax.tree.unflatten(structure, leaves)
-    return evaluate(theta, form, soft, box, summary)
+    model, priors, box = jax.tree.unflatten(structure, leaves)
+    return evaluate(theta, model, priors, box, summary)
 
 
-def summary_of(theta: Any, form: Any, chunk: Block) -> Any:
+def summary_of(theta: Any, model: AbstractForwardModel, chunk: Block) -> Any:
     """Return what a chunk adds to a pass."""
-    return form.summary(theta, chunk)
+    return model.summary(theta, chunk)
 
 
-def look(theta: Any, task: Task, chunks: Sequence[Block] | Passes) -> Point:
-    """Return the point at theta, or, for a form that projects, at its best linear unknowns: one pass, on all cores."""
-    if isinstance(chunks, Passes):
-        return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.form))
-    program = _summary_unfused if task.form.transparent and jax.default_backend() == "cpu" else _summary
-    summaries = on_all_cores(lambda chunk: program(task.form_structure, task.form_leaves, theta, chunk), chunks)
+def look(theta: Any, task: Task, chunks: AllPixels) -> Point:
+    """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
+    if isinstance(chunks, StreamingReduction):
+        return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.model))
+    program = _summary_unfused if task.model.transparent and jax.default_backend() == "cpu" else _summary
+    summaries = on_all_cores(lambda chunk: program(task.model_structure, task.model_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
 
 
@@ -154,7 +157,7 @@ def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: 
 def minimise(
     theta: Any,
     task: Task,
-    chunks: Sequence[Block] | Passes,
+    chunks: AllPixels,
     *,
     squares: float,
     max_steps: int,
@@ -165,7 +168,7 @@ def minimise(
 
     The steps are decided by a compiled program; the passes between them run on all cores.
     """
-    box, projects = task.box, task.form.projects
+    box, projects = task.box, task.model.projects
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
     solver = GramLevenbergMarquardt(
         descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),

@@ -135,12 +135,12 @@ def _judge(point: Point, box: Box) -> tuple[Array, Array]:
 def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
     """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
     point = look(theta, task, chunks)
-    found, cost = (point.theta, point.total.cost) if task.form.projects else _judge(point, task.box)
+    found, cost = (point.theta, point.total.cost) if task.model.projects else _judge(point, task.box)
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
 
 def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
-    """Return the slopes above which `Rendered` is to leave samples out, none as yet; None where it never will be."""
+    """Return the slopes above which `RenderedModel` leaves samples out: none as yet, and None where it never will."""
     return np.full(len(unknowns), np.inf) if any(unknown.kind in REACH for unknown in unknowns) else None
 
 
@@ -156,8 +156,8 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     reach = np.array([REACH.get(unknown.kind, 0.0) for unknown in unknowns])
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
-        form = eqx.tree_at(lambda f: f.steepest, task.form, limit)
-        point = look(theta, Task(form, task.soft, task.box), chunks)
+        model = eqx.tree_at(lambda m: m.steepest, task.model, limit)
+        point = look(theta, Task(model, task.priors, task.box), chunks)
         most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
         theta = np.asarray(_gauss_newton(point, task.box, most))
         reach = reach * SHRINK

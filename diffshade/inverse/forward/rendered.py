@@ -1,4 +1,4 @@
-"""Residuals of any scene: what each pixel would show, and its derivatives, one block of pixels at a time."""
+"""Rendered: the forward model of any scene, by rendering its pixels, with derivatives by `jax.linearize`."""
 
 from __future__ import annotations
 
@@ -9,61 +9,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...model.cameras import AbstractCamera, Projection
-from ...model.gbuffers import GBuffer
 from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
 from ..data.views import View, is_grey, lights_on, noises, switches
-from ..pixels.blocks import Block, Observed, Piece
+from ..pixels.blocks import Block, Observed
 from ..unknowns.parameters import Setup, Slots, without_gbuffers
 from .gram import Gram
+from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
-from .rounding import Rounding, no_rounding
+from .rounding import no_rounding
 
 
-class Counts(eqx.Module):
-    """How many pixels and samples (channels of pixels) a fit looks at."""
-
-    views: int
-    pixels: int
-    samples: int
-    clipped: int
-    """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
-    left_out: int
-    """Samples at an end of the sensor's range that were left out, with their pixels."""
-
-
-class Pixels(eqx.Module):
-    """Where a block's pixels are, and for each object that is a G-buffer its points there."""
-
-    row: Float[Array, "... pixels"]
-    column: Float[Array, "... pixels"]
-    gbuffers: tuple[GBuffer | None, ...]
-
-
-class Problem(eqx.Module):
-    """All that the predictions of a fit depend on but the unknowns and the pixels."""
-
-    setup: Setup
-    slots: Slots
-    projections: Projection
-    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
-    """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
-    grey: Float[Array, " views"]
-    noise: Any
-    """For each view its `Noise`; None where it is not known."""
-    rounding: Rounding
-    """The steps of the views' files, once they are found."""
-
-
-class Rendered(eqx.Module):
+class RenderedModel(AbstractForwardModel):
     """The predictions of any scene, by rendering its pixels; derivatives by `jax.linearize`."""
 
-    problem: Problem
+    setting: Setting
     likelihood: Likelihood
     steepest: Float[Array, " p"] | None = None
     """For each unknown the slope above which a sample does not count, while a search is under way; None asks nothing.
@@ -79,7 +44,7 @@ class Rendered(eqx.Module):
     @property
     def transparent(self) -> bool:
         """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
-        return any(item.material.k_t is not None for item in self.problem.setup.scene.objects)
+        return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
         """Return what the predictions need to know of the pixels of a chunk."""
@@ -87,12 +52,12 @@ class Rendered(eqx.Module):
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return exposure * radiance + black, one array a channel; of a grey view the mean of the three channels."""
-        problem, view = self.problem, block.view
-        setup = problem.slots.insert(theta, problem.setup)
+        setting, view = self.setting, block.view
+        setup = setting.slots.insert(theta, setting.setup)
         scene = setup.scene
         lights = tuple(
             _switch(jax.tree.map(lambda leaf, index=index: leaf[index[view]], stack), on[view])
-            for stack, (index, on) in zip(scene.lights, problem.lit, strict=True)
+            for stack, (index, on) in zip(scene.lights, setting.lit, strict=True)
         )
         scene = eqx.tree_at(lambda s: s.lights, scene, lights)
         for i, gbuffer in enumerate(block.points.gbuffers):
@@ -100,18 +65,18 @@ class Rendered(eqx.Module):
                 scene = eqx.tree_at(
                     lambda s, i=i: s.objects[i].surface, scene, gbuffer, is_leaf=lambda node: node is None
                 )
-        projection = jax.tree.map(lambda leaf: leaf[view], problem.projections)
+        projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         rays = projection.rays(block.points.row, block.points.column)
         seen = radiance(scene, rays, projection, covered=len(scene.objects) == 1)
         mean = (seen.x + seen.y + seen.z) / 3.0
-        grey = problem.grey[view] > 0
+        grey = setting.grey[view] > 0
         one = len(block.observed.target) == 1
         channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
         return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
 
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
         """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
-        p, views = theta.shape[0], self.problem.grey.shape[0]
+        p, views = theta.shape[0], self.setting.grey.shape[0]
 
         def add(total: Gram, block: Block) -> tuple[Gram, None]:
             m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
@@ -146,10 +111,10 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
     return [likelihood.terms(*of) for of in zip(m, observed.target, observed.weight, clipped, strict=True)]
 
 
-def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
+def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Setting:
     """Gather all that predictions depend on but the unknowns and the pixels."""
     numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
-    return Problem(
+    return Setting(
         Setup(stack_scene(without_gbuffers(scene)), *numbers),
         slots,
         jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
@@ -162,25 +127,6 @@ def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Problem:
 
 def _switch(lights: Any, on: Array) -> Any:
     return eqx.tree_at(lambda light: light.intensity, lights, lights.intensity * on[:, None])
-
-
-def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[GBuffer | None]) -> Pixels:
-    """Return where the pixels of a chunk are."""
-    return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
-
-
-def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:
-    """Return a G-buffer's points at the pixels of a chunk; a padded pixel has a zero normal and is outside the mask."""
-
-    def gather(leaf: Array) -> np.ndarray:
-        leaf = np.asarray(leaf)
-        flat = leaf.reshape(-1, *leaf.shape[2:])
-        out = np.zeros((*shape, *leaf.shape[2:]), leaf.dtype)
-        for b, part in enumerate(parts):
-            out[b, : len(part.pixels)] = flat[part.pixels]
-        return out
-
-    return jax.tree.map(gather, gbuffer)
 
 
 @jit_quickly

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import jax
 import numpy as np
@@ -14,15 +14,16 @@ from ...core.backend import UNFUSED
 from ...core.progress import Tell, silent
 from ...parallel.checkpoints import Checkpoint
 from ...parallel.devices import Lanes, on_lanes, zeros
-from ...parallel.threads import cores, in_order
-from .blocks import Block, Piece, padded_length
-from .tiles import Survey, Tile, Tiles
+from ...parallel.threads import cores, in_order, on_all_cores
+from ..pixels.blocks import Block, Piece, padded_length, total
+from ..pixels.tiles import Survey, Tile, Tiles
+from .interface import AbstractForwardModel
 
 S = TypeVar("S")
 T = TypeVar("T")
 
 
-class Passes:
+class StreamingReduction:
     """All pixels of a fit, to be summed over once a step.
 
     Chunks, one a tile, are kept while they fit `memory` bytes; the others are laid out anew at each pass. Sums are made
@@ -33,7 +34,7 @@ class Passes:
         self,
         tiles: Tiles,
         gather: Callable[[list, int | None], Block],
-        lay: Callable[[Any, Any, Block], Block],
+        lay: Callable[[Any, AbstractForwardModel, Block], Block],
         size: int,
         *,
         weigh_at: Any,
@@ -42,7 +43,7 @@ class Passes:
         lanes: Lanes | None,
         tell: Tell = silent,
     ):
-        """Take what a chunk needs: `gather` makes one of pieces, in NumPy; `lay`, compiled, of the form's points.
+        """Take what a chunk needs: `gather` makes one of pieces, in NumPy; `lay`, compiled, of the model's points.
 
         `weigh_at`: theta at which the noise weighs the samples, None for the photographs' own levels.
         """
@@ -54,20 +55,22 @@ class Passes:
         self.shapes: dict[Any, Any] = {}
         self.count = 0
 
-    def summed(self, program: Callable[[Any, Any, Block], T], theta: Any, form: Any) -> T:
-        """Return the sum of `program(theta, form, chunk)` over all chunks: a pass, or one that the checkpoint holds."""
+    def summed(
+        self, program: Callable[[Any, AbstractForwardModel, Block], T], theta: Any, model: AbstractForwardModel
+    ) -> T:
+        """Return the sum of `program(theta, model, chunk)` over all chunks: a pass, or one of the checkpoint."""
         name = f"pass-{self.count:04d}"
         self.count += 1
         theta = np.asarray(theta)
         if program not in self.shapes:
             self.shapes[program] = jax.eval_shape(
-                lambda chunk: program(theta, form, self.lay(self.weigh_at, form, chunk)), self.gather([], 1)
+                lambda chunk: program(theta, model, self.lay(self.weigh_at, model, chunk)), self.gather([], 1)
             )
-        total = zeros(self.shapes[program])
+        nothing = zeros(self.shapes[program])
 
         def make() -> list[np.ndarray]:
             walk = self._on_cores if self.lanes is None else self._on_lanes
-            return [theta, *jax.tree.leaves(walk(name, program, theta, form, total))]
+            return [theta, *jax.tree.leaves(walk(name, program, theta, model, nothing))]
 
         at, *leaves = self.checkpoint.once(name, make)
         if not np.allclose(at, theta, rtol=1e-9, atol=1e-12):
@@ -75,18 +78,18 @@ class Passes:
                 f"the checkpoint {self.checkpoint.folder} was made by other software: its steps lead elsewhere. Give "
                 "checkpoint another folder, or remove this one."
             )
-        return jax.tree.unflatten(jax.tree.structure(total), leaves)
+        return jax.tree.unflatten(jax.tree.structure(nothing), leaves)
 
-    def _on_cores(self, name: str, program: Any, theta: Any, form: Any, total: Any) -> Any:
+    def _on_cores(self, name: str, program: Any, theta: Any, model: AbstractForwardModel, total: Any) -> Any:
         """Sum on this process's cores."""
-        lay, run = compiled(self.lay), compiled(program, form.transparent)
+        lay, run = compiled(self.lay), compiled(program, model.transparent)
 
         def work(item: tuple[int, Any]) -> Any:
             k, read = item
             chunk = self.kept.get(k)
             if chunk is None:
-                chunk = jax.block_until_ready(lay(self.weigh_at, form, self._gathered(self.tiles.all[k], read)))
-            return k, chunk, jax.tree.map(np.asarray, run(theta, form, chunk))
+                chunk = jax.block_until_ready(lay(self.weigh_at, model, self._gathered(self.tiles.all[k], read)))
+            return k, chunk, jax.tree.map(np.asarray, run(theta, model, chunk))
 
         def fold(total: Any, start: int) -> Iterator[Any]:
             for found in in_order(work, self._read(range(start, len(self.tiles.all))), threads=cores(), ahead=cores()):
@@ -96,11 +99,11 @@ class Passes:
 
         return self._resumed(name, fold, total, len(self.tiles.all))
 
-    def _on_lanes(self, name: str, program: Any, theta: Any, form: Any, total: Any) -> Any:
+    def _on_lanes(self, name: str, program: Any, theta: Any, model: AbstractForwardModel, total: Any) -> Any:
         """Sum on the devices of the mesh, each a tile at a time, and then over all of them."""
         assert self.lanes is not None
         lanes, number = self.lanes, len(self.tiles.all)
-        options = tuple(UNFUSED.items()) if form.transparent and jax.default_backend() == "cpu" else None
+        options = tuple(UNFUSED.items()) if model.transparent and jax.default_backend() == "cpu" else None
         lay, run = _lay_on(self.lay, lanes.here), on_lanes(_added(program), lanes.here, options)
         longest = padded_length(-(-self.tiles.longest // self.size))
         batches = [[lane + b * lanes.count for lane in lanes.own] for b in range(-(-number // lanes.count))]
@@ -119,11 +122,11 @@ class Passes:
             ready = in_order(work, self._read_batches(batches, start, number), threads=cores(), ahead=cores())
             for b, gathered in ready:
                 if b not in self.kept:
-                    chunk = lay((self.weigh_at, form), lanes.put(gathered))
+                    chunk = lay((self.weigh_at, model), lanes.put(gathered))
                     self._keep(b, chunk)
                 else:
                     chunk = self.kept[b]
-                total = jax.block_until_ready(run((theta, form), (total, chunk)))
+                total = jax.block_until_ready(run((theta, model), (total, chunk)))
                 yield total
 
         begin = lanes.put([total] * len(lanes.own))
@@ -163,6 +166,20 @@ class Passes:
     def _resumed(self, name: str, fold: Callable[[Any, int], Iterator[Any]], total: Any, number: int) -> Any:
         """Sum from where the checkpoint is."""
         return resumed(self.checkpoint, name, fold, total, number, f"pass {self.count}", self.tell)
+
+
+AllPixels: TypeAlias = Sequence[Block] | StreamingReduction
+"""All pixels of a fit: the chunks in memory, or what lays them out anew at each pass."""
+
+
+def sum_over(
+    pixels: AllPixels, program: Callable[[Any, AbstractForwardModel, Block], T], theta: Any, model: AbstractForwardModel
+) -> T:
+    """Return the sum of `program(theta, model, chunk)` over all pixels: one pass."""
+    if isinstance(pixels, StreamingReduction):
+        return pixels.summed(program, theta, model)
+    run = compiled(program, model.transparent)
+    return total(on_all_cores(lambda chunk: run(theta, model, chunk), pixels))
 
 
 def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Tell) -> Survey:

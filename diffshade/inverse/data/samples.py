@@ -1,0 +1,200 @@
+"""Samples: which samples of a view count: on the object, inside the mask, and what the sensor clipped of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+
+from ...io.lazy_images import LazyImage
+from ...model.gbuffers import as_mask
+from ...model.rendering import select, silhouette
+from ...model.scenes import Scene, check_positions, check_shapes
+from .views import Image, View, colours, has_alpha, has_mask, is_grey, repeats
+
+
+class Samples(eqx.Module):
+    """The samples of one view that count: a sample is one channel of a pixel."""
+
+    inside: Bool[np.ndarray, "h w"]
+    """Pixels that show an object."""
+    pixels: Int[np.ndarray, " n"]
+    """Where those pixels are in the flattened image."""
+    photograph: Image
+    """The photograph without alpha, not copied."""
+    floor: float
+    """The sensor's range: samples at or below its floor, and at or above its level, are clipped."""
+    level: float
+    brightest: float
+    """The largest sample."""
+    first: int = 0
+    """The row of the image at which `inside` and `photograph` begin, where they are a tile of it."""
+
+    def values(self, pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
+        """Return the photograph at some of its pixels."""
+        if isinstance(self.photograph, LazyImage):
+            return self.photograph.at(pixels)
+        h, w, c = self.photograph.shape
+        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
+
+    def whole(self) -> Float[np.ndarray, "h w c"]:
+        """Return the whole photograph, which is read here where it is lazy."""
+        return self.photograph[:]
+
+    def clipped(self, values: Float[np.ndarray, "m c"]) -> Int8[np.ndarray, "m c"]:
+        """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
+        return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
+
+    def ends(self) -> Int8[np.ndarray, "n c"]:
+        """Return `clipped` of all the samples."""
+        if self.brightest < self.level and self.floor == -np.inf:  # nothing can be
+            return np.zeros((len(self.pixels), self.photograph.shape[2]), np.int8)
+        return self.clipped(self.values(self.pixels))
+
+
+class Counts(eqx.Module):
+    """How many pixels and samples (channels of pixels) a fit looks at."""
+
+    views: int
+    pixels: int
+    samples: int
+    clipped: int
+    """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
+    left_out: int
+    """Samples at an end of the sensor's range that were left out, with their pixels."""
+
+
+def collect_samples(
+    scene: Scene, views: Sequence[View], clipped: str, *, unknowns: int, moving: bool, foreseen: bool = False
+) -> tuple[list[Samples], Counts]:
+    """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
+
+    A view that is an earlier one again has none. `foreseen` says that the photographs are still to be taken.
+
+    Args:
+        scene: The scene, whose objects the pixels must show.
+        views: The photographs.
+        clipped: What samples at an end of the sensor's range say; "leave out" leaves their pixels out.
+        unknowns: How many numbers are to be found, which there must be as many samples for.
+        moving: Whether a surface is free, which takes a mask.
+        foreseen: Whether equal photographs are no repetition.
+    """
+    samples, clipping, again = [], 0, {} if foreseen else repeats(scene, views)
+    for i, view in enumerate(views):
+        try:
+            found = find_samples(scene, view, moving=moving)
+        except ValueError as error:
+            raise ValueError(f"views[{i}]: {error}") from None
+        if i in again:  # the same numbers tell nothing more
+            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[:0])
+        ends = found.ends()
+        clipping += int(np.abs(ends).sum())
+        if clipped == "leave out" and ends.any():
+            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
+        samples.append(found)
+    kept, left = (0, clipping) if clipped == "leave out" else (clipping, 0)
+    counts = count_samples(views, len(views) - len(again), [len(s.pixels) for s in samples], kept, left)
+    check_enough(counts, unknowns, [s.brightest for s in samples])
+    return samples, counts
+
+
+def count_samples(views: Sequence[View], taken: int, pixels: Sequence[int], clipped: int, left_out: int) -> Counts:
+    """Return the counts of a fit, given the pixels of each view that count."""
+    number = sum(n * (1 if is_grey(view) else 3) for n, view in zip(pixels, views, strict=True))
+    return Counts(taken, sum(pixels), number, clipped, left_out)
+
+
+def check_enough(counts: Counts, unknowns: int, brightest: Sequence[float]) -> None:
+    """Refuse fewer pixels or samples than unknowns, and black images."""
+    for noun, have in (("pixels", counts.pixels), ("samples that are not clipped", counts.samples - counts.clipped)):
+        if have < unknowns:
+            raise ValueError(
+                f"these views have fewer {noun} than there are unknowns, {have} for {unknowns}. Free fewer "
+                "parameters or add views."
+            )
+    if all(most <= 0.0 for most in brightest):
+        raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
+
+
+def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
+    """Find the samples of a view that count.
+
+    `moving` says that a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
+    otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
+    """
+    check_view(scene, view, moving=moving)
+    masks = [] if view.mask is None else [as_mask(view.mask)]
+    if has_alpha(view):
+        masks.append(_alpha(view.image))
+    if not moving:
+        masks.append(np.asarray(silhouette(scene.objects, view.camera)))
+    inside = np.logical_and.reduce(masks)
+    if moving:
+        inside = erode(inside)
+    pixels = np.flatnonzero(inside).astype(np.int32)
+    check_any(len(pixels))
+    samples = Samples(inside, pixels, colours(view), -np.inf, np.inf, 0.0)
+    least, most = extremes(samples)
+    return Samples(inside, pixels, samples.photograph, *sensor_range(view, least, most), most)
+
+
+def check_view(scene: Scene, view: View, *, moving: bool) -> None:
+    """Refuse a view that does not fit the scene, or has no mask where a surface is free."""
+    select(scene, view.lit)
+    check_shapes(scene, view.camera)
+    check_positions(scene, view.camera)
+    if moving and not has_mask(view):
+        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
+
+
+def check_any(pixels: int) -> None:
+    """Refuse a view of which no pixel counts."""
+    if not pixels:
+        raise ValueError(
+            "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
+            "Check that the mask is white on the object, and the camera."
+        )
+
+
+def sensor_range(view: View, least: float, most: float) -> tuple[float, float]:
+    """Return the levels at which the sensor clips, at the bottom and at the top, given the extreme samples."""
+    rounded = view.image.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
+    level = (1.0 if most == 1.0 else np.inf) if view.saturation is None else float(rounded(view.saturation))
+    if least >= level:
+        raise ValueError(f"every pixel is saturated: all are at least {level:g}. Give a shorter exposure.")
+    return -np.inf if view.floor is None else float(rounded(view.floor)), level
+
+
+def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
+    """Return where the last channel is at least half."""
+    if isinstance(image, LazyImage):
+        return np.concatenate([as_mask(tile[..., -1]) for _, tile in image.tiles()])
+    return np.asarray(as_mask(image[..., -1]))
+
+
+def extremes(samples: Samples) -> tuple[float, float]:
+    """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
+    least, most = np.inf, -np.inf
+    for start in range(0, len(samples.pixels), 1 << 16):
+        pixels = samples.pixels[start : start + (1 << 16)]
+        values = samples.values(pixels)
+        low, high = float(values.min()), float(values.max())  # NaN where one is
+        if not np.isfinite(low + high):
+            wrong = ~np.isfinite(values).all(-1)
+            first = int(wrong.argmax())
+            row, column = divmod(int(pixels[first]), samples.photograph.shape[1])
+            count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
+            raise ValueError(
+                f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
+                f"({count} such pixels). Mask them out."
+            )
+        least, most = min(least, low), max(most, high)
+    return least, most
+
+
+def erode(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Take one pixel off the edge of a mask."""
+    padded = np.pad(mask, 1)
+    return padded[1:-1, 1:-1] & padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]

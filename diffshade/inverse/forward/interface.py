@@ -1,0 +1,105 @@
+"""Interface of a forward model: it predicts every sample, and sums over the pixels what a Gauss-Newton step needs."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from ...core.fields import Array
+from ...model.cameras import Projection
+from ...model.gbuffers import GBuffer
+from ..data.views import Noise
+from ..pixels.blocks import Block
+from ..unknowns.parameters import Setup, Slots
+from .gram import Gram
+from .losses import Likelihood
+from .rounding import Rounding
+
+
+class Pixels(eqx.Module):
+    """Where a block's pixels are, and for each object that is a G-buffer its points there."""
+
+    row: Float[Array, "... pixels"]
+    column: Float[Array, "... pixels"]
+    gbuffers: tuple[GBuffer | None, ...]
+
+
+class Setting(eqx.Module):
+    """All that the predictions of a fit depend on but the unknowns and the pixels."""
+
+    setup: Setup
+    slots: Slots
+    projections: Projection
+    lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
+    """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
+    grey: Float[Array, " views"]
+    noise: Noise | None
+    """The `Noise` of each view, stacked; None where it is not known."""
+    rounding: Rounding
+    """The steps of the views' files, once they are found."""
+
+
+class AbstractForwardModel(eqx.Module):
+    """What a fit asks of the model that predicts its samples; compiled programs take it as an argument.
+
+    A pass over the pixels calls `summary` for each chunk, adds the summaries up, and makes the Gram of the sum by
+    `gram`. Memory holds one block's derivatives at a time.
+    """
+
+    setting: eqx.AbstractVar[Setting]
+    likelihood: eqx.AbstractVar[Likelihood]
+
+    @property
+    @abstractmethod
+    def projects(self) -> bool:
+        """Whether one pass gives the Gram at any linear unknowns (variable projection)."""
+
+    @property
+    @abstractmethod
+    def transparent(self) -> bool:
+        """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
+
+    @abstractmethod
+    def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
+        """Return what `predict` needs to know of a chunk's pixels: `Block.points`."""
+
+    @abstractmethod
+    def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
+        """Return exposure * radiance + black of a block, one array a channel; of a grey view the mean of the three."""
+
+    @abstractmethod
+    def summary(self, theta: Float[Array, " p"], chunk: Block) -> Any:
+        """Return the sums over a chunk of which `gram` makes the Gram of each view."""
+
+    @abstractmethod
+    def gram(self, theta: Float[Array, " p"], summary: Any) -> Gram:
+        """Return the Gram of each view from the sum of the chunks' summaries."""
+
+    def view_weights(self) -> Float[Array, " views"]:
+        """Return the weight of the samples of each view where all of a view weigh the same: 1/variance, or 1."""
+        noise = self.setting.noise
+        if noise is None:
+            return jnp.ones_like(self.setting.grey)
+        return 1.0 / jax.vmap(lambda of_view: of_view.variance(jnp.zeros(())))(noise)
+
+    def sample_weights(self, block: Block) -> Float[Array, "channels pixels"]:
+        """Return the weight of each sample of a block; a model that projects keeps one for each view."""
+        seen = block.observed
+        if seen.weight is not None:
+            return seen.weight
+        of_view = jnp.where(block.points.counts, self.view_weights()[block.view], 0.0)
+        return jnp.broadcast_to(of_view, seen.target.shape)
+
+    def measured_weights(self, block: Block) -> Float[Array, "channels pixels"]:
+        """Return the weight of each sample, 0 where it was clipped."""
+        weight, clipped = self.sample_weights(block), block.observed.clipped
+        return weight if clipped is None else jnp.where(clipped == 0, weight, 0.0)
+
+    def use(self, likelihood: Likelihood) -> AbstractForwardModel:
+        """Return the model with another likelihood."""
+        return eqx.tree_at(lambda model: model.likelihood, self, likelihood)

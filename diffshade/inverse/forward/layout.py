@@ -1,0 +1,77 @@
+"""Layout: the pixels of a chunk with the points they show, and the weight of each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...core.fields import Array
+from ...model.gbuffers import GBuffer
+from ..pixels.blocks import Block, Piece
+from .interface import AbstractForwardModel, Pixels
+
+
+def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[GBuffer | None]) -> Pixels:
+    """Return where the pixels of a chunk are."""
+    return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
+
+
+def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:
+    """Return a G-buffer's points at the pixels of a chunk; a padded pixel has a zero normal and is outside the mask."""
+
+    def gather(leaf: Array) -> np.ndarray:
+        leaf = np.asarray(leaf)
+        flat = leaf.reshape(-1, *leaf.shape[2:])
+        out = np.zeros((*shape, *leaf.shape[2:]), leaf.dtype)
+        for b, part in enumerate(parts):
+            out[b, : len(part.pixels)] = flat[part.pixels]
+        return out
+
+    return jax.tree.map(gather, gbuffer)
+
+
+def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noisy: bool) -> Block:
+    """Return a chunk laid out: the points its pixels show, and weights by the noise at the level that theta predicts.
+
+    Without theta the level is the photograph's.
+    """
+    seen = gathered.observed
+    points = model.fields(gathered.points, gathered.view, seen.weight[:, 0] > 0)
+    if model.projects:
+        seen = eqx.tree_at(lambda o: o.weight, seen, None)
+    chunk = jax.device_put(Block(gathered.view, points, seen))
+    return weigh(theta, model, chunk) if noisy and not model.projects else chunk
+
+
+def lay_plain(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
+    """Return a chunk laid out whose samples all weigh alike."""
+    return lay_out(theta, model, gathered, noisy=False)
+
+
+def lay_weighed(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
+    """Return a chunk laid out whose samples weigh as the noise says."""
+    return lay_out(theta, model, gathered, noisy=True)
+
+
+@jax.jit
+def weigh(theta: Array | None, model: AbstractForwardModel, chunk: Block) -> Block:
+    """Return a chunk whose samples weigh as the noise says at the level of the prediction; else of the photograph."""
+
+    def weight(block: Block) -> Array:
+        seen = block.observed
+        level = seen.target if theta is None else jnp.stack(model.predict(theta, block))
+        noise = jax.tree.map(lambda leaf: leaf[block.view], model.setting.noise)
+        return jnp.where(seen.weight > 0, 1.0 / noise.variance(level), 0.0)
+
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, jax.lax.map(weight, chunk))
+
+
+@jax.jit
+def without_clipped(chunk: Block) -> Block:
+    """Return a chunk in which no clipped sample counts."""
+    weight = jnp.where(chunk.observed.clipped == 0, chunk.observed.weight, 0.0)
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, weight)

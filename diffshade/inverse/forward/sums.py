@@ -1,0 +1,80 @@
+"""Sums: what a pass over the pixels can add up beside the Gram: squares, spread, and what rounding does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from ...core.fields import Array
+from ..pixels.blocks import Block
+from .interface import AbstractForwardModel
+from .rounding import HARMONICS, damping, harmonics
+
+Theta = Float[Array, " p"]
+
+
+@jax.jit
+def sum_of_squares(model: AbstractForwardModel, chunk: Block) -> Float[Array, ""]:
+    """Return the weighted sum of squares of a chunk's samples."""
+    return jnp.sum(jax.lax.map(lambda block: jnp.sum(model.sample_weights(block) * block.observed.target**2), chunk))
+
+
+@jax.jit
+def residuals(
+    theta: Theta, model: AbstractForwardModel, chunk: Block
+) -> tuple[Float[Array, "blocks channels pixels"], Bool[Array, "blocks channels pixels"]]:
+    """Return the weighted residuals of a chunk, and which samples were measured."""
+
+    def of_block(block: Block) -> tuple[Array, Array]:
+        m = jnp.stack(model.predict(theta, block))
+        r = jnp.sqrt(model.sample_weights(block)) * (m - block.observed.target)
+        return r, model.measured_weights(block) > 0
+
+    return jax.lax.map(of_block, chunk)
+
+
+def spread(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "5"]:
+    """Return the sums of `Likelihood.spread` over a chunk."""
+
+    def add(total: Array, block: Block) -> tuple[Array, None]:
+        seen = block.observed
+        m = jnp.stack(model.predict(theta, block))
+        return total + model.likelihood.spread(m, seen.target, model.sample_weights(block), seen.clipped), None
+
+    return jax.lax.scan(add, jnp.zeros(5), chunk)[0]
+
+
+def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "views p waves"]:
+    """Return the rows of A of each view, as columns, over a chunk: A^T A is what rounding makes the gradients vary.
+
+    Samples weigh as in the Gram; those at an end of the sensor's range are left out.
+    """
+    rounding, p = model.setting.rounding, theta.shape[0]
+
+    def add(total: Any, block: Block) -> tuple[Any, None]:
+        m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
+        J = jax.vmap(derivative)(jnp.eye(p))  # (p, channels, pixels)
+        weight = model.measured_weights(block)
+        where, size = rounding.steps(block.view, m)
+        bend = model.likelihood.terms(m, block.observed.target, weight, None).curvature
+        both = harmonics(2.0 * jnp.pi * where, bend * size, damping(rounding, weight, size))
+        of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
+        return total.at[block.view].add(of_block), None
+
+    zero = jnp.zeros((model.setting.grey.shape[0], p, 2 * HARMONICS))
+    return jax.lax.scan(add, zero, chunk)[0]
+
+
+@jax.jit
+def variance_of_steps(model: AbstractForwardModel, chunk: Block) -> Float[Array, "2"]:
+    """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
+
+    def add(total: Array, block: Block) -> tuple[Array, None]:
+        weight = model.measured_weights(block)
+        _, size = model.setting.rounding.steps(block.view, block.observed.target)
+        return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
+
+    return jax.lax.scan(add, jnp.zeros(2), chunk)[0]

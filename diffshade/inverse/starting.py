@@ -1,0 +1,100 @@
+"""Starting: where a fit begins, the scale of its residuals and the steps of its files, from a part of the pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..core.progress import Tell
+from ..parallel.threads import on_all_cores
+from .data.views import View
+from .forward.layout import without_clipped
+from .forward.losses import NOT_CONVEX
+from .forward.rendered import prepare
+from .forward.rounding import find_rounding
+from .forward.sums import residuals, sum_of_squares, variance_of_steps
+from .pixels.blocks import Block, total
+from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
+from .solve.solvers import minimise
+from .solve.starts import is_local, search, with_wide_edges
+from .unknowns.parameters import coordinates, slots_of
+
+REPEATS = 20  # of the alternation between the scale and the minimum
+
+
+def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, tell: Tell) -> Start:
+    """Search on a part of the pixels, `PART` of them at most, and settle weights, scale and steps there.
+
+    Args:
+        problem: What is to be fitted.
+        part: Chunks of that part.
+        from_scene: Whether to begin at the scene's values in place of a search.
+        tell: Reports progress.
+    """
+    measured = on_all_cores(without_clipped, part) if problem.clips else part
+    squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), measured))) or 1.0
+    theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
+    if not from_scene:
+        theta = _search(problem, measured, squares, tell)
+    has_prior = any(u.prior is not None for u in problem.unknowns)
+    if problem.loss != "squares" or not problem.homoscedastic or (not problem.noise_known and has_prior):
+        problem, part, theta = _settle(problem, part, squares, theta)
+    rounding = find_rounding(part, [_levels(view) for view in problem.views])
+    step_variance = 0.0
+    if rounding.exists:
+        model = problem.with_rounding(rounding).model
+        count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), part))
+        step_variance = float(sum_ / max(count, 1.0))
+    sigma = float(problem.model.likelihood.sigma)
+    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance)
+
+
+def _levels(view: View) -> float:
+    return 0.0 if view.noise is None else float(view.noise.levels)
+
+
+def _search(problem: FitProblem, measured: list[Block], squares: float, tell: Tell) -> Theta:
+    """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
+    wide = with_wide_edges(problem.scene, problem.unknowns)
+    if wide is not problem.scene:
+        setting = prepare(wide, problem.views, slots_of(wide, problem.views, problem.unknowns))
+        model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
+        problem = dataclasses.replace(problem, model=model)
+    coarse = problem.few() if is_local(problem.unknowns) else measured
+    return search(problem.unknowns, problem.scene, problem.task(squares), coarse, measured, squares, tell)
+
+
+def _settle(
+    problem: FitProblem, part: list[Block], squares: float, theta: Theta
+) -> tuple[FitProblem, list[Block], Theta]:
+    """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex."""
+
+    def polished(problem: FitProblem, part: list[Block], theta: Theta) -> Theta:
+        return minimise(theta, problem.task(squares), part, squares=squares, max_steps=MAX_STEPS).theta
+
+    robust = problem.loss != "squares"
+    rms = float(np.sqrt(squares / min(problem.counts.pixels, PART)))
+    sigma = 0.0
+    for repeat in range(REPEATS):
+        part = problem.reweigh(theta, part)
+        new = 1.0 if problem.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
+        problem = problem.with_scale(new, "huber" if robust else "squares")
+        theta = polished(problem, part, theta)
+        if abs(new - sigma) <= 0.01 * new and (problem.homoscedastic or repeat > 1):
+            break
+        sigma = new
+    if problem.loss in NOT_CONVEX:
+        problem = problem.with_scale(float(problem.model.likelihood.sigma), problem.loss)
+        theta = polished(problem, part, theta)
+    return problem, part, theta
+
+
+def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
+    """Return the scale of the residuals: 1.4826 times the median of their size, or their root mean square."""
+    found = on_all_cores(lambda chunk: residuals(jnp.asarray(theta), problem.model, chunk), part)
+    r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
+    return float(1.4826 * np.median(np.abs(r)) if robust else np.sqrt(np.mean(r**2)))
