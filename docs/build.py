@@ -1,14 +1,19 @@
 """Build the documentation: python docs/build.py [FOLDER], by default output/docs. Any warning ends it.
 
-The pages are pdoc's, from the docstrings and the README. Mathematics becomes MathML here, so that a page runs no script
-of anyone else's, fetches nothing and opens offline. The topics are those of diffshade's own docstring.
+pdoc makes the pages from the docstrings, the README and the Markdown files in docs/pages. Mathematics becomes MathML at
+build time. A page fetches nothing and opens offline: the only scripts are pdoc's search box and its index, search.js,
+beside the pages. The topics are those of diffshade's own docstring.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import re
 import warnings
+from collections.abc import Collection, Iterator
+from html import unescape
 from pathlib import Path
 
 try:
@@ -27,13 +32,26 @@ except ModuleNotFoundError as error:
     raise SystemExit(f"the documentation needs {package}, which is not here. Run pip install -e '.[docs]'.") from None
 
 ROOT = Path(__file__).resolve().parents[1]
-# what the README links to, and the README
-TEXTS = {
-    "README.md": "index.html",
-    "CONTRIBUTING.md": "contributing.html",
-    "CHANGELOG.md": "changelog.html",
-    "benchmarks/SCALING.md": "scaling.html",
-}
+# the texts, in the order of the menu: file, page, title
+TEXTS = (
+    ("README.md", "index.html", "Overview"),
+    ("docs/pages/install.md", "install.html", "Installing"),
+    ("docs/pages/command-line.md", "command-line.html", "The command line"),
+    ("docs/pages/render.md", "render.html", "Rendering"),
+    ("docs/pages/fit.md", "fit.html", "Fitting photographs"),
+    ("docs/pages/trust.md", "trust.html", "How far to trust a fit"),
+    ("docs/pages/calibration.md", "calibration.html", "Calibrating lights"),
+    ("docs/pages/texels.md", "texels.html", "Texels"),
+    ("docs/pages/exchange.md", "exchange.html", "Other programs"),
+    ("docs/pages/objective.md", "objective.html", "An objective of your own"),
+    ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),
+    ("docs/pages/accuracy-and-speed.md", "accuracy-and-speed.html", "Accuracy and speed"),
+    ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),
+    ("docs/pages/lectures.md", "lectures.html", "The lectures"),
+    ("CONTRIBUTING.md", "contributing.html", "Working on it"),
+    ("CHANGELOG.md", "changelog.html", "Changes"),
+)
+NAMES = "diffshade.html"
 
 
 def topics() -> dict[str, list[str]]:
@@ -57,23 +75,69 @@ def is_shown(doc: pdoc.doc.Doc) -> bool:
 
 
 def to_html(markdown: str) -> Markup:
-    """Return Markdown as HTML; letters that are a word in a formula, such as f_{rad}, are set as one."""
+    """Return Markdown as HTML. In a formula, letters that are a word, such as f_{rad}, become one identifier.
+
+    A displayed formula gets a box of its own, which scrolls where the formula is wider than the page.
+    """
     words = r"(?:<mi>[a-z]</mi>){3,}|(?:<mi>[a-z]</mi>){2}(?=</mrow>)"
     html = pdoc.render_helpers.to_html(markdown)
-    return Markup(re.sub(words, lambda word: word[0].replace("</mi><mi>", ""), html))
+    html = re.sub(words, lambda word: word[0].replace("</mi><mi>", ""), html)
+    boxed = r'<math[^>]* display="block".*?</math>'
+    return Markup(re.sub(boxed, r'<span class="formula">\g<0></span>', html, flags=re.DOTALL))
 
 
 def text(source: str) -> str:
-    """Return one of the repository's texts with its pictures within and its links to the pages here."""
+    """Return one of the repository's texts with its pictures embedded and its links leading to the pages here."""
     path = ROOT / source
+    pages = {file: page for file, page, _ in TEXTS}
+
+    def link(found: re.Match[str]) -> str:
+        file = os.path.normpath(path.parent.relative_to(ROOT) / found[1])
+        return f"]({pages.get(Path(file).as_posix(), found[1])}{found[2] or ''})"
+
     found = embed_images(path.read_text(encoding="utf-8"), path)
-    for other, page in TEXTS.items():
-        found = found.replace(f"]({other})", f"]({page})")
-    return found
+    return re.sub(r"\]\(([\w./-]+\.md)(#[\w-]+)?\)", link, found)
+
+
+def link_code(html: str, names: Collection[str]) -> str:
+    """Link code such as `ds.fit` to the entry of its name, and let long names break after a dot or an underscore."""
+
+    def link(found: re.Match[str]) -> str:
+        code, name = found[0], found[1]
+        return f'<a href="{NAMES}#{name}">{code}</a>' if name.partition(".")[0] in names else code
+
+    html = re.sub(r"<code>ds\.(\w+(?:\.\w+)?)[^<]*</code>", link, html)
+    return re.sub(r"<code>[\w.]{16,}</code>", lambda code: re.sub(r"(?<!>ds)[._]", r"\g<0><wbr>", code[0]), html)
+
+
+def member_entries(doc: pdoc.doc.Doc) -> Iterator[dict[str, str]]:
+    """Yield what the search finds of a public name and of its members."""
+    entry = {"fullname": doc.fullname, "modulename": doc.modulename, "qualname": doc.qualname, "kind": doc.kind}
+    entry["doc"] = to_html(doc.docstring)
+    if isinstance(doc, pdoc.doc.Function):
+        entry["signature"] = pdoc.render_helpers.format_signature(written.signature(doc), colon=False)
+        entry["funcdef"] = doc.funcdef
+    yield entry
+    if isinstance(doc, pdoc.doc.Class):
+        for member in doc.own_members:
+            if is_shown(member):
+                yield from member_entries(member)
+
+
+def text_entries(html: str, page: str, title: str) -> Iterator[dict[str, str]]:
+    """Yield what the search finds of a text: its sections."""
+    seen: dict[str, int] = {}
+    plain = re.sub(r"<img[^>]*>", "", html)
+    for place, heading, body in re.findall(r'<h\d id="([^"]*)">(.*?)</h\d>(.*?)(?=<h\d id=|\Z)', plain, re.DOTALL):
+        name = f"{title}: {unescape(re.sub('<[^>]*>', '', heading))}"
+        seen[name] = seen.get(name, 0) + 1
+        name += f" ({seen[name]})" if seen[name] > 1 else ""  # the index keeps one entry a name
+        entry = {"fullname": name, "modulename": page.removesuffix(".html"), "qualname": place}
+        yield {**entry, "kind": "text", "doc": body.strip()}
 
 
 def build(folder: Path) -> None:
-    """Write every page."""
+    """Write every page, and the index of the search."""
     names = [name for some in topics().values() for name in some]
     ds.__all__ = names  # what pdoc shows  # pyright: ignore[reportAttributeAccessIssue]
     pdoc.render_helpers.markdown_extensions["latex"] = None
@@ -85,14 +149,23 @@ def build(folder: Path) -> None:
         "link_names": lambda html: Markup(written.link_names(html, names)),
     }
     dark = HtmlFormatter(style="github-dark").get_style_defs(".pdoc-code")
-    pdoc.render.env.globals |= {"topics": topics(), "dark_code": Markup(dark)}
-    pdoc.render.configure(docformat="markdown", search=False, show_source=False, template_directory=ROOT / "docs")
+    menu = [(page, title) for _, page, title in TEXTS]
+    menu.insert(1, (NAMES, "All names"))
+    pdoc.render.env.globals |= {"topics": topics(), "dark_code": Markup(dark), "menu": menu, "module": None}
+    pdoc.render.configure(docformat="markdown", show_source=False, template_directory=ROOT / "docs")
     module = pdoc.doc.Module(ds)
-    (folder / "diffshade.html").write_text(pdoc.render.html_module(module, {"diffshade": module}), encoding="utf-8")
-    page = pdoc.render.env.get_template("text.html.jinja2")
-    for source, name in TEXTS.items():
-        html = pdoc.render_helpers.to_html(text(source))
-        (folder / name).write_text(page.render(html=html, here=name), encoding="utf-8")
+    (folder / NAMES).write_text(pdoc.render.html_module(module, {"diffshade": module}), encoding="utf-8")
+    entries = [entry for name in names for entry in member_entries(module.members[name])]
+    template = pdoc.render.env.get_template("text.html.jinja2")
+    for source, page, title in TEXTS:
+        markdown = text(source)
+        html = link_code(to_html(markdown), names)
+        contents = getattr(pdoc.render_helpers.to_html(markdown), "toc_html", "")
+        filled = template.render(html=html, contents=contents, here=page, title=title)
+        (folder / page).write_text(filled, encoding="utf-8")
+        entries += text_entries(html, page, title)
+    index = pdoc.render.env.get_template("search.js.jinja2").render(search_index=json.dumps(entries))
+    (folder / "search.js").write_text(index, encoding="utf-8")
 
 
 def main() -> None:

@@ -1,5 +1,7 @@
 """The documentation builds without a warning, has every public name, and its pages need nothing from elsewhere."""
 
+import json
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -30,13 +32,13 @@ class Page(HTMLParser):
     def handle_starttag(self, tag, attrs):
         given = dict(attrs)
         self.tags.append(tag)
-        self._code += tag in ("code", "pre", "style")
+        self._code += tag in ("code", "pre", "style", "script")
         self.places |= {given["id"] or ""} if "id" in given else set()
         self.links += [given["href"] or ""] if "href" in given else []
         self.sources += [given["src"] or ""] if "src" in given else []
 
     def handle_endtag(self, tag):
-        self._code -= tag in ("code", "pre", "style")
+        self._code -= tag in ("code", "pre", "style", "script")
 
     def handle_data(self, data):
         if not self._code:
@@ -65,19 +67,40 @@ def test_every_public_name_is_there(pages):
 
 
 def test_every_formula_became_mathematics(pages):
+    for page in (pages["diffshade.html"], pages["lectures.html"]):
+        prose = "".join(page.prose)
+        assert "$" not in prose
+        assert "\\" not in prose  # of LaTeX that is not known
+        assert "merror" not in page.tags
     page = pages["diffshade.html"]
-    prose = "".join(page.prose)
-    assert "$" not in prose
-    assert "\\" not in prose  # of LaTeX that is not known
-    assert "merror" not in page.tags
     assert page.tags.count("math") >= sum(value.__doc__.count("$$") for value in PUBLIC.values()) // 2 > 20
 
 
-def test_a_page_needs_nothing_from_elsewhere(pages):
-    assert len(pages) == 5
+def test_no_markdown_is_left(pages):
+    for name, page in pages.items():
+        assert not re.search(r"^#+ |^\| .* \|$|\]\(|^```", "".join(page.prose), re.MULTILINE), name
+
+
+def test_a_page_needs_nothing_from_elsewhere(site, pages):
+    assert len(pages) == 5 + len(list((ROOT / "docs" / "pages").glob("*.md")))
     for page in pages.values():
-        assert not {"script", "iframe", "link"} & set(page.tags)
+        assert not {"iframe", "link"} & set(page.tags)
+        assert page.tags.count("script") == 1  # the search box, which loads search.js from beside the page
         assert all(source.startswith("data:image/") for source in page.sources)
+    assert {path.name for path in site.iterdir()} == {*pages, "search.js"}
+    (script,) = re.findall(r"<script>.*?</script>", (site / "index.html").read_text(encoding="utf-8"), re.DOTALL)
+    assert "http" not in script
+
+
+def test_the_search_finds_every_name_and_every_section(site, pages):
+    (index,) = re.findall(r"const docs = (.*);$", (site / "search.js").read_text(encoding="utf-8"), re.MULTILINE)
+    entries = json.loads(index)
+    names = [entry["fullname"] for entry in entries]
+    assert len(names) == len(set(names))
+    assert {f"diffshade.{name}" for name in PUBLIC} <= set(names)
+    for entry in entries:
+        assert entry["qualname"] in pages[f"{entry['modulename']}.html"].places
+    assert {entry["modulename"] for entry in entries} == {name.removesuffix(".html") for name in pages}
 
 
 def test_no_link_leads_nowhere(pages):
@@ -101,3 +124,17 @@ def test_pages_fit_their_window(site, tmp_path, width):
             heights = browser.execute_script("return [...document.querySelectorAll('math')].map(m => m.clientHeight)")
             assert all(height > 8 for height in heights)
             assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+def test_the_search_box_works_from_a_file(site, tmp_path):
+    with chromium(tmp_path) as browser:
+        browser.get((site / "fit.html").as_uri())
+        browser.find_element("css selector", "input[type=search]").send_keys("RadialAttenuation")
+        results = ".search-result > a"
+        browser.implicitly_wait(10)  # until the index is loaded
+        assert browser.find_element("css selector", results).is_displayed()
+        places = [found.get_attribute("href") for found in browser.find_elements("css selector", results)]
+        assert any(place.endswith("diffshade.html#RadialAttenuation") for place in places)
+        browser.find_element("css selector", results).click()
+        assert browser.current_url in places

@@ -1,12 +1,24 @@
-"""The package's docstring lists what is public, and every function says what it refuses."""
+"""The documentation's sources: public names, what functions refuse, links of texts, and the page of the lectures."""
 
+import functools
 import inspect
 import re
+import tomllib
+from pathlib import Path
 
 import pytest
 
 import diffshade as ds
+from diffshade.report.lecture import FIGURES
 
+ROOT = Path(__file__).parents[2]
+TEXTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs" / "pages").glob("*.md")))
+LECTURES = (ROOT / "docs" / "pages" / "lectures.md").read_text(encoding="utf-8")
+ROWS = [
+    dict(zip(("concept", "equation", "name", "key", "figure"), line.strip("| ").split(" | "), strict=True))
+    for line in re.findall(r"^\| .+ \|$", LECTURES, re.MULTILINE)
+    if not line.startswith("| concept ")
+]
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 
 
@@ -19,3 +31,66 @@ def test_the_package_lists_every_public_name_under_one_topic():
 def test_a_function_says_what_it_raises(name):
     if inspect.signature(PUBLIC[name]).parameters:  # what takes nothing refuses nothing
         assert re.search(r"\b[Rr]aises\b", PUBLIC[name].__doc__)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.name)
+def test_a_text_links_to_files_that_exist(text):
+    for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text.read_text(encoding="utf-8")):
+        assert link.startswith("https://") or (text.parent / link).is_file(), link
+
+
+def test_every_page_is_reached_from_the_readme():
+    linked = set(re.findall(r"\]\((docs/pages/[^)#]+)", TEXTS[0].read_text(encoding="utf-8")))
+    assert linked == {path.relative_to(ROOT).as_posix() for path in TEXTS[2:]}
+
+
+def scene_file_keys(folder):
+    """Return every key that a scene file may have, with the tables that hold it."""
+    attenuation = ds.RadialAttenuation(1, 0.1, 0.2)
+    lights = [
+        ds.PointLight((2, 3, 4), attenuation=attenuation),
+        ds.DirectionalLight((0, 0, -1)),
+        ds.SpotLight((2, 3, 4), (-2, -3, -4), attenuation=attenuation),
+        ds.AreaLight((-1, 2, 2), (1, 0, 0), (0, -1, 1), attenuation=attenuation),
+    ]
+    glass = ds.Material(k_d=0.5, k_s=0.3, k_t=0.5, eta=1.5, fresnel=ds.Schlick(), lobe=ds.Blinn())
+    keys = set()
+
+    def collect(value, at):
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, dict):
+                for key, inner in item.items():
+                    keys.add(name := f"{at}{key}")
+                    collect(inner, f"{name}.")
+
+    for atmosphere in (ds.DepthCueing(2, 9, I_dc=0.5), ds.Fog(0.1)):
+        scene = ds.Scene(ds.Object(ds.Sphere(), glass), lights, atmosphere=atmosphere)
+        ds.write_scene(folder / "scene.toml", scene, camera=ds.Camera((0, 0, 4)))
+        collect(tomllib.loads((folder / "scene.toml").read_text(encoding="utf-8")), "")
+    return keys
+
+
+def test_the_page_of_the_lectures_names_what_exists(tmp_path):
+    assert len(ROWS) > 30
+    keys = scene_file_keys(tmp_path)
+    for row in ROWS:
+        assert re.search(r"\[E\d+\]", row["equation"]), row
+        found = {column: re.findall(r"`([^`]+)`", row[column]) for column in ("name", "key", "figure")}
+        assert all(found.values()), row
+        for name in found["name"]:
+            assert name.startswith("ds.")
+            functools.reduce(getattr, name.split(".")[1:], ds)
+        assert set(found["key"]) <= keys, set(found["key"]) - keys
+        assert set(found["figure"]) <= set(FIGURES), set(found["figure"]) - set(FIGURES)
+    for name in re.findall(r"`ds\.([\w.]+)", LECTURES):
+        functools.reduce(getattr, name.split("."), ds)
+
+
+def test_the_page_of_the_lectures_has_every_equation_and_figure():
+    equations = [f"E{i}" for i in range(1, 15)]
+    sections = re.findall(r"^### (E\d+) [^\n]+\n\n\$\$ .*?(?=^### |\Z)", LECTURES, re.MULTILINE | re.DOTALL)
+    assert sections == equations
+    assert {link for row in ROWS for link in re.findall(r"\[(E\d+)\]", row["equation"])} == set(equations)
+    assert {figure for row in ROWS for figure in re.findall(r"`(\w+)`", row["figure"])} == set(FIGURES)
+    for section in re.split(r"^### E", LECTURES, flags=re.MULTILINE)[1:]:
+        assert "`ds." in section, section

@@ -1,4 +1,4 @@
-"""The README's programs, run in order as they stand there, but for the size of the pictures."""
+"""The programs of the README and of the documentation's pages, run in order as written, with smaller pictures."""
 
 import re
 from pathlib import Path
@@ -11,11 +11,31 @@ from textured import lights_about, textured_ball
 import diffshade as ds
 from diffshade.cli import diffshade
 
-README = Path(__file__).parents[2] / "README.md"
-TEXT = README.read_text(encoding="utf-8").replace("(256, 256", "(48, 48")
-PROGRAMS = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
-FIRST_FIT = next(i for i, program in enumerate(PROGRAMS) if "photographs" in program)
-COMMANDS = re.findall(r"^diffshade (.+)$", TEXT, re.MULTILINE)
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = ROOT / "docs" / "pages"
+# the pages with programs, in an order in which each finds the names that the ones before it define
+ORDER = ("objective", "render", "fit", "trust", "calibration", "exchange", "texels", "large-images")
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def programs(page: Path) -> list[str]:
+    return blocks(page, "python")
+
+
+def run(page: Path, names: dict[str, Any]) -> None:
+    for program in programs(page):
+        exec(program.replace("(256, 256", "(48, 48"), names)
+
+
+COMMANDS = [
+    command
+    for page in sorted(PAGES.glob("*.md"))
+    for command in re.findall(r"^diffshade (.+)$", "".join(blocks(page, "sh")), re.MULTILINE)
+]
 
 
 def unknown_shape(folder: Path) -> Path:
@@ -53,35 +73,62 @@ def test_the_commands_are_what_the_command_line_takes(command):
 
 
 def test_the_table_names_every_command():
-    assert re.findall(r"^\| `diffshade (\w+)`", TEXT, re.MULTILINE) == list(diffshade.commands)
+    table = (PAGES / "command-line.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `diffshade (\w+)`", table, re.MULTILINE) == list(diffshade.commands)
+
+
+def test_the_readme_is_short():
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_a_program_stands_on_no_page_that_is_not_run():
+    assert sorted(page.stem for page in PAGES.glob("*.md") if programs(page)) == sorted(ORDER)
+
+
+@pytest.mark.thorough
+def test_the_table_is_what_the_program_prints(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for program in programs(README):
+        exec(program, names)
+    (shown,) = blocks(README, "text")
+    printed = capsys.readouterr().out
+    number = r"\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?"
+    assert re.sub(number, "0", printed).split() == re.sub(number, "0", shown).split()
+    fit = names["fit"]
+    rows = dict(re.findall(r"^([\w.]+) +([\d.]+) +[-\d.e]+$", shown, re.MULTILINE))
+    assert tuple(rows) == fit.names
+    np.testing.assert_array_less(np.abs(fit.values - [float(value) for value in rows.values()]), 0.1 * fit.errors)
+    alone = ds.fit(names["scene"], names["views"][:1], free=("k_a", "k_d", "k_s", "n_s", "attenuation"))
+    undetermined = {name for name, known in zip(alone.names, alone.determined, strict=True) if not known}
+    assert undetermined == {"k_d.r", "k_d.g", "k_d.b", "k_s.r", "k_s.g", "k_s.b", "linear", "quadratic"}
 
 
 @pytest.mark.thorough
 def test_they_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert len(PROGRAMS) >= 4
-    names: dict[str, Any] = {"photographs": ["0.exr", "1.exr"]}
-    for program in PROGRAMS[:FIRST_FIT]:
-        exec(program, names)
-    assert np.isfinite(names["value"])
+    names: dict[str, Any] = {}
+    run(README, names)
     scene, camera = names["scene"], names["camera"]
+    names["photographs"] = ["0.exr", "1.exr"]
     random = np.random.default_rng(0)
     for i, path in enumerate(names["photographs"]):
-        image = np.asarray(ds.render(scene, camera, lit=i))  # pyright: ignore[reportArgumentType]
+        image = np.asarray(ds.render(scene, camera, lit=i))
         noisy = image + 0.002 * random.standard_normal(image.shape)
         ds.write_image(path, noisy)
         np.save(f"{i}.npy", noisy)
     names["folder"] = unknown_shape(tmp_path / "ball")
     balls_under_lights(tmp_path)
-    exec(PROGRAMS[FIRST_FIT], names)
-    exec(PROGRAMS[FIRST_FIT + 1], names)
-    fit = names["fit"]
-    assert isinstance(fit, ds.Fit)
-    assert fit.determined.all()
-    off = (fit.values - fit.values_in(scene)) / fit.plain_errors  # pyright: ignore[reportArgumentType]
-    assert np.abs(off).max() < 5
-    for program in PROGRAMS[FIRST_FIT + 2 :]:
-        exec(program, names)
-    assert names["fit"].converged  # pyright: ignore[reportAttributeAccessIssue]
+    run(PAGES / "objective.md", names)
+    assert np.isfinite(names["value"])
+    for page in ORDER[1:]:
+        run(PAGES / f"{page}.md", names)
+        if page == "fit":
+            fit = names["fit"]
+            assert isinstance(fit, ds.Fit)
+            assert fit.determined.all()
+            off = (fit.values - fit.values_in(scene)) / fit.plain_errors
+            assert np.abs(off).max() < 5
+    assert names["fit"].converged
     assert Path("sphere.png").is_file()
     assert Path("comparison.png").is_file()
