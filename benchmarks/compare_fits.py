@@ -139,13 +139,13 @@ def _solve(made) -> Callable:
     fit = fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
     part, everything = fit.chunks(PART), fit.chunks()
 
-    def tell(words: str, share: float | None = None) -> None:
+    def report_progress(words: str, share: float | None = None) -> None:
         pass
 
     def solve() -> np.ndarray:
-        start = find_start(fit, part, from_scene=False, tell=tell)
+        start = find_start(fit, part, from_scene=False, report_progress=report_progress)
         squares = start.squares * max(counts.pixels / PART, 1.0)
-        return LaidOutProblem(fit, start, everything, squares).minimise(tell).theta
+        return LaidOutProblem(fit, start, everything, squares).minimise(report_progress).theta
 
     return solve
 

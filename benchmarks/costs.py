@@ -73,7 +73,7 @@ def time_of_a_pass() -> tuple[float, int]:
         fit = problem_of(1024)
         laid, end = solve(fit)
         task = laid.task
-        look = {"pass": lambda: solvers.look(end.theta, task, laid.pixels)}
+        look = {"pass": lambda: solvers.evaluate(end.theta, task, laid.pixels)}
         seconds = medians(take_turns(look, 15, clock=time.process_time))["pass"]
     return 1e9 * seconds / fit.counts.pixels, end.steps
 

@@ -29,8 +29,8 @@ import diffshade as ds
 from diffshade.parallel.threads import on_all_cores
 from diffshade.texels.estimates import Choices, estimate
 from diffshade.texels.fitting import QUICK
-from diffshade.texels.passes import Known
-from diffshade.texels.sights import rig_of
+from diffshade.texels.lighting import rig_of
+from diffshade.texels.normal_equations import Known
 from diffshade.texels.tiles import BLOCK, Source
 
 SCIPY, OPTIMISTIX, NUMBA = "SciPy least_squares, lm, a loop", "optimistix LM, vmapped", "numba LM, all cores"
@@ -59,8 +59,8 @@ def problem(lights: int, channels: int, texels: int) -> Problem:
     l = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
     tilt, turn = np.deg2rad(25 * np.sqrt(rng.random(texels))), 2 * np.pi * rng.random(texels)
     n = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
-    k = rng.uniform(0.2, 0.8, (2 * channels, texels))
-    n_s = np.exp(rng.uniform(np.log(5), np.log(100), texels))
+    k = rng.homoscedastic(0.2, 0.8, (2 * channels, texels))
+    n_s = np.exp(rng.homoscedastic(np.log(5), np.log(100), texels))
     n_l = l @ n
     cosine = 2 * n_l * n[2] - l[:, 2:]
     log = np.where((n_l > 0) & (cosine > 0), np.log(np.maximum(cosine, 1e-12)), -1e4)
@@ -191,10 +191,10 @@ def program(p: Problem) -> Callable[[], Any]:
     tile = source.read(0, source.shape[0], source.shape[0])
     blocks = [source.lay_out(*cut) for _, cut in source.blocks(tile, np.zeros((2, len(tile.pixels))))]
     zero = np.zeros(p.y.shape[1])
-    known, rig = Known(zero, None, None, zero), rig_of(p.scene, p.views)
+    known, setup = Known(zero, None, None, zero), rig_of(p.scene, p.views)
     choices = Choices(("k_d", "k_s", "n_s"), "squares", True, False)
     sigma, patience = np.asarray(1.0), np.asarray(QUICK)
-    return lambda: on_all_cores(lambda block: estimate(rig, known, block, sigma, patience, choices), blocks)
+    return lambda: on_all_cores(lambda block: estimate(setup, known, block, sigma, patience, choices), blocks)
 
 
 def bound(lights: int, channels: int) -> float:

@@ -43,7 +43,7 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## What a fit can tell
 
-`examine`, `Examination`, `foresee`, `Foresight`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`
+`examine`, `Examination`, `forecast`, `Forecast`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`
 
 ## Texels
 

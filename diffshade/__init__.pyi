@@ -4,8 +4,8 @@ from .calibration.calibrating import calibrate as calibrate
 from .calibration.outcome import Calibration as Calibration
 from .diagnosis.examination import Examination as Examination
 from .diagnosis.examination import examine as examine
-from .diagnosis.foresight import Foresight as Foresight
-from .diagnosis.foresight import foresee as foresee
+from .diagnosis.forecasting import Forecast as Forecast
+from .diagnosis.forecasting import forecast as forecast
 from .diagnosis.model_choice import ModelChoice as ModelChoice
 from .diagnosis.model_choice import compare as compare
 from .diagnosis.planning import Plan as Plan

@@ -65,17 +65,17 @@ def calibrate(
     Raises ValueError, TypeError, FileNotFoundError: one sentence and the remedy.
     """
     _check(ball, camera, directions)
-    with showing("calibrate") if progress else contextlib.nullcontext(silent) as tell:
-        tell("reading the photographs")
+    with showing("calibrate") if progress else contextlib.nullcontext(silent) as report_progress:
+        report_progress("reading the photographs")
         taken = gather(photographs, mask, srgb)
         balls = _balls(taken, ball, camera, radius)
         if ball == "mirror":
-            found = by_mirrors(taken, balls, tell)
+            found = by_mirrors(taken, balls, report_progress)
         elif ball == "glossy":
-            found = by_fit(taken, balls[0], tell)
+            found = by_fit(taken, balls[0], report_progress)
         else:
             known = None if directions is None else _known(directions, taken.names)
-            found = by_shading(taken, balls[0], known, tell)
+            found = by_shading(taken, balls[0], known, report_progress)
     return dataclasses.replace(found, notes=(*found.notes, *_of_camera(camera)))
 
 

@@ -28,14 +28,14 @@ SHAKEN = 2.0  # times the variance that independent noise explains, by which pat
 HELD = 1e-3  # of its error, within which a pose is held
 
 
-def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calibration:
+def by_fit(taken: Photographs, ball: Ball, report_progress: Callable[[str], None]) -> Calibration:
     """Fit pose, light and material of a ball to its photographs.
 
     The outline's pose, with its errors, is a prior of centre and radius. The search for the lights begins where a matte
     ball's would be. The first light has intensity 1; of further photographs the intensity is fitted. Errors are by
     patches of the ball where those disagree more than noise lets them; then the pose is the outline's.
     """
-    tell("shading")
+    report_progress("shading")
     lamps = find_lamps(see(taken, ball)[2], "any")
     scene = Scene(Object(ball.sphere, Material()), [DirectionalLight(-l) for l in lamps.direction])
     views = [View(view.image, ball.camera, ball.mask, lit=view.lit) for view in views_of(taken, (ball,))]
@@ -45,13 +45,13 @@ def by_fit(taken: Photographs, ball: Ball, tell: Callable[[str], None]) -> Calib
         *(["radius"] if "radius" in priors else []),
         *(f"lights.{i}.intensity" for i in range(1, len(views))),
     ]
-    tell("pose, light and material")
+    report_progress("pose, light and material")
     found = fit(scene, views, free=free, priors=priors)
-    tell("errors")
+    report_progress("errors")
     clusters = _clusters(found)
     errors = clusters.errors()
     determined, misled = found.determined, np.zeros(len(views))
-    if clusters.shaken.any() and clusters.scatter > SHAKEN:
+    if clusters.rejects_independence.any() and clusters.scatter > SHAKEN:
         # what is left over is model error, of which the outline knows nothing: it alone tells the pose
         tight = {name: (value, HELD * error) for name, (value, error) in priors.items()}
         found = fit(found.scene, views, free=free, priors=tight, start="scene")

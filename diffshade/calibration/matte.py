@@ -30,10 +30,10 @@ def by_shading(
     taken: Photographs,
     ball: Ball,
     known: tuple[Vectors, Float[np.ndarray, " photographs"]] | None,
-    tell: Callable[[str], None],
+    report_progress: Callable[[str], None],
 ) -> Calibration:
     """Find the light of each photograph from the shading of a matte ball; with `known` directions, its intensity."""
-    tell("shading")
+    report_progress("shading")
     row, column, shading = see(taken, ball)
     laws = [find_lamps(shading, law, None if known is None else known[0]) for law in LAWS]
     lamps = laws[-1]

@@ -18,11 +18,11 @@ from .photographs import Photographs
 SECOND = 0.3  # of the light of a highlight, that another one is said to be there
 
 
-def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], tell: Callable[[str], None]) -> Calibration:
+def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Callable[[str], None]) -> Calibration:
     """Find the light of each photograph from its highlight on one mirror ball or several."""
     glints = []
     for i, name in enumerate(taken.names):
-        tell(name)
+        report_progress(name)
         try:
             glints.append([find_glint(taken.grey(i), ball) for ball in balls])
         except ValueError as error:

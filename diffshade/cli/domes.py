@@ -27,7 +27,7 @@ def dome(fit: Fit) -> list[Shot]:
     import diffshade as ds
 
     from ..calibration.balls import axes, project
-    from ..diagnosis.misfit.regions import centre_of
+    from ..diagnosis.misfit.regions import center_of
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
     frame = axes(project(camera))
@@ -38,12 +38,12 @@ def dome(fit: Fit) -> list[Shot]:
         ]
     if not isinstance(light, ds.PointLight):
         return []
-    centre = centre_of(fit.scene.objects, camera)
-    own = [np.linalg.norm(other.position - centre) for other in fit.scene.lights if isinstance(other, ds.PointLight)]
+    center = center_of(fit.scene.objects, camera)
+    own = [np.linalg.norm(other.position - center) for other in fit.scene.lights if isinstance(other, ds.PointLight)]
     shots = []
     for name, towards in _directions(NEAR, frame):
         for far in np.median(own) * np.array(DISTANCES):
-            lamp = ds.PointLight(centre + far * towards, light.intensity, light.attenuation)
+            lamp = ds.PointLight(center + far * towards, light.intensity, light.attenuation)
             shots.append(ds.Shot(light=lamp, name=f"{name}, {far:.3g} away"))
     return shots
 

@@ -202,7 +202,9 @@ def _fit_data(found: Fit, source: Source, examination: Examination | None = None
     errors = found.errors if examination is None else examination.errors
     intervals = [{}] * len(found.unknowns)
     if examination is not None:
-        intervals = [{"68%": a, "95%": b} for a, b in zip(examination.likely, examination.sure, strict=True)]
+        intervals = [
+            {"68%": a, "95%": b} for a, b in zip(examination.interval_68, examination.interval_95, strict=True)
+        ]
     return {
         **_photographs(source),
         "parameters": [

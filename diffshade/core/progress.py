@@ -10,14 +10,14 @@ from typing import Protocol, runtime_checkable
 
 
 @runtime_checkable
-class Tell(Protocol):
+class ReportProgress(Protocol):
     """Says what is being done, and how much of it, from 0 to 1, where that is known."""
 
     def __call__(self, words: str, share: float | None = None) -> None: ...
 
 
 @contextlib.contextmanager
-def showing(title: str) -> Iterator[Tell]:
+def showing(title: str) -> Iterator[ReportProgress]:
     """Show a line with a title and the time while the block runs, and the time left; yield what sets its words.
 
     Nothing is shown in the first two seconds, nor where standard error is no terminal.
@@ -40,11 +40,11 @@ def showing(title: str) -> Iterator[Tell]:
         appear.start()
         pace = _Pace()
 
-        def tell(words: str, share: float | None = None) -> None:
+        def report_progress(words: str, share: float | None = None) -> None:
             bar.update(task, description=", ".join([f"{title}: {words}", *pace.words(share)]))
 
         try:
-            yield tell
+            yield report_progress
         finally:
             appear.cancel()
 

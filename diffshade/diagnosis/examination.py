@@ -34,9 +34,9 @@ class Examination:
     fit: Fit
     errors: Vector
     """Standard errors: plain where the views agree as far as independent noise lets them, else by clusters."""
-    likely: Float[np.ndarray, "p 2"]
+    interval_68: Float[np.ndarray, "p 2"]
     """Profile intervals that hold the truth with 68 %; one-sided at a bound."""
-    sure: Float[np.ndarray, "p 2"]
+    interval_95: Float[np.ndarray, "p 2"]
     """Profile intervals that hold the truth with 95 %."""
     profiles: tuple[Float[np.ndarray, "_ 2"], ...]
     """Of each unknown the values that its intervals were found by, and how many errors the cost says each is away."""
@@ -60,7 +60,7 @@ class Examination:
             if not self.determined[j]:
                 lines.append(f"{name:<{width}} {'not determined':>12}")
                 continue
-            ranges = [f"{f'{low:.5g} to {high:.5g}':>23}" for low, high in (self.likely[j], self.sure[j])]
+            ranges = [f"{f'{low:.5g} to {high:.5g}':>23}" for low, high in (self.interval_68[j], self.interval_95[j])]
             lines.append(f"{name:<{width}} {fit.values[j]:>12.6g} {self.errors[j]:>9.2g} {' '.join(ranges)}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
@@ -82,14 +82,14 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    with showing("examine") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as own:
-        tell("errors")
+    with showing("examine") if progress else contextlib.nullcontext(silent) as report_progress, in_float64(fit) as own:
+        report_progress("errors")
         clusters, alike = inflated(own, find_clusters(own))
         profile = Profile(own, clusters)
-        found = intervals(profile, LEVELS, tell)
+        found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
-        again, shifted = refits(own, clusters, left_out(own), tell)
-        tell("looking at the residuals")
+        again, shifted = refits(own, clusters, left_out(own), report_progress)
+        report_progress("looking at the residuals")
         suspected = suspicions(own)
     return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected, alike)
 
@@ -105,25 +105,27 @@ def _say(
     alike: str = "",
 ) -> Examination:
     errors = clusters.wide_errors()
-    likely, sure = found
+    interval_68, interval_95 = found
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
-    anything = fit.determined & (sure[:, 0] <= lower) & (sure[:, 1] >= upper)
-    wide = _too_wide(fit, sure) & fit.determined & ~anything
+    anything = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
+    wide = _too_wide(fit, interval_95) & fit.determined & ~anything
     corrupted = fit.determined & np.isin(fit.names, [name for of in suspected for name in of.withdrawn])
     determined = fit.determined & ~anything & ~wide & ~shifted & ~corrupted
     notes = [
         *(suspicion.sentence for suspicion in suspected),
         *_withdrawn(fit, corrupted),
         *([f"{listing(_names(fit, anything))} may be anything within the bounds."] if anything.any() else []),
-        *_wide(fit, wide, sure),
+        *_wide(fit, wide, interval_95),
         *dependence(fit, again, shifted),
         *_together(fit),
         *([alike] if alike else []),
         f"errors: {fit.what_errors_hold(clusters)}",
         *(n for n in fit.notes if not n.startswith("0 within") and n not in [s.sentence for s in suspected]),
-        *_at_most(fit, determined, sure),
+        *_at_most(fit, determined, interval_95),
     ]
-    return Examination(fit, errors, likely, sure, profiles, determined, tuple(again), suspected, tuple(notes))
+    return Examination(
+        fit, errors, interval_68, interval_95, profiles, determined, tuple(again), suspected, tuple(notes)
+    )
 
 
 def _withdrawn(fit: Fit, corrupted: Bool[np.ndarray, " p"]) -> list[str]:
@@ -134,27 +136,27 @@ def _withdrawn(fit: Fit, corrupted: Bool[np.ndarray, " p"]) -> list[str]:
     return [f"until that is corrected {listing(names)} {'is' if len(names) == 1 else 'are'} not determined."]
 
 
-def _too_wide(fit: Fit, sure: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
+def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
     """Return what is lost in the noise by its interval, which sees what errors at a bound do not (see `vague`)."""
     log = logarithms(fit.unknowns)
-    half = np.where(np.isfinite(sure).all(1), 0.5 * (sure[:, 1] - sure[:, 0]), np.inf) / 1.96
-    in_log = 0.5 * np.log(np.where(log, sure[:, 1], 1.0) / np.where(log, sure[:, 0], 1.0)) / 1.96
+    half = np.where(np.isfinite(interval_95).all(1), 0.5 * (interval_95[:, 1] - interval_95[:, 0]), np.inf) / 1.96
+    in_log = 0.5 * np.log(np.where(log, interval_95[:, 1], 1.0) / np.where(log, interval_95[:, 0], 1.0)) / 1.96
     lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half, fit.scales) > VAGUE)
-    return lost & ~(~log & (sure[:, 1] <= VAGUE * fit.scales))
+    return lost & ~(~log & (interval_95[:, 1] <= VAGUE * fit.scales))
 
 
-def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], sure: Float[np.ndarray, "p 2"]) -> list[str]:
+def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
     """Say between what the unknowns may be that are lost in the noise by their intervals."""
-    ranges = [f"{fit.names[j]} in {sure[j, 0]:.3g} to {sure[j, 1]:.3g}" for j in np.flatnonzero(wide)]
+    ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in np.flatnonzero(wide)]
     quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
     return [f"lost in the noise by the 95 % intervals: {listing(ranges)}. {remedy(quantities)}"] if ranges else []
 
 
-def _at_most(fit: Fit, determined: Bool[np.ndarray, " p"], sure: Float[np.ndarray, "p 2"]) -> list[str]:
+def _at_most(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
     """Say what is 0 within the noise, and what it is at most."""
     lower = np.array([u.lower for u in fit.unknowns])
-    small = determined & (sure[:, 0] <= lower) & (lower == 0.0)
-    limits = [f"{fit.names[j]} {sure[j, 1]:.2g}" for j in np.flatnonzero(small)]
+    small = determined & (interval_95[:, 0] <= lower) & (lower == 0.0)
+    limits = [f"{fit.names[j]} {interval_95[j, 1]:.2g}" for j in np.flatnonzero(small)]
     return [f"0 within the noise, and at most (95 %): {listing(limits)}."] if limits else []
 
 

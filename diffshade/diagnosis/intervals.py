@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..core.progress import Tell, silent
+from ..core.progress import ReportProgress, silent
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
@@ -104,7 +104,9 @@ class Profile:
         return reach
 
 
-def intervals(profile: Profile, levels: Sequence[float], tell: Tell = silent) -> Float[np.ndarray, "levels p 2"]:
+def intervals(
+    profile: Profile, levels: Sequence[float], report_progress: ReportProgress = silent
+) -> Float[np.ndarray, "levels p 2"]:
     """Return the two-sided intervals at each level; an end at a bound is the bound.
 
     An unknown that is not determined has all of its range.
@@ -112,6 +114,6 @@ def intervals(profile: Profile, levels: Sequence[float], tell: Tell = silent) ->
     reach = [profile.clusters.quantiles(level) for level in levels]
     found = np.zeros((len(reach), len(profile.fit.unknowns), 2))
     for j, name in enumerate(profile.fit.names):
-        tell(f"interval of {name}", j / len(profile.fit.names))
+        report_progress(f"interval of {name}", j / len(profile.fit.names))
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
     return found

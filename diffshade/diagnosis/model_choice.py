@@ -23,8 +23,8 @@ from ..inverse.forward.losses import LOSSES
 from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
-from ..inverse.solve.solvers import look
-from ..inverse.statistics.uncertainty import lone_views
+from ..inverse.solve.solvers import evaluate
+from ..inverse.statistics.uncertainty import single_views
 from .patches import cut_in_patches, patch_width, residual_images
 
 ERRORS = 2.0  # jackknife errors, the least difference for a verdict
@@ -106,7 +106,10 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     names = sorted(fits)  # whatever the order of the mapping
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])
-    with showing("compare") if progress else contextlib.nullcontext(silent) as tell, in_float64(dict(fits)) as fits:
+    with (
+        showing("compare") if progress else contextlib.nullcontext(silent) as report_progress,
+        in_float64(dict(fits)) as fits,
+    ):
         laid = {name: LaidOutFit(fits[name]) for name in names}
         for name in names[1:]:
             _check_same_pixels(names[0], laid[names[0]], name, laid[name])
@@ -114,7 +117,9 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
         cut = _cut(laid[tightest])
         scale = min(float(fits[name].likelihood.sigma) for name in names)
         tried = {
-            name: _left_out(laid[name], cut, scale, lambda share, k=k: tell("leaving out", (k + share) / len(names)))
+            name: _left_out(
+                laid[name], cut, scale, lambda share, k=k: report_progress("leaving out", (k + share) / len(names))
+            )
             for k, name in enumerate(names)
         }
         errors = {name: float(t.squares.sum() / t.samples.sum()) for name, t in tried.items()}
@@ -254,7 +259,7 @@ class Tried:
         return _shown(jnp.asarray(self.laid.theta), self.laid.model, self.chunks[c])
 
 
-def _left_out(laid: LaidOutFit, cut: Cut, scale: float, tell: Callable[[float], None]) -> Tried:
+def _left_out(laid: LaidOutFit, cut: Cut, scale: float, report_progress: Callable[[float], None]) -> Tried:
     """Predict each cluster by a fit to the others."""
     problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
     chunks = problem.lay_out(cut.pieces, cut.size)  # weighed by the photograph, the same for every model
@@ -263,13 +268,13 @@ def _left_out(laid: LaidOutFit, cut: Cut, scale: float, tell: Callable[[float], 
     (empty,) = laid.lay_out(none, cut.size)
     of_block = [cut.cluster[at : at + CHUNK] for at in range(0, len(cut.cluster), CHUNK)]
     # a view's own exposure is not known without the view
-    lone = lone_views(np.asarray(look(laid.theta, laid.task, weighed).views.hessian))
-    lone = lone if cut.by_view else np.full(len(lone), -1)
+    single_view = single_views(np.asarray(evaluate(laid.theta, laid.task, weighed).views.hessian))
+    single_view = single_view if cut.by_view else np.full(len(single_view), -1)
     squares, samples, stuck = np.zeros(cut.count), np.zeros(cut.count), False
     for k in range(cut.count):
-        tell(k / cut.count)
+        report_progress(k / cut.count)
         views = [part.view for part, of in zip(cut.pieces, cut.cluster, strict=True) if of == k]
-        held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(np.isin(lone, views))}
+        held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(np.isin(single_view, views))}
         others = [
             _without(chunk, empty, blocks == k) if (blocks == k).any() else chunk
             for chunk, blocks in zip(weighed, of_block, strict=True)
@@ -284,7 +289,7 @@ def _left_out(laid: LaidOutFit, cut: Cut, scale: float, tell: Callable[[float], 
                 s = weight * (m - np.asarray(chunk.observed.target)[mine]) ** 2 / scale**2
                 squares[k] += scale**2 * float(np.sum(rho(s)))
                 samples[k] += float(np.sum(weight > 0))
-    own = dict.fromkeys(u.quantity for u, alone in zip(laid.fit.unknowns, lone, strict=True) if alone >= 0)
+    own = dict.fromkeys(u.quantity for u, alone in zip(laid.fit.unknowns, single_view, strict=True) if alone >= 0)
     tried = Tried(laid, chunks, squares, samples, 0.0, tuple(own), stuck)
     residual = 0.0
     for c, chunk in enumerate(chunks):

@@ -160,11 +160,11 @@ def plan(
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
     seen = []
     with (
-        showing("plan") if progress else contextlib.nullcontext(silent) as tell,
+        showing("plan") if progress else contextlib.nullcontext(silent) as report_progress,
         in_float64((fit, shots)) as (own, own_shots),
     ):
         for i, (shot, name) in enumerate(zip(own_shots, names, strict=True)):
-            tell(name, i / len(shots))
+            report_progress(name, i / len(shots))
             seen.append(_look(own, shot, name))
     # where nothing is determined, it is by chance that a value stands at a bound
     evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.determined)
@@ -250,7 +250,7 @@ def _look(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
         [samples],
         Counts(1, number, number * view.image.shape[2], 0, 0),
         "squares",
-        "leave out",
+        "exclude",
     )
     theta = jnp.asarray(coordinates(fit.values, unknowns))
     summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())

@@ -36,11 +36,14 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         raise ValueError(f"seed must be a whole number of at least 0; got {seed!r}. Give for example 0.")
     random = np.random.default_rng(seed)
     found = np.empty((draws, len(fit.values)))
-    with showing("bootstrap") if progress else contextlib.nullcontext(silent) as tell, in_float64(fit) as fit:
+    with (
+        showing("bootstrap") if progress else contextlib.nullcontext(silent) as report_progress,
+        in_float64(fit) as fit,
+    ):
         laid = LaidOutFit(fit)
         chunks = laid.by_view()
         for draw in range(draws):
-            tell(f"draw {draw + 1} of {draws}", draw / draws)
+            report_progress(f"draw {draw + 1} of {draws}", draw / draws)
             drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
             theta = laid.minimise({}, laid.theta, [chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
             found[draw] = values_at(theta, fit.unknowns)

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from ..core.fields import in_short
 from ..model.materials import Material, Phong
-from .drafts import Draft, opacity, said_of_glass, said_of_lights, stated
+from .exports import Draft, opacity, said_of_glass, said_of_lights, stated
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
 from .refits import check_plain, named
 

@@ -17,8 +17,8 @@ from ..model.materials import Material
 from .gltf import write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
+from .parsing import read_text, short
 from .povray import read_povray, write_povray
-from .texts import read_text, short
 from .threejs import read_js, read_json, write_js, write_json
 from .vtk import read_vtk, write_vtk
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..model.materials import Blinn, Material
-from .drafts import Draft, comment, plain, said_of, said_of_lights
+from .exports import Draft, comment, plain, said_of, said_of_lights
+from .parsing import number, numbers, short
 from .refits import with_lobe
-from .texts import number, numbers, short
 
 HIGHEST = 1000.0
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}

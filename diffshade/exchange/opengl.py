@@ -14,9 +14,9 @@ import numpy as np
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.materials import Blinn, Material
-from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass
+from .exports import Draft, comment, opacity, plain, said_of, said_of_glass
+from .parsing import NUMBER, number, short
 from .refits import with_lobe
-from .texts import NUMBER, number, short
 
 HIGHEST = 128.0
 LIGHTS = 8

@@ -16,10 +16,10 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from ..model.materials import Blinn, Material, Phong
-from .drafts import Draft, comment, plain, said_of, said_of_lights, stated
+from .exports import Draft, comment, plain, said_of, said_of_lights, stated
+from .parsing import NUMBER, number, numbers, short
 from .reference import Cosines, Reference, differences, radiance, reference_of
 from .refits import named, with_lobe
-from .texts import NUMBER, number, numbers, short
 
 LEAST = 1e-6  # of a pigment's channel: ambient and emission are multiplied by it, so that 0 would put them out
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from ..model.materials import Blinn, Material
-from .drafts import Draft, comment, opacity, plain, said_of_glass, said_of_lights, stated
+from .exports import Draft, comment, opacity, plain, said_of_glass, said_of_lights, stated
+from .parsing import NUMBER, number, short
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
 from .refits import EXPONENTS, Shape, check_plain, named
 from .srgb import from_hex, to_hex
-from .texts import NUMBER, number, short
 
 _COLOUR = re.compile(r"\b(color|emissive|specular)\s*:\s*new THREE\.Color\(\)\.setRGB\(([^()]{1,200})\)", re.ASCII)
 _NUMBER = re.compile(r"\b(shininess|opacity)\s*:\s*([^,}\s]{1,40})", re.ASCII)

@@ -12,10 +12,10 @@ import numpy as np
 
 from ..core.fields import Array
 from ..model.materials import Material, Phong
-from .drafts import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
+from .exports import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
+from .parsing import NUMBER, number, short
 from .reference import differences, radiance, reference_of
 from .refits import with_lobe
-from .texts import NUMBER, number, short
 
 HIGHEST_N, HIGHEST_K = 128.0, 1.0
 _SET = re.compile(r"\bSet([A-Za-z]{1,40})\(([^()\n]{0,400})\)", re.ASCII)

@@ -14,10 +14,10 @@ from jax.sharding import Mesh
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
-from ..core.progress import Tell, showing, silent
+from ..core.progress import ReportProgress, showing, silent
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
-from ..parallel.devices import Lanes, open_checkpoint
+from ..parallel.devices import DeviceGroup, open_checkpoint
 from .checks.contradictions import check_priors
 from .checks.outlines import check_outlines
 from .checks.stability import checked, unchecked
@@ -33,7 +33,7 @@ from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import Unknown, find_unknowns
 
 DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
-CLIPPED = ("hinge", "tobit", "leave out")
+CLIPPED = ("hinge", "tobit", "exclude")
 
 
 def fit(
@@ -73,7 +73,7 @@ def fit(
     `loss`: "squares"; or, for outliers, "huber", "cauchy" or "geman-mcclure", whose scale is found from the residuals'
     median unless the views' noise is known. `clipped`: what a sample at the end of the sensor's range says: "hinge",
     that the truth is at least (or at most) that; "tobit", the same with the noise known, alone without bias where much
-    lies within the noise of the sensor's floor; "leave out", nothing, nor do its pixel's other channels. `start`:
+    lies within the noise of the sensor's floor; "exclude", nothing, nor do its pixel's other channels. `start`:
     "search", or "scene" to begin at the scene's values. `progress`: show a line on the terminal.
 
     More pixels than memory: `memory`, bytes, is what the pixels may take laid out (about 100 each); where they would
@@ -110,16 +110,18 @@ def fit(
     )
     check_free(unknowns)
     with (
-        showing("fit") if progress else contextlib.nullcontext(silent) as tell,
+        showing("fit") if progress else contextlib.nullcontext(silent) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        tell("reading the views")
+        report_progress("reading the views")
         by_tiles = checkpoint is not None or mesh is not None or laid_bytes(scene, views) > memory
-        lanes = None if mesh is None else Lanes(mesh)
+        device_group = None if mesh is None else DeviceGroup(mesh)
         kept = None
         if by_tiles:
-            kept = open_checkpoint(checkpoint, lanes, scene, views, tuple(unknowns), loss, clipped, start == "scene")
-            samples, counts = survey_tiles(scene, views, unknowns, clipped, kept, lanes, tell)
+            kept = open_checkpoint(
+                checkpoint, device_group, scene, views, tuple(unknowns), loss, clipped, start == "scene"
+            )
+            samples, counts = survey_tiles(scene, views, unknowns, clipped, kept, device_group, report_progress)
         else:
             samples, counts = samples_for(scene, views, unknowns, clipped)
         found = run(
@@ -133,10 +135,10 @@ def fit(
             from_scene=start == "scene",
             memory=memory,
             checkpoint=kept,
-            lanes=lanes,
-            tell=tell,
+            device_group=device_group,
+            report_progress=report_progress,
         )
-        found = unchecked(found) if by_tiles else checked(found, tell)
+        found = unchecked(found) if by_tiles else checked(found, report_progress)
         return dataclasses.replace(check_priors(check_outlines(found)), memory=memory)
 
 
@@ -146,13 +148,13 @@ def survey_tiles(
     unknowns: Sequence[Unknown],
     clipped: str,
     kept: Checkpoint,
-    lanes: Lanes | None,
-    tell: Tell,
+    device_group: DeviceGroup | None,
+    report_progress: ReportProgress,
 ) -> tuple[Tiles, Counts]:
     """Return the tiles that a fit reads its samples by, and the counts, as `samples_for` of views in memory."""
     again = repeats(scene, views)
-    tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "leave out")
-    ends = tiles.settle(surveyed(tiles, kept, lanes, tell))
+    tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "exclude")
+    ends = tiles.settle(surveyed(tiles, kept, device_group, report_progress))
     counts = count_samples(views, len(views) - len(again), tiles.pixels, *ends)
     check_enough(counts, len(unknowns), tiles.brightest.tolist())
     return tiles, counts

@@ -19,11 +19,11 @@ from jaxtyping import Float
 
 from ..core.backend import jit_quickly
 from ..core.fields import Array
-from ..core.progress import Tell
+from ..core.progress import ReportProgress
 from ..model.gbuffers import GBuffer
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
-from ..parallel.devices import Lanes
+from ..parallel.devices import DeviceGroup
 from ..parallel.threads import on_all_cores
 from .data.samples import Counts, Samples
 from .data.views import View, is_grey, lights_on
@@ -61,7 +61,7 @@ class FitProblem:
     counts: Counts
     loss: str
     clipped: str
-    """What clipped samples say: "hinge", "tobit" or "leave out"."""
+    """What clipped samples say: "hinge", "tobit" or "exclude"."""
     model: AbstractForwardModel
     """Its likelihood is of squares and scale 1, and its views have no steps, until a stage settles these."""
     box: Box
@@ -114,7 +114,7 @@ class FitProblem:
         """Return the chunks of pieces of at most so many pixels, a block a piece."""
 
         def chunk(parts: list) -> Block:
-            return lay_out(None, self.model, self.gather(parts, size), noisy=self.noise_known)
+            return lay_out(None, self.model, self.gather(parts, size), noise_known=self.noise_known)
 
         return on_all_cores(chunk, chunks(parts))
 
@@ -173,7 +173,7 @@ def fit_problem(
         samples: The samples of each view that count, or the tiles to read them by.
         counts: How many there are.
         loss: "squares", "huber", "cauchy" or "geman-mcclure".
-        clipped: What clipped samples say: "hinge", "tobit" or "leave out".
+        clipped: What clipped samples say: "hinge", "tobit" or "exclude".
         rendered: Whether to take the model that serves any scene, where a faster one would do.
     """
     setting = prepare(scene, views, slots_of(scene, views, unknowns))
@@ -232,7 +232,7 @@ class LaidOutProblem:
         """What is to be minimised."""
         return self.problem.task(self.squares)
 
-    def minimise(self, tell: Tell) -> Minimum:
+    def minimise(self, report_progress: ReportProgress) -> Minimum:
         """Return the minimum over all pixels."""
         return minimise(
             self.start.theta,
@@ -240,7 +240,7 @@ class LaidOutProblem:
             self.pixels,
             squares=self.squares,
             max_steps=MAX_STEPS,
-            tell=lambda step, cost: tell(f"step {step}, cost {cost:.6g}"),
+            report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
 
     def prior_gram(self, end: Minimum) -> Gram:
@@ -276,8 +276,8 @@ def lay_out_all(
     *,
     memory: float | int,
     checkpoint: Checkpoint,
-    lanes: Lanes | None,
-    tell: Tell,
+    device_group: DeviceGroup | None,
+    report_progress: ReportProgress,
 ) -> LaidOutProblem:
     """Return the problem with what a start settled, and all of its pixels, weighed there.
 
@@ -287,8 +287,8 @@ def lay_out_all(
         part: Chunks of the pixels of which the start was found; of few pixels all, which are then not laid out again.
         memory: Bytes that tiles may take laid out, before others are laid out anew at each pass.
         checkpoint: Where tiles keep what a pass has summed.
-        lanes: The devices to sum over; None for this process's cores.
-        tell: Reports progress.
+        device_group: The devices to sum over; None for this process's cores.
+        report_progress: Reports progress.
     """
     settled = problem.with_scale(start.sigma, problem.loss).with_rounding(start.rounding)
     squares = start.squares * max(problem.counts.pixels / PART, 1.0)
@@ -306,8 +306,8 @@ def lay_out_all(
         weigh_at=None if settled.homoscedastic else start.theta,
         memory=memory,
         checkpoint=checkpoint,
-        lanes=lanes,
-        tell=tell,
+        device_group=device_group,
+        report_progress=report_progress,
     )
     return LaidOutProblem(settled, start, tiles, squares)
 

@@ -17,7 +17,7 @@ from .pixels.blocks import chunks as in_chunks
 from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
 from .running import run, samples_for
-from .solve.solvers import Box, Minimum, PriorResiduals, Task, look, minimise
+from .solve.solvers import Box, Minimum, PriorResiduals, Task, evaluate, minimise
 from .unknowns.parameters import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
@@ -95,7 +95,7 @@ class LaidOutFit:
 
     def cost(self) -> float:
         """Return the cost at the end of the fit, or, of a model that projects, at the best linear unknowns there."""
-        return float(look(self.theta, self.task, self.chunks).total.cost)
+        return float(evaluate(self.theta, self.task, self.chunks).total.cost)
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""

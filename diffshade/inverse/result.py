@@ -179,10 +179,10 @@ class Prediction:
         return float(np.sqrt(np.sum(self.difference**2) / self.counts.sum()))
 
 
-def diagnose(laid: LaidOutProblem, end: Minimum, *, foreseen: bool = False) -> Fit:
+def diagnose(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> Fit:
     """Say what is known at the end of a fit: values, errors, bounds, what is not determined.
 
-    `foreseen` says that nothing was measured, so that no view disagrees with another.
+    `forecast` says that nothing was measured, so that no view disagrees with another.
     """
     problem = laid.problem
     scene, views, unknowns, counts = problem.scene, problem.views, problem.unknowns, problem.counts
@@ -226,10 +226,10 @@ def diagnose(laid: LaidOutProblem, end: Minimum, *, foreseen: bool = False) -> F
     plain_errors = evidence.plain_errors()
     clusters = (
         independent(evidence, _views(groups, counts))
-        if foreseen or len(groups) < 2
+        if forecast or len(groups) < 2
         else compared(evidence, len(groups), _views(groups, counts))
     )
-    errors = plain_errors if foreseen else clusters.wide_errors()
+    errors = plain_errors if forecast else clusters.wide_errors()
     lost, small = (mask & regular for mask in vague(unknowns, values, errors, scales))
     free = ~evidence.at_bound
     known = free & regular
@@ -245,9 +245,9 @@ def diagnose(laid: LaidOutProblem, end: Minimum, *, foreseen: bool = False) -> F
         *singular_sentences(zero, directions, unknowns, values),
         *weak_sentences([np.flatnonzero(known)[which] for which in weak], unknowns),
         *vague_sentences(lost, small & ~at_bound, unknowns, values, errors, scales),
-        *([] if foreseen else _at_bounds(unknowns, regular & ~lost, at_bound, at_lower)),
+        *([] if forecast else _at_bounds(unknowns, regular & ~lost, at_bound, at_lower)),
         *_too_bright(unknowns, values, regular & ~lost),
-        *([] if foreseen else repeated(scene, views)),
+        *([] if forecast else repeated(scene, views)),
         *_ends(counts),
         *(_beyond_noise(float(np.sqrt(spread[1] / spread[0]))) if noisy and likelihood.loss == "squares" else []),
         *_jumps(scene, unknowns),

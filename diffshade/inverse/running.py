@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..core.progress import Tell, silent
+from ..core.progress import ReportProgress, silent
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
-from ..parallel.devices import Lanes
+from ..parallel.devices import DeviceGroup
 from .data.samples import Counts, Samples, collect_samples
 from .data.views import View
 from .pixels.blocks import Block
@@ -22,11 +22,11 @@ from .unknowns.parameters import Unknown
 
 
 def samples_for(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str, *, foreseen: bool = False
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], clipped: str, *, forecast: bool = False
 ) -> tuple[list[Samples], Counts]:
     """Return the samples that a fit of these unknowns looks at, and their counts; see `collect_samples`."""
     moving = moves_surface(unknowns)
-    return collect_samples(scene, views, clipped, unknowns=len(unknowns), moving=moving, foreseen=foreseen)
+    return collect_samples(scene, views, clipped, unknowns=len(unknowns), moving=moving, forecast=forecast)
 
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:
@@ -40,8 +40,8 @@ def solve(
     from_scene: bool = False,
     memory: float | int = np.inf,
     checkpoint: Checkpoint | None = None,
-    lanes: Lanes | None = None,
-    tell: Tell = silent,
+    device_group: DeviceGroup | None = None,
+    report_progress: ReportProgress = silent,
 ) -> tuple[LaidOutProblem, Minimum]:
     """Return a problem laid out, and its minimum. In float64.
 
@@ -50,22 +50,24 @@ def solve(
         from_scene: Whether to begin at the scene's values in place of a search.
         memory: Bytes that tiles may take laid out.
         checkpoint: Keeps what is found on the way; None keeps it in memory.
-        lanes: The devices to sum over, of which one process finds the start for all.
-        tell: Reports progress.
+        device_group: The devices to sum over, of which one process finds the start for all.
+        report_progress: Reports progress.
     """
     part: list[Block] = []
     kept = Checkpoint(None, "") if checkpoint is None else checkpoint
 
     def begin() -> list[np.ndarray]:
         numbers = np.zeros(len(problem.unknowns) + 3 + 2 * len(problem.views))
-        if lanes is None or lanes.first:
+        if device_group is None or device_group.first:
             part.extend(problem.chunks(PART))
-            numbers = find_start(problem, part, from_scene=from_scene, tell=tell).to_array()
-        return [numbers if lanes is None else lanes.from_first(numbers)]
+            numbers = find_start(problem, part, from_scene=from_scene, report_progress=report_progress).to_array()
+        return [numbers if device_group is None else device_group.from_first(numbers)]
 
     start = Start.from_array(kept.once("start", begin)[0], len(problem.views))
-    laid = lay_out_all(problem, start, part, memory=memory, checkpoint=kept, lanes=lanes, tell=tell)
-    return laid, laid.minimise(tell)
+    laid = lay_out_all(
+        problem, start, part, memory=memory, checkpoint=kept, device_group=device_group, report_progress=report_progress
+    )
+    return laid, laid.minimise(report_progress)
 
 
 def run(
@@ -80,10 +82,17 @@ def run(
     from_scene: bool = False,
     memory: float | int = np.inf,
     checkpoint: Checkpoint | None = None,
-    lanes: Lanes | None = None,
-    tell: Tell = silent,
+    device_group: DeviceGroup | None = None,
+    report_progress: ReportProgress = silent,
 ) -> Fit:
     """Find the minimum for these unknowns over these samples, and say what is known there. In float64."""
     problem = fit_problem(scene, views, unknowns, samples, counts, loss, clipped)
-    options = {"from_scene": from_scene, "memory": memory, "checkpoint": checkpoint, "lanes": lanes, "tell": tell}
-    return diagnose(*solve(problem, **options))
+    laid, end = solve(
+        problem,
+        from_scene=from_scene,
+        memory=memory,
+        checkpoint=checkpoint,
+        device_group=device_group,
+        report_progress=report_progress,
+    )
+    return diagnose(laid, end)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..core.progress import Tell
+from ..core.progress import ReportProgress
 from ..parallel.threads import on_all_cores
 from .data.views import View
 from .forward.layout import without_clipped
@@ -26,20 +26,20 @@ from .unknowns.parameters import coordinates, slots_of
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 
-def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, tell: Tell) -> Start:
+def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, report_progress: ReportProgress) -> Start:
     """Search on a part of the pixels, `PART` of them at most, and settle weights, scale and steps there.
 
     Args:
         problem: What is to be fitted.
         part: Chunks of that part.
         from_scene: Whether to begin at the scene's values in place of a search.
-        tell: Reports progress.
+        report_progress: Reports progress.
     """
     measured = on_all_cores(without_clipped, part) if problem.clips else part
     squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), measured))) or 1.0
     theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
     if not from_scene:
-        theta = _search(problem, measured, squares, tell)
+        theta = _search(problem, measured, squares, report_progress)
     has_prior = any(u.prior is not None for u in problem.unknowns)
     if problem.loss != "squares" or not problem.homoscedastic or (not problem.noise_known and has_prior):
         problem, part, theta = _settle(problem, part, squares, theta)
@@ -57,7 +57,7 @@ def _levels(view: View) -> float:
     return 0.0 if view.noise is None else float(view.noise.levels)
 
 
-def _search(problem: FitProblem, measured: list[Block], squares: float, tell: Tell) -> Theta:
+def _search(problem: FitProblem, measured: list[Block], squares: float, report_progress: ReportProgress) -> Theta:
     """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
     wide = with_wide_edges(problem.scene, problem.unknowns)
     if wide is not problem.scene:
@@ -65,7 +65,7 @@ def _search(problem: FitProblem, measured: list[Block], squares: float, tell: Te
         model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
         problem = dataclasses.replace(problem, model=model)
     coarse = problem.few() if is_local(problem.unknowns) else measured
-    return search(problem.unknowns, problem.scene, problem.task(squares), coarse, measured, squares, tell)
+    return search(problem.unknowns, problem.scene, problem.task(squares), coarse, measured, squares, report_progress)
 
 
 def _settle(

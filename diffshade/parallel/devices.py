@@ -30,7 +30,7 @@ class LostProcess(RuntimeError):
     """
 
 
-class Lanes:
+class DeviceGroup:
     """The devices of a mesh, a lane each, in the mesh's order; this process feeds its own."""
 
     def __init__(self, mesh: Mesh):
@@ -109,7 +109,7 @@ def _sum(mesh: Mesh) -> Callable[[Any], Any]:
 
 
 @functools.lru_cache
-def on_lanes(program: Callable[..., Any], mesh: Mesh, options: Any = None) -> Callable[..., Any]:
+def on_devices(program: Callable[..., Any], mesh: Mesh, options: Any = None) -> Callable[..., Any]:
     """Return `program(shared, of_lane)` compiled to run on each device of this process's mesh, on its own `of_lane`."""
 
     def each(shared: Any, of_lane: Any) -> Any:
@@ -124,19 +124,19 @@ def zeros(shapes: Any) -> Any:
     return jax.tree.map(lambda shape: np.zeros(shape.shape, np.dtype(jnp.float64)), shapes)
 
 
-def open_checkpoint(folder: str | Path | None, lanes: Lanes | None, *problem: Any) -> Checkpoint:
+def open_checkpoint(folder: str | Path | None, device_group: DeviceGroup | None, *problem: Any) -> Checkpoint:
     """Open the checkpoint of a problem; of several processes the first one does, and tells the others what is found."""
     known = fingerprint(FORMAT, *problem)
-    if lanes is None or not lanes.several:
+    if device_group is None or not device_group.several:
         return Checkpoint(folder, known)
     mine = Checkpoint(None, known)
     refused: Exception | None = None
-    if lanes.first:
+    if device_group.first:
         try:
             mine = Checkpoint(folder, known, parts=False)
         except (ValueError, OSError) as error:
             refused = error
-    told = lanes.text_from_first(b"" if refused else mine.to_bytes())
+    told = device_group.text_from_first(b"" if refused else mine.to_bytes())
     if refused or not told:
         raise refused or ValueError("the first process refused the checkpoint. Read its message.")
     mine.take(told)

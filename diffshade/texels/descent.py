@@ -15,8 +15,8 @@ from ..core.fields import Array
 from ..inverse.unknowns.parameters import RANGES
 from ..model.vectors import Vec3, normalize, where
 from .coefficients import solve
-from .passes import Found, Task, evaluate, first_weights, project, reduced, tangents
-from .sights import Sights
+from .lighting import LightingGeometry
+from .normal_equations import Found, Task, evaluate, first_weights, project, reduced, tangents
 
 T = TypeVar("T")
 LOW, HIGH = (float(end) for end in np.log(RANGES["n_s"]))
@@ -63,7 +63,7 @@ def descend(task: Task, n: Vec3, x: Array, weight: Array, patience: Array) -> De
         )
         return end, None
 
-    if not task.turning and not task.sharpening and not task.reweighs:  # there is nothing to step
+    if not task.fit_normal and not task.fit_exponent and not task.reweighs:  # there is nothing to step
         found = evaluate(task, n, x, weight)
         return Descent(found, weight, jnp.zeros_like(x), jnp.ones(x.shape, bool))
     shapes = jax.eval_shape(evaluate, task, n, x, weight)
@@ -98,9 +98,9 @@ def _tried(task: Task, found: Found, damping: Array, weight: Array) -> tuple[Fou
 
 def moved(task: Task, n: Vec3, x: Array, step: Sequence[Array]) -> tuple[Vec3, Array]:
     """Return n and x = log n_s a step on, which is no longer than what a linear model is good for."""
-    if task.sharpening:
+    if task.fit_exponent:
         x = jnp.clip(x + jnp.clip(step[-1], -FARTHEST[1], FARTHEST[1]), LOW, HIGH)
-    return (tilted(n, step[0], step[1]) if task.turning else n), x
+    return (tilted(n, step[0], step[1]) if task.fit_normal else n), x
 
 
 def tilted(n: Vec3, a: Array, b: Array) -> Vec3:
@@ -121,15 +121,15 @@ def sharpest(task: Task, n: Vec3, weight: Array) -> Float[Array, " texels"]:
     return jnp.asarray(GRID)[jnp.argmin(costs_on_grid(task, n, weight), 0)]
 
 
-def brightest_direction(sights: Sights, seen_light: Array, counts: Array) -> Vec3:
+def brightest_direction(lighting: LightingGeometry, seen_light: Array, counts: Array) -> Vec3:
     """Return normals by photometric stereo of a matte surface (Woodham 1980), from each texel's middle observations.
 
     `seen_light`: (views, texels), what each view shows beyond black and ambient, the mean of its channels. Of the
     observations, each divided by its light, the darkest fifth (shadows) and the brightest three tenths (highlights) are
     left out.
     """
-    mean = sights.strength.mean(1)  # (views, emitters, texels)
-    arriving = Vec3(*(jnp.sum(mean * c, 1) for c in (sights.l.x, sights.l.y, sights.l.z)))
+    mean = lighting.strength.mean(1)  # (views, emitters, texels)
+    arriving = Vec3(*(jnp.sum(mean * c, 1) for c in (lighting.l.x, lighting.l.y, lighting.l.z)))
     size = jnp.sqrt(arriving.x**2 + arriving.y**2 + arriving.z**2)
     usable = counts & (size > 0.0)
     per_light = jnp.where(usable, seen_light / jnp.where(size > 0.0, size, 1.0), jnp.inf)
@@ -143,4 +143,4 @@ def brightest_direction(sights: Sights, seen_light: Array, counts: Array) -> Vec
     y = jnp.where(middle, per_light, 0.0)
     g = solve([[jnp.sum(a * b, 0) for b in l] for a in l], [jnp.sum(a * y, 0) for a in l])
     n = normalize(Vec3(*g))
-    return where(n.x**2 + n.y**2 + n.z**2 > 0.5, n, jax.tree.map(lambda c: c[0] + jnp.zeros_like(n.x), sights.v))
+    return where(n.x**2 + n.y**2 + n.z**2 > 0.5, n, jax.tree.map(lambda c: c[0] + jnp.zeros_like(n.x), lighting.v))

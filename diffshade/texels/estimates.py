@@ -17,8 +17,8 @@ from ..model.vectors import Vec3, dot, normalize
 from .coefficients import RIDGE, inverse_diagonal, solve
 from .descent import FARTHEST, HIGH, LOW, Descent, brightest_direction, chosen, descend, moved, sharpest, tilted
 from .geometry import FLAT, out_of_plane, scatter
-from .passes import Found, Known, Photographs, Task, evaluate, features, first_weights, looks, reduced
-from .sights import Rig, Sights, sights_of
+from .lighting import LightingGeometry, LightingSetup, sights_of
+from .normal_equations import Found, Known, Photographs, Task, evaluate, features, first_weights, looks, reduced
 
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
 OUTSIDE, DETERMINED, NO_HIGHLIGHT, UNDETERMINED, SHADOWED, FAILED = range(len(STATUS))
@@ -47,7 +47,7 @@ class Choices(NamedTuple):
 
     free: tuple[str, ...]
     loss: str
-    uniform: bool
+    homoscedastic: bool
     known_noise: bool
     shared: bool = False
     """Whether n_s is a region's, found before."""
@@ -99,37 +99,37 @@ class Usual(eqx.Module):
         return variance <= MISFIT**2 * chance * most
 
 
-def task_of(rig: Rig, known: Known, sights: Any, block: Block, choices: Choices, sigma: Array) -> Task:
+def task_of(setup: LightingSetup, known: Known, lighting: Any, block: Block, choices: Choices, sigma: Array) -> Task:
     """Return what is to be fitted in a block: by squares, or by a convex loss and then by the one asked for."""
     losses = ("squares",) if choices.loss == "squares" else tuple(dict.fromkeys(["huber", choices.loss]))
     return Task(
-        rig,
+        setup,
         known,
-        sights,
+        lighting,
         block.seen,
         sigma,
         jnp.asarray(0),
         losses,
-        uniform=choices.uniform,
-        turning="normal" in choices.free,
-        sharpening="n_s" in choices.free,
+        homoscedastic=choices.homoscedastic,
+        fit_normal="normal" in choices.free,
+        fit_exponent="n_s" in choices.free,
     )
 
 
 @partial(jax.jit, static_argnames="choices")
 def estimate(
-    rig: Rig, known: Known, block: Block, sigma: Array, usual: Usual, patience: Array, choices: Choices
+    setup: LightingSetup, known: Known, block: Block, sigma: Array, usual: Usual, patience: Array, choices: Choices
 ) -> Estimates:
     """Return the estimates of a block: with a highlight where one explains enough, else without."""
-    sights = sights_for(rig, block, choices)
+    lighting = sights_for(setup, block, choices)
 
     def best(known: Known, choices: Choices) -> Best:
-        return _best(rig, known, sights, block, sigma, patience, choices)
+        return _best(setup, known, lighting, block, sigma, patience, choices)
 
     full, other = best(known, choices), None
     if choices.narrow:
         full, other = _lower(
-            full, _best(rig, known, sights, block, sigma, patience, choices, _mirroring(sights, block))
+            full, _best(setup, known, lighting, block, sigma, patience, choices, _mirroring(lighting, block))
         )
     every = jnp.ones(block.n.x.shape, bool)
     if "k_s" not in choices.free:
@@ -142,33 +142,34 @@ def estimate(
     explained = 2.0 * (plain.descent.found.cost - full.descent.found.cost) / numbers
     seen = (explained > SEEN * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
     k_s = full.descent.found.k[full.task.known.linear.index("k_s")]
-    tame = (k_s < WILD * _brightest(block)[None]).all(0) & full.descent.done & (full.descent.found.cost < HUGE)
-    return _finish(full, plain, other, block, choices, usual, seen, tame)
+    plausible = (k_s < WILD * _brightest(block)[None]).all(0) & full.descent.done & (full.descent.found.cost < HUGE)
+    return _finish(full, plain, other, block, choices, usual, seen, plausible)
 
 
 def begin(
-    rig: Rig, known: Known, block: Block, choices: Choices, sigma: Any = 1.0, sights: Any = None
+    setup: LightingSetup, known: Known, block: Block, choices: Choices, sigma: Any = 1.0, lighting: Any = None
 ) -> tuple[Task, Vec3, Array]:
     """Return what is to be fitted in a block, the normals to begin at, and the weights to begin with."""
-    if sights is None:
-        sights = sights_for(rig, block, choices)
-    task = task_of(rig, known, sights, block, choices, jnp.asarray(sigma))
+    if lighting is None:
+        lighting = sights_for(setup, block, choices)
+    task = task_of(setup, known, lighting, block, choices, jnp.asarray(sigma))
     n = block.n
-    if task.turning:
+    if task.fit_normal:
         shown = (
-            block.seen.target.astype(float) - (rig.black[:, None] + rig.exposure[:, None] * known.k_e[None])[..., None]
+            block.seen.target.astype(float)
+            - (setup.black[:, None] + setup.exposure[:, None] * known.k_e[None])[..., None]
         )
         if known.k_a is not None:
-            shown = shown - (rig.exposure[:, None] * (rig.ambient * known.k_a)[None])[..., None]
-        assert isinstance(task.sights, Sights)
-        n = brightest_direction(task.sights, shown.mean(1), block.seen.counts)
+            shown = shown - (setup.exposure[:, None] * (setup.ambient * known.k_a)[None])[..., None]
+        assert isinstance(task.lighting, LightingGeometry)
+        n = brightest_direction(task.lighting, shown.mean(1), block.seen.counts)
     return task, n, first_weights(task)
 
 
-def sights_for(rig: Rig, block: Block, choices: Choices) -> Any:
+def sights_for(setup: LightingSetup, block: Block, choices: Choices) -> Any:
     """Return the sights of a block, those of its own normals where these stay."""
-    sights = sights_of(rig, block.p, block.v)
-    return sights if "normal" in choices.free else sights.facing(block.n)
+    lighting = sights_of(setup, block.p, block.v)
+    return lighting if "normal" in choices.free else lighting.facing(block.n)
 
 
 class Best(eqx.Module):
@@ -189,9 +190,9 @@ class Best(eqx.Module):
 
 
 def _best(
-    rig: Rig,
+    setup: LightingSetup,
     known: Known,
-    sights: Any,
+    lighting: Any,
     block: Block,
     sigma: Array,
     patience: Array,
@@ -199,9 +200,9 @@ def _best(
     start: Vec3 | None = None,
 ) -> Best:
     """Find the minimum, from photometric stereo or from normals that are given."""
-    task, n, weight = begin(rig, known, block, choices, sigma, sights)
+    task, n, weight = begin(setup, known, block, choices, sigma, lighting)
     n = n if start is None else start
-    x = sharpest(task, n, weight) if task.sharpening else block.log_n_s
+    x = sharpest(task, n, weight) if task.fit_exponent else block.log_n_s
     descent = descend(task, n, x, weight, patience)
     found = descent.found
     channels = block.seen.target.shape[1]
@@ -215,25 +216,25 @@ def _best(
 
 def _room(task: Task, descent: Descent) -> Array:
     """Return how far the lights that reach each texel are out of one plane."""
-    if not task.turning:
+    if not task.fit_normal:
         return jnp.ones(descent.found.x.shape)
-    assert isinstance(task.sights, Sights)
+    assert isinstance(task.lighting, LightingGeometry)
     ambient = "k_a" in task.known.linear
-    return out_of_plane(scatter(task.rig, task.sights, descent.weight, descent.found.n, ambient=ambient))
+    return out_of_plane(scatter(task.setup, task.lighting, descent.weight, descent.found.n, ambient=ambient))
 
 
-def _mirroring(sights: Sights, block: Block) -> Vec3:
+def _mirroring(lighting: LightingGeometry, block: Block) -> Vec3:
     """Return normals that mirror to us the light of each texel's brightest observation: halfway between it and us."""
     shown = jnp.where(block.seen.counts, block.seen.target.astype(float).mean(1), -jnp.inf)
-    strength = sights.strength.mean(1)
-    to_light = Vec3(*(jnp.sum(strength * c, 1) for c in (sights.l.x, sights.l.y, sights.l.z)))
+    strength = lighting.strength.mean(1)
+    to_light = Vec3(*(jnp.sum(strength * c, 1) for c in (lighting.l.x, lighting.l.y, lighting.l.z)))
     view = jnp.argmax(shown, 0)
 
     def brightest(component: Array) -> Array:
         return jnp.take_along_axis(jnp.broadcast_to(component, shown.shape), view[None], 0)[0]
 
     l = normalize(jax.tree.map(brightest, to_light))
-    return normalize(l + jax.tree.map(lambda c: c[0] + jnp.zeros_like(l.x), sights.v))
+    return normalize(l + jax.tree.map(lambda c: c[0] + jnp.zeros_like(l.x), lighting.v))
 
 
 def _lower(one: Best, other: Best) -> tuple[Best, Best]:
@@ -278,9 +279,9 @@ def _farther(
             name: jnp.minimum(jnp.abs(a - b), most)
             for name, a, b in zip(task.known.linear, there.k, found.k, strict=True)
         }
-        if task.sharpening:
+        if task.fit_exponent:
             change["n_s"] = values["n_s"] * jnp.abs(there.x - found.x)[None]
-        if task.turning:
+        if task.fit_normal:
             change["normal"] = jnp.rad2deg(jnp.arccos(jnp.clip(dot(found.n, n), -1.0, 1.0)))[None]
         counts = jnp.where(rise < LIKELY, 1.0 / jnp.sqrt(jnp.maximum(rise, LEVEL)), 0.0)[None]
         return {name: off * counts for name, off in change.items()}
@@ -288,33 +289,33 @@ def _farther(
     def towards(way: Array, across: Array) -> dict[str, Array]:
         """Return what is asked for some way off and nearer the best there, along `across` no nearer."""
 
-        def look(place: tuple[Vec3, Array], _: None) -> tuple[Any, dict[str, Array]]:
+        def view_slice(place: tuple[Vec3, Array], _: None) -> tuple[Any, dict[str, Array]]:
             there = evaluate(task, *place, best.descent.weight)
             B = _with_ridge(reduced(there, held=True).rest, there)
             firm = HELD * sum((B[i][i] for i in range(count)), jnp.zeros_like(found.x))
             B = [[B[i][j] + firm * across[i] * across[j] for j in range(count)] for i in range(count)]
             return moved(task, *place, [-step for step in solve(B, there.slope)]), asked(place[0], there)
 
-        n = tilted(found.n, way[0], way[1]) if task.turning else found.n
-        x = jnp.clip(found.x + way[-1], LOW, HIGH) if task.sharpening else found.x
-        return _largest(jax.lax.scan(look, (n, x), None, PLACES)[1])
+        n = tilted(found.n, way[0], way[1]) if task.fit_normal else found.n
+        x = jnp.clip(found.x + way[-1], LOW, HIGH) if task.fit_exponent else found.x
+        return _largest(jax.lax.scan(view_slice, (n, x), None, PLACES)[1])
 
     def along(across: Sequence[Array]) -> list[Array]:
         """Return the way along which `across` . unknowns grows at the least cost, a few errors of it."""
         way = solve(A, across)
         size = jnp.sqrt(jnp.maximum(sum((a * w for a, w in zip(across, way, strict=True)), 0.0), 1e-300))
         way = [FARTHER * jnp.sqrt(best.variance) * w / size for w in way]
-        longest = jnp.abs(way[-1]) / FARTHEST[1] if task.sharpening else jnp.zeros_like(found.x)
-        if task.turning:
+        longest = jnp.abs(way[-1]) / FARTHEST[1] if task.fit_exponent else jnp.zeros_like(found.x)
+        if task.fit_normal:
             longest = jnp.maximum(longest, jnp.sqrt(way[0] ** 2 + way[1] ** 2) / FARTHEST[0])
         return [w / jnp.maximum(longest, 1.0) for w in way]
 
     zero, one = jnp.zeros_like(found.x), jnp.ones_like(found.x)
     ways = []
-    if task.sharpening:
+    if task.fit_exponent:
         last = [zero] * (count - 1) + [one]
         ways += [(along(last), last), ([FAR * w for w in last], last)]
-    if task.turning:
+    if task.fit_normal:
         C = [solve(A, [one if i == j else zero for i in range(count)]) for j in range(2)]
         turn = 0.5 * jnp.arctan2(2.0 * C[0][1], C[0][0] - C[1][1])  # of the axis that is known worst
         worst = [jnp.cos(turn), jnp.sin(turn)] + [zero] * (count - 2)
@@ -345,10 +346,10 @@ def _lit(task: Task, n: Vec3, x: Array) -> Array:
 
     def add(total: Array, view: Any) -> tuple[Array, None]:
         sight, counts = view
-        u = task.sights.shading(sight, n, (), x).u
+        u = task.lighting.shading(sight, n, (), x).u
         return total + jnp.where(counts & (u > 0.0).any(0), 1.0, 0.0), None
 
-    return jax.lax.scan(add, jnp.zeros(x.shape), (task.sights.views, task.seen.counts))[0]
+    return jax.lax.scan(add, jnp.zeros(x.shape), (task.lighting.views, task.seen.counts))[0]
 
 
 def _errors(best: Best, block: Block, choices: Choices) -> tuple[Sequence[Array], Sequence[Array], Array]:
@@ -357,11 +358,11 @@ def _errors(best: Best, block: Block, choices: Choices) -> tuple[Sequence[Array]
     With nothing held at 0. A region's n_s counts as an unknown of the texel of which the region tells what it tells.
     """
     task, found, size = best.task, best.descent.found, len(best.descent.found.k)
-    region = choices.shared and not task.sharpening and task.known.k_s is None
+    region = choices.shared and not task.fit_exponent and task.known.k_s is None
     if region:
-        sharp = dataclasses.replace(task, sharpening=True)
-        told = evaluate(sharp, found.n, found.x, best.descent.weight)
-        found = dataclasses.replace(found, mixed=told.mixed, rest=told.rest)
+        sharp = dataclasses.replace(task, fit_exponent=True)
+        identifiable = evaluate(sharp, found.n, found.x, best.descent.weight)
+        found = dataclasses.replace(found, mixed=identifiable.mixed, rest=identifiable.rest)
     known = reduced(found, held=False)
     count = len(known.rest)
     rest = _with_ridge(known.rest, found)
@@ -395,13 +396,13 @@ def _named(best: Best, block: Block, choices: Choices) -> tuple[dict[str, Array]
     coefficients, rest, apart = _errors(best, block, choices)
     values = dict(zip(task.known.linear, found.k, strict=True))
     errors = dict(zip(task.known.linear, coefficients, strict=True))
-    if task.sharpening:
+    if task.fit_exponent:
         values["n_s"] = jnp.exp(found.x)[None]
         errors["n_s"] = values["n_s"] * rest[-1][None]
     elif choices.shared:
         values["n_s"] = jnp.exp(block.log_n_s)[None]
         errors["n_s"] = values["n_s"] * block.log_n_s_error[None]
-    if task.turning:
+    if task.fit_normal:
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
         errors["normal"] = jnp.rad2deg(jnp.sqrt(rest[0] ** 2 + rest[1] ** 2))[None]
         for name in {"k_d", "normal"} & errors.keys():  # in one plane, whatever the linear theory makes of it
@@ -410,27 +411,34 @@ def _named(best: Best, block: Block, choices: Choices) -> tuple[dict[str, Array]
 
 
 def _finish(
-    full: Best, plain: Best, other: Best | None, block: Block, choices: Choices, usual: Usual, seen: Array, tame: Array
+    full: Best,
+    plain: Best,
+    other: Best | None,
+    block: Block,
+    choices: Choices,
+    usual: Usual,
+    seen: Array,
+    plausible: Array,
 ) -> Estimates:
     """Choose between the fits with and without a highlight, and say what became of each texel.
 
-    `other`: the minimum that was found beside `full`; `seen`: where a highlight explains enough; `tame`: where the fit
-    with one ended at numbers that mean something.
+    `other`: the minimum that was found beside `full`; `seen`: where a highlight explains enough; `plausible`: where
+    the fit with one ended at numbers that mean something.
     """
     values, errors, apart = _named(full, block, choices)
-    glossy = seen & tame
+    glossy = seen & plausible
     shines = glossy & _highlight_known(full, values, errors)
-    if full.task.sharpening or full.task.turning:
+    if full.task.fit_exponent or full.task.fit_normal:
         errors = _farther(full, other, block, values, errors)
     level = _level(full.task)
-    told = apart & _told(full, values, errors)
+    identifiable = apart & _identifiable(full, values, errors)
     vague = seen & ~shines
     if plain is not full:
         matte, of_matte, apart_too = _named(plain, block, choices)
-        if full.task.turning:  # a broad highlight, too weak to be seen, may look like a part of k_d or a tilt
+        if full.task.fit_normal:  # a broad highlight, too weak to be seen, may look like a part of k_d or a tilt
             off = _apart(values, matte)
             of_matte = _larger(of_matte, {name: jnp.hypot(errors[name], off[name]) for name in of_matte})
-        told = jnp.where(glossy, told, apart_too & _told(plain, matte, of_matte))
+        identifiable = jnp.where(glossy, identifiable, apart_too & _identifiable(plain, matte, of_matte))
         channels, texels = full.task.seen.target.shape[1:]
         widths = {"k_s": channels, "n_s": 1}
         matte |= {name: jnp.zeros((width, texels)) for name, width in widths.items()}
@@ -440,13 +448,13 @@ def _finish(
     lit, freedom = (jnp.where(glossy, getattr(full, of), getattr(plain, of)) for of in ("lit", "freedom"))
     left = jnp.where(glossy, full.left, plain.left)
     vague = vague | ~usual.explains(left, level, freedom)
-    few = (freedom <= 0) | (lit < (3 if full.task.turning else 1))
+    few = (freedom <= 0) | (lit < (3 if full.task.fit_normal else 1))
     done = jnp.where(glossy, full.descent.done, plain.descent.done)
     finite = jnp.ones(seen.shape, bool)
     for value in values.values():
         finite = finite & (jnp.abs(value) < HUGE).all(0)
     status = jnp.where(shines, DETERMINED, NO_HIGHLIGHT)
-    status = jnp.where(vague | ~told, UNDETERMINED, status)
+    status = jnp.where(vague | ~identifiable, UNDETERMINED, status)
     status = jnp.where(~done | ~finite, FAILED, status)
     status = jnp.where(few, SHADOWED, status)
     if "k_s" in values:  # a highlight that is not believed is not shown: relit, it would be a firefly
@@ -471,18 +479,18 @@ def _level(task: Task) -> Array:
     return squares / jnp.maximum(task.samples, 1.0)
 
 
-def _told(best: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> Array:
+def _identifiable(best: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> Array:
     """Return where every number but the highlight's has an error, and the normal one that holds."""
-    told = jnp.ones(best.lit.shape, bool)
+    identifiable = jnp.ones(best.lit.shape, bool)
     for name, error in errors.items():
-        told = told if name in ("k_s", "n_s") else told & jnp.isfinite(error).all(0)
-    if not best.task.turning:
-        return told
+        identifiable = identifiable if name in ("k_s", "n_s") else identifiable & jnp.isfinite(error).all(0)
+    if not best.task.fit_normal:
+        return identifiable
     square = jnp.deg2rad(errors["normal"][0]) ** 2
     if "k_d" in values:  # of its channels, the best known one: they all share the error of the vector's length
         share = errors["k_d"] / jnp.where(values["k_d"] > 0.0, values["k_d"], 1e-300)
         square = square + jnp.min(share, 0) ** 2
-    return told & (square < LEANING**2)
+    return identifiable & (square < LEANING**2)
 
 
 def _highlight_known(full: Best, values: Mapping[str, Any], errors: Mapping[str, Any]) -> Array:
@@ -513,20 +521,20 @@ def _mean_square(best: Best) -> Array:
 
 @partial(jax.jit, static_argnames="choices")
 def residual_sizes(
-    rig: Rig, known: Known, block: Block, sigma: Array, patience: Array, choices: Choices
+    setup: LightingSetup, known: Known, block: Block, sigma: Array, patience: Array, choices: Choices
 ) -> Float[Array, "views texels"]:
     """Return the size of the residuals of each observation, the root mean square of its channels.
 
     In units in which its median is the standard deviation of Gaussian noise: divided by the root of the share of the
     observations that the unknowns leave, and by the median of chi / sqrt(C) of C channels.
     """
-    best = _best(rig, known, sights_for(rig, block, choices), block, sigma, patience, choices)
+    best = _best(setup, known, sights_for(setup, block, choices), block, sigma, patience, choices)
     task, found = best.task, best.descent.found
 
-    def of_view(look: Any) -> Array:
-        F = features(task, look, found.n, found.x, ())
+    def of_view(view_slice: Any) -> Array:
+        F = features(task, view_slice, found.n, found.x, ())
         m = F.predicted(found.k)
-        return jnp.sqrt(jnp.mean((m - look.target.astype(found.x.dtype)) ** 2, 0))
+        return jnp.sqrt(jnp.mean((m - view_slice.target.astype(found.x.dtype)) ** 2, 0))
 
     left = jnp.clip((task.samples - task.unknowns) / jnp.maximum(task.samples, 1.0), 0.05, 1.0)
     return jax.lax.map(of_view, looks(task, None)) / (MEDIAN[len(block.seen.target[0])] * jnp.sqrt(left)[None])

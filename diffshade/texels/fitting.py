@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
-from ..core.progress import Tell, showing, silent
+from ..core.progress import ReportProgress, showing, silent
 from ..inverse.data.views import View, is_grey
 from ..inverse.fitting import check_scale
 from ..inverse.forward.losses import LOSSES
@@ -26,16 +26,16 @@ from ..model.fresnel import NoFresnel
 from ..model.rendering import select
 from ..model.scenes import Scene, check_positions, check_shapes
 from ..parallel.checkpoints import fingerprint
-from ..parallel.devices import Lanes
-from ..parallel.records import Record
+from ..parallel.devices import DeviceGroup
+from ..parallel.run_store import RunStore
 from ..parallel.threads import in_order, on_all_cores
 from .descent import GRID
 from .estimates import Choices, Estimates, Usual, estimate, residual_sizes
 from .geometry import Plane, note_of, plane_of, scatter_of_block
+from .lighting import LightingSetup, rig_of
 from .maps import TexelMaps
-from .passes import COEFFICIENTS, Known
+from .normal_equations import COEFFICIENTS, Known
 from .shared import MOST_PASSES, STILL, by_region, grid_costs, slopes, stepped
-from .sights import Rig, rig_of
 from .tiles import Source, Tile
 
 _LOGGER = logging.getLogger("diffshade")
@@ -89,10 +89,10 @@ def fit_texels(
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     with (
-        showing("texels") if progress else contextlib.nullcontext(silent) as tell,
+        showing("texels") if progress else contextlib.nullcontext(silent) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        run = _Run(scene, views, free, regions, loss, out, memory, mesh, tell)
+        run = _Run(scene, views, free, regions, loss, out, memory, mesh, report_progress)
         with contextlib.closing(run.record):
             return run.maps()
 
@@ -110,34 +110,34 @@ class _Run:
         out: str | os.PathLike[str] | None,
         memory: int,
         mesh: Mesh | None,
-        tell: Tell,
+        report_progress: ReportProgress,
     ):
-        self.scene, self.free, self.tell = scene, free, tell
+        self.scene, self.free, self.report_progress = scene, free, report_progress
         self.source = Source(scene, views)
         known_noise = views[0].noise is not None
-        uniform = all(view.noise is None or view.noise.is_uniform for view in views)
-        self.choices = Choices(free, loss, uniform, known_noise)
-        self.rig: Rig = rig_of(scene, views)
+        homoscedastic = all(view.noise is None or view.noise.is_uniform for view in views)
+        self.choices = Choices(free, loss, homoscedastic, known_noise)
+        self.setup: LightingSetup = rig_of(scene, views)
         self.known = _known(scene, free, self.source.channels)
         # numbered from 0 without gaps
         self.regions = None if regions is None else np.unique(np.asarray(regions), return_inverse=True)[1].reshape(-1)
         height = self.source.shape[0]
-        self.lanes = None if mesh is None else Lanes(mesh)
-        if self.lanes is not None and self.lanes.several and out is None:
+        self.device_group = None if mesh is None else DeviceGroup(mesh)
+        if self.device_group is not None and self.device_group.several and out is None:
             raise ValueError(
                 "several processes need one folder for their maps; got out=None. Give out a shared folder."
             )
         problem = "" if out is None else fingerprint(scene, views, free, self.regions, loss)
         rows = self.source.rows_of(memory)
-        if self.lanes is not None:  # no device without a tile
-            rows = min(rows, -(-height // self.lanes.count))
-        self.record = Record(out, problem, rows, lambda rows: -(-height // rows), self.lanes)
+        if self.device_group is not None:  # no device without a tile
+            rows = min(rows, -(-height // self.device_group.count))
+        self.record = RunStore(out, problem, rows, lambda rows: -(-height // rows), self.device_group)
         self.rows = self.record.rows
         self.count = len(self.record.done)
         self.own = range(self.count)
-        if self.lanes is not None:
-            lanes = self.lanes
-            self.own = [t for t in range(self.count) if t % lanes.count in lanes.own]
+        if self.device_group is not None:
+            device_group = self.device_group
+            self.own = [t for t in range(self.count) if t % device_group.count in device_group.own]
         self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, RANGES["n_s"][0])))
 
     def maps(self) -> TexelMaps:
@@ -200,13 +200,13 @@ class _Run:
         for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
             work(tile)
             finish(t)
-            self.tell(verb, (len(self.own) - len(todo) + k + 1) / len(self.own))
+            self.report_progress(verb, (len(self.own) - len(todo) + k + 1) / len(self.own))
 
     def _on_devices(self, work: Callable[[Any], Any], blocks: Sequence[Any]) -> list[Any]:
         """Return what each block gives, in order: on all cores, or each on the next device of the mesh."""
-        if self.lanes is None:
+        if self.device_group is None:
             return on_all_cores(work, blocks)
-        devices = list(self.lanes.here.devices.flat)
+        devices = list(self.device_group.here.devices.flat)
 
         def on_device(item: tuple[int, Any]) -> Any:
             k, block = item
@@ -221,7 +221,7 @@ class _Run:
         def of_block(cut: Any) -> np.ndarray:
             part, laid = cut
             block = self.source.lay_out(*laid)
-            return np.asarray(scatter_of_block(self.rig, block, "k_a" in self.free))[..., : len(part)]
+            return np.asarray(scatter_of_block(self.setup, block, "k_a" in self.free))[..., : len(part)]
 
         found = self._on_devices(of_block, self.source.blocks(some, self._exponent_of(some)))
         return plane_of(np.concatenate([np.zeros((3, 3, 0)), *found], -1))
@@ -253,7 +253,7 @@ class _Run:
         def of_block(cut: Any) -> Estimates:
             part, laid = cut
             block = self.source.lay_out(*laid)
-            found = estimate(self.rig, self.known, block, sigma, usual, np.asarray(patience), choices)
+            found = estimate(self.setup, self.known, block, sigma, usual, np.asarray(patience), choices)
             return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(part)], found)
 
         found = self._on_devices(of_block, self.source.blocks(tile, log_n_s, which))
@@ -261,7 +261,7 @@ class _Run:
 
     def _scale(self) -> float:
         """Return the scale of the residuals of a robust loss: the median of their size at some texels."""
-        self.tell("judging the residuals")
+        self.report_progress("judging the residuals")
         some = self.source.sample(SAMPLED)
         sigma, choices = 1.0, self.choices._replace(loss="squares")
         for _ in range(4):
@@ -278,7 +278,7 @@ class _Run:
         def of_block(cut: Any) -> np.ndarray:
             part, laid = cut
             block = self.source.lay_out(*laid)
-            size = residual_sizes(self.rig, self.known, block, np.asarray(sigma), np.asarray(PATIENT), choices)
+            size = residual_sizes(self.setup, self.known, block, np.asarray(sigma), np.asarray(PATIENT), choices)
             return np.asarray(size)[:, : len(part)][block.seen.counts[:, : len(part)]]
 
         found = self._on_devices(of_block, self.source.blocks(tile, self._exponent_of(tile)))
@@ -289,7 +289,7 @@ class _Run:
         assert self.regions is not None
         regions = int(self.regions.max()) + 1
         costs = self._pass(
-            "search", len(GRID), regions, lambda block: grid_costs(self.rig, self.known, block, self.choices)
+            "search", len(GRID), regions, lambda block: grid_costs(self.setup, self.known, block, self.choices)
         )
         x = GRID[np.argmin(costs, 0)]
         error, moved = np.full(regions, np.inf), np.full(regions, np.inf)
@@ -300,7 +300,7 @@ class _Run:
                 f"pass_{k}",
                 4,
                 regions,
-                lambda block: slopes(self.rig, self.known, block, sigma, patience, self.choices),
+                lambda block: slopes(self.setup, self.known, block, sigma, patience, self.choices),
                 at,
             )
             x, error = stepped(at, sums)
@@ -336,10 +336,10 @@ class _Run:
             self.record.finish(t, name=f"{name}_done")
 
         self._over_tiles(work, done, f"n_s of the regions, {name.replace('_', ' ')}:", finish)
-        if self.lanes is None or not self.lanes.several:
+        if self.device_group is None or not self.device_group.several:
             return shares.sum(0)
         mine = np.zeros((rows, regions)) + sum(shares[t] for t in self.own)
-        return self.lanes.total([mine, *[np.zeros_like(mine)] * (len(self.lanes.own) - 1)])
+        return self.device_group.total([mine, *[np.zeros_like(mine)] * (len(self.device_group.own) - 1)])
 
     def _exponent_of(
         self, tile: Tile, x: np.ndarray | None = None, error: np.ndarray | None = None

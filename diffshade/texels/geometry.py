@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from ..core.fields import Array
 from ..model.vectors import Vec3, dot
-from .sights import Rig, Sights, sights_of
+from .lighting import LightingGeometry, LightingSetup, sights_of
 
 # Sines of the angle to the plane nearest to all lights, root mean square.
 FLAT = 0.02  # up to which they count as in it: about a degree, which is how well directions of lamps are known
@@ -32,7 +32,9 @@ NARROW = 0.15  # up to which they come from so near each other that a highlight 
 Scatter = Sequence[Sequence[Float[Array, " texels"]]]
 
 
-def scatter(rig: Rig, sights: Sights, weight: Array, n: Vec3 | None, *, ambient: bool) -> Scatter:
+def scatter(
+    setup: LightingSetup, lighting: LightingGeometry, weight: Array, n: Vec3 | None, *, ambient: bool
+) -> Scatter:
     """Return S of each texel, of the lights that n faces, or of all where it is not known.
 
     `weight`: of each observation, (views, _, texels). `ambient`: whether k_a is free, which takes what is the same in
@@ -50,7 +52,7 @@ def scatter(rig: Rig, sights: Sights, weight: Array, n: Vec3 | None, *, ambient:
         return [t + w * a[i] * a[j] for t, (i, j) in zip(total, pairs, strict=True)], None
 
     zero = jnp.zeros(weight.shape[2])
-    lower, _ = jax.lax.scan(add, [zero] * len(pairs), (sights.views, rig.exposure, weight))
+    lower, _ = jax.lax.scan(add, [zero] * len(pairs), (lighting.views, setup.exposure, weight))
     S = [[lower[pairs.index((max(i, j), min(i, j)))] for j in range(4)] for i in range(4)]
     if ambient:
         shared = jnp.where(S[3][3] > 0.0, S[3][3], 1.0)
@@ -79,11 +81,11 @@ def out_of_plane(S: Scatter) -> Float[Array, " texels"]:
 
 
 @partial(jax.jit, static_argnames="ambient")
-def scatter_of_block(rig: Rig, block: Any, ambient: bool) -> Float[Array, "3 3 texels"]:
+def scatter_of_block(setup: LightingSetup, block: Any, ambient: bool) -> Float[Array, "3 3 texels"]:
     """Return S of each texel of a block, of all the lights of the views in which it counts."""
-    sights = sights_of(rig, block.p, block.v)
+    lighting = sights_of(setup, block.p, block.v)
     weight = jnp.where(block.seen.counts[:, None], 1.0, 0.0)
-    return jnp.asarray(scatter(rig, sights, weight, None, ambient=ambient))
+    return jnp.asarray(scatter(setup, lighting, weight, None, ambient=ambient))
 
 
 class Plane(NamedTuple):

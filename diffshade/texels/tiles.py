@@ -21,7 +21,7 @@ from ..model.scenes import Scene
 from ..model.surfaces import AbstractSurface
 from ..model.vectors import Vec3
 from .estimates import Block
-from .passes import Photographs
+from .normal_equations import Photographs
 
 SAMPLED_ROWS = 64
 BLOCK = 4096  # texels at most in one call of a compiled program; what a view needs of them stays in a core's cache

@@ -17,7 +17,7 @@ from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
 from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.running import samples_for
-from diffshade.inverse.solve.solvers import look
+from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.unknowns.parameters import coordinates, find_unknowns
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 9))
@@ -201,7 +201,7 @@ def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknown
     held, moved = 0, 0.0
     for seed in range(2):
         theta = np.clip(random_values(fast, np.random.default_rng(seed)), *box)
-        point = look(theta, fast.task(1.0), chunks)
+        point = evaluate(theta, fast.task(1.0), chunks)
         found = np.asarray(point.theta)
         views = rendered_gram(found, generic)
         assert_agree(point.views, views)
@@ -269,5 +269,5 @@ def test_an_ambient_scene_without_a_light_is_the_same_in_both_forms():
     case = Case(standard_scene(PHONG, []), [view()], ("k_a", "black"), bounds=())
     fast, generic = (case.problem(rendered=rendered) for rendered in (False, True))
     assert isinstance(fast.model, FeatureModel)
-    point = look(np.array([0.3, 0.2, 0.5, 0.1]), fast.task(1.0), fast.chunks())
+    point = evaluate(np.array([0.3, 0.2, 0.5, 0.1]), fast.task(1.0), fast.chunks())
     assert_agree(point.views, rendered_gram(np.asarray(point.theta), generic))

@@ -250,12 +250,12 @@ def test_what_is_hardly_separated_is_told_apart_from_what_cannot_be():
     """A known noise of almost nothing: the numbers are good, and hang on the model."""
     scene = standard_scene(lights=[ds.PointLight((6, 6, 14), 10.0, ds.RadialAttenuation(1.0, 0.09, 0.032))])
     image = photograph(scene)
-    foresight = ds.foresee(scene, ds.View(image, CAMERA, noise=1e-7), free=FREE)
+    foresight = ds.forecast(scene, ds.View(image, CAMERA, noise=1e-7), free=FREE)
     assert foresight.determined.all()
     (note,) = foresight.notes
     assert note.startswith("these views hardly separate k_d")
     assert "Fix one, for example quadratic" in note
-    noisy_one = ds.foresee(scene, ds.View(image, CAMERA), free=FREE, noise=0.01)
+    noisy_one = ds.forecast(scene, ds.View(image, CAMERA), free=FREE, noise=0.01)
     assert row(noisy_one, "linear").endswith("not determined")
     assert any("linear is lost in the noise: its error is" in note for note in noisy_one.notes)
 

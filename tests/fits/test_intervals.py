@@ -89,11 +89,11 @@ def test_of_a_linear_problem_they_are_the_textbooks():
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
         profile = Profile(fit, clusters)
-        likely, sure = intervals(profile, LEVELS)
+        interval_68, interval_95 = intervals(profile, LEVELS)
     errors = clusters.errors()
-    reach = np.abs(sure - fit.values[:, None]) / errors[:, None]
+    reach = np.abs(interval_95 - fit.values[:, None]) / errors[:, None]
     np.testing.assert_allclose(reach, 1.96, rtol=0.02)
-    assert np.all((likely > sure)[:, 0] & (likely < sure)[:, 1])
+    assert np.all((interval_68 > interval_95)[:, 0] & (interval_68 < interval_95)[:, 1])
     for j in range(len(errors)):
         points = profile.curve(j)
         assert len(points) == 5  # the best, and the ends of both intervals
@@ -105,11 +105,11 @@ def test_an_end_is_where_a_fit_that_is_bounded_there_costs_so_much_more():
     fit = noisy_fit()
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
-        sure = intervals(Profile(fit, clusters), (0.95,))[0]
-    assert np.all((sure[:, 0] < fit.values) & (sure[:, 1] > fit.values))
+        interval_95 = intervals(Profile(fit, clusters), (0.95,))[0]
+    assert np.all((interval_95[:, 0] < fit.values) & (interval_95[:, 1] > fit.values))
     for name, side in (("n_s", 1), ("quadratic", -1)):
         j = fit.names.index(name)
-        bounds = {name: (sure[j, 1], 1e3) if side > 0 else (0.0, sure[j, 0])}
+        bounds = {name: (interval_95[j, 1], 1e3) if side > 0 else (0.0, interval_95[j, 0])}
         held = standard_fit(noisy_images(), bounds=bounds)
         assert held.at_bound[j]
         away = np.sqrt(2.0 * (held.costs[-1] - fit.costs[-1]) / clusters.rises()[j])
@@ -129,9 +129,13 @@ def test_they_end_at_bounds_and_are_one_sided_there():
 # --- clusters
 
 
-def of_clusters(shaken: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views") -> Clusters:
-    freedom = np.full(len(shaken), 7.0)
-    return Clusters(noisy_fit().evidence, count, what, scatter, any(shaken), np.array(shaken), freedom)
+def of_clusters(
+    rejects_independence: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views"
+) -> Clusters:
+    freedom = np.full(len(rejects_independence), 7.0)
+    return Clusters(
+        noisy_fit().evidence, count, what, scatter, any(rejects_independence), np.array(rejects_independence), freedom
+    )
 
 
 def test_a_jackknife_has_students_t_of_its_freedom():
@@ -146,7 +150,7 @@ def test_a_jackknife_has_students_t_of_its_freedom():
     np.testing.assert_allclose(half.errors()[:6], np.maximum(clustered, plain)[:6])
     np.testing.assert_allclose(half.errors()[6:], np.sqrt(3.0) * plain[6:])
     ratio = np.maximum(clustered / plain, 1.0) ** 2
-    np.testing.assert_allclose(half.inflation(), np.where(half.shaken, ratio, 3.0))
+    np.testing.assert_allclose(half.inflation(), np.where(half.rejects_independence, ratio, 3.0))
     np.testing.assert_allclose(half.rises(), evidence.sigma2 * half.inflation())
     np.testing.assert_allclose(half.wide_errors(), half.errors() * half.quantiles(0.95) / stats.norm.ppf(0.975))
     np.testing.assert_array_equal(of_clusters([False] * 12, 0.7).inflation(), np.ones(12))
@@ -221,8 +225,8 @@ def test_one_view_has_patches_for_clusters():
     assert "patches" in good.what
     assert good.count == len(good.evidence.hessian) > 30
     np.testing.assert_allclose(good.evidence.gradient.sum(0) / np.sqrt(np.diag(good.evidence.total)), 0.0, atol=1e-4)
-    assert not good.shaken.any()
-    assert bad.shaken.any()
+    assert not good.rejects_independence.any()
+    assert bad.rejects_independence.any()
     assert bad.count < good.count
-    assert np.all((bad.errors() > bad.evidence.plain_errors())[bad.shaken])
-    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.shaken))
+    assert np.all((bad.errors() > bad.evidence.plain_errors())[bad.rejects_independence])
+    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.rejects_independence))

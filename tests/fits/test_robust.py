@@ -24,7 +24,7 @@ def off(fit: ds.Fit, truth: ds.Scene = SCENE) -> np.ndarray:
 # --- clipped samples
 
 SHINY = standard_scene(ds.Material(0.1, 0.6, 0.8, 50))
-CLIPPED_ARE: dict[str, dict[str, Any]] = {"hinge": {}, "tobit": {"noise": SIGMA}, "leave out": {}}
+CLIPPED_ARE: dict[str, dict[str, Any]] = {"hinge": {}, "tobit": {"noise": SIGMA}, "exclude": {}}
 
 
 @cache
@@ -40,7 +40,7 @@ def test_clipped_highlights_leave_the_exponent_within_a_percent(clipped):
     images, level = clipped_highlights()
     found = standard_fit(images, view={"saturation": level, **CLIPPED_ARE[clipped]}, clipped=clipped)
     number = sum(int((image[INSIDE] >= level).sum()) for image in images)
-    left_out = clipped == "leave out"
+    left_out = clipped == "exclude"
     assert (found.counts.clipped, found.counts.left_out) == ((0, number) if left_out else (number, 0))
     (note,) = [note for note in found.notes if "end of the sensor's range" in note]
     assert note.startswith(f"{number} samples")
@@ -121,8 +121,8 @@ def test_noise_that_grows_with_the_signal_is_weighed_as_it_is_told():
 @pytest.mark.parametrize("srgb", [True, False])
 def test_the_variance_of_rounding_to_the_levels_of_a_file_is_what_rounding_makes(levels, srgb):
     random = np.random.default_rng(0)
-    for centre in (0.04, 0.1, 0.3, 0.6):
-        m = random.uniform(0.5 * centre, 1.5 * centre, 200_000)  # tens of steps
+    for center in (0.04, 0.1, 0.3, 0.6):
+        m = random.uniform(0.5 * center, 1.5 * center, 200_000)  # tens of steps
         code = np.asarray(ds.srgb_encode(m)) if srgb else m
         code = np.round(levels * code) / levels
         rounded = np.asarray(ds.srgb_decode(code)) if srgb else code

@@ -17,8 +17,8 @@ from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 import diffshade as ds
 from diffshade.diagnosis.examination import _say
 from diffshade.diagnosis.misfit import explanations
-from diffshade.diagnosis.misfit.explanations import Desk, Explanation, matters
-from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, centre_of, level, measure_rim, rims
+from diffshade.diagnosis.misfit.explanations import Explanation, MisfitSearch, matters
+from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
 from diffshade.diagnosis.misfit.suspicions import Suspicion, _said, _views, _where, suspicions
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.checks.stability import Refit
@@ -41,7 +41,10 @@ def test_of_the_model_itself_all_is_determined_and_nothing_suspected():
     assert examination.suspicions == ()
     assert not any(refit.moved.any() for refit in examination.refits)
     np.testing.assert_array_equal(examination.errors, find_clusters(fit).wide_errors())
-    for within, outer in ((fit.values[:, None], examination.likely), (examination.likely, examination.sure)):
+    for within, outer in (
+        (fit.values[:, None], examination.interval_68),
+        (examination.interval_68, examination.interval_95),
+    ):
         assert np.all((outer[:, 0] < within.min(1)) & (within.max(1) < outer[:, 1]))
     truth = fit.values_in(standard_scene())
     assert np.all(np.abs(truth - fit.values) < 4 * examination.errors)
@@ -64,7 +67,7 @@ def test_the_table_has_every_number_with_its_intervals():
     assert "8 views" in title
     assert f"{fit.counts.pixels:,} pixels" in title
     assert head.split() == ["parameter", "value", "error", "68", "%", "95", "%"]
-    for name, row, value, (low, high) in zip(fit.names, rows, fit.values, examined().sure, strict=False):
+    for name, row, value, (low, high) in zip(fit.names, rows, fit.values, examined().interval_95, strict=False):
         cells = row.split()
         assert cells[:2] == [name, f"{value:.6g}"]
         assert cells[-3:] == [f"{low:.5g}", "to", f"{high:.5g}"]
@@ -73,23 +76,25 @@ def test_the_table_has_every_number_with_its_intervals():
         ds.examine("fit")  # pyright: ignore[reportArgumentType]
 
 
-def said(sure: np.ndarray | None = None, again: Any = (), shifted: Any = None, fit: ds.Fit | None = None, suspected=()):
+def said(
+    interval_95: np.ndarray | None = None, again: Any = (), shifted: Any = None, fit: ds.Fit | None = None, suspected=()
+):
     """An examination of these intervals and refits."""
     fit = noisy_fit() if fit is None else fit
-    sure = examined().sure if sure is None else sure
+    interval_95 = examined().interval_95 if interval_95 is None else interval_95
     shifted = np.zeros(len(fit.names), bool) if shifted is None else shifted
-    found: Any = np.stack([examined().likely, sure])
+    found: Any = np.stack([examined().interval_68, interval_95])
     return _say(fit, find_clusters(fit), found, examined().profiles, list(again), shifted, suspected)
 
 
 def test_what_may_be_anything_or_much_is_not_determined():
-    fit, sure = noisy_fit(), examined().sure.copy()
+    fit, interval_95 = noisy_fit(), examined().interval_95.copy()
     names = list(fit.names)
     j, n_s, linear = names.index("k_d.g"), names.index("n_s"), names.index("linear")
-    sure[j] = 0.0, np.inf
-    sure[n_s] = 50 / np.e, 50 * np.e  # half a unit of the logarithm, and a little
-    sure[linear] = 0.0, 0.02
-    examination = said(sure)
+    interval_95[j] = 0.0, np.inf
+    interval_95[n_s] = 50 / np.e, 50 * np.e  # half a unit of the logarithm, and a little
+    interval_95[linear] = 0.0, 0.02
+    examination = said(interval_95)
     assert np.flatnonzero(~examination.determined).tolist() == [j, n_s]
     assert any(note.startswith("k_d.g may be anything within the bounds") for note in examination.notes)
     (lost,) = [note for note in examination.notes if "lost in the noise by the 95 %" in note]
@@ -99,12 +104,12 @@ def test_what_may_be_anything_or_much_is_not_determined():
     assert "linear 0.02" in most
     row = next(line for line in str(examination).splitlines() if line.startswith("n_s "))
     assert row.split() == ["n_s", "not", "determined"]
-    sure[n_s] = 50 / np.exp(0.97), 50 * np.exp(0.97)
-    assert said(sure).determined[n_s]
-    sure[0] = 0.1 - 0.3 * 1.9 * fit.values[0], 0.1 + 0.3 * 1.9 * fit.values[0]  # 29 % of the value
-    assert said(sure).determined[0]
-    sure[0] = 0.1 - 0.3 * 2.1 * fit.values[0], 0.1 + 0.3 * 2.1 * fit.values[0]
-    assert not said(sure, fit=dataclasses.replace(fit, scales=0.0 * fit.scales)).determined[0]
+    interval_95[n_s] = 50 / np.exp(0.97), 50 * np.exp(0.97)
+    assert said(interval_95).determined[n_s]
+    interval_95[0] = 0.1 - 0.3 * 1.9 * fit.values[0], 0.1 + 0.3 * 1.9 * fit.values[0]  # 29 % of the value
+    assert said(interval_95).determined[0]
+    interval_95[0] = 0.1 - 0.3 * 2.1 * fit.values[0], 0.1 + 0.3 * 2.1 * fit.values[0]
+    assert not said(interval_95, fit=dataclasses.replace(fit, scales=0.0 * fit.scales)).determined[0]
 
 
 def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
@@ -168,7 +173,7 @@ def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
     assert light.startswith("lights.3 is")
     assert "views[3]" in light
     assert "'lights.3.position'" in light
-    middle = centre_of(scene.objects, CAMERA)
+    middle = center_of(scene.objects, CAMERA)
     one, two = np.asarray(scene.lights[3].position) - middle, there - middle  # pyright: ignore[reportAttributeAccessIssue]
     tilt = np.rad2deg(np.arccos(one @ two / np.linalg.norm(one) / np.linalg.norm(two)))
     np.testing.assert_allclose(float(light.split(" is ")[1].split()[0]), tilt, rtol=0.1)
@@ -404,7 +409,7 @@ def test_views_or_lights_that_all_disagree_are_told_as_one():
 def test_a_factor_is_over_the_median_of_three_or_more():
     end: Any = None
     for effects, expected in (([0.5, 2.0, 4.0, 2.0], 0.25), ([0.5, 2.0], 0.5), ([0.5], 0.5)):
-        of, like = Desk.__new__(Desk), desk(effects)
+        of, like = MisfitSearch.__new__(MisfitSearch), desk(effects)
         of.fit, of.alternatives = like.fit, like.alternatives
         assert of.factor(end, 0) == expected
 
@@ -426,7 +431,7 @@ def test_when_another_encoding_is_believed(monkeypatch, cost, rival, change, bel
     other = SimpleNamespace(**{"share": 0.5, "explained": 0.6, "errors": 11.0, "agreed": 0.8} | change)
     monkeypatch.setattr(explanations, "cost_and_noise", lambda fit: (cost, 1.0))
     monkeypatch.setattr(explanations, "other_encoding", lambda fit, noise, *, decoded: other)
-    of: Any = Desk.__new__(Desk)
+    of: Any = MisfitSearch.__new__(MisfitSearch)
     of.fit = None
     assert len(of.encodings([SimpleNamespace(share=rival)])) == 2 * believed
 

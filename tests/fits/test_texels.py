@@ -156,8 +156,13 @@ def test_what_does_not_count_is_left_out():
         ds.View(im.astype(">f8"), v.camera, None if i else half, lit=v.lit, saturation=level)
         for i, (im, v) in enumerate(zip(clipped, ball.views, strict=True))
     ]
-    told = ds.fit_texels(ball.scene, views)
-    assert off(told, ball, "k_d", told.known).mean() < 0.01 < 0.02 < off(believed, ball, "k_d", believed.known).mean()
+    identifiable = ds.fit_texels(ball.scene, views)
+    assert (
+        off(identifiable, ball, "k_d", identifiable.known).mean()
+        < 0.01
+        < 0.02
+        < off(believed, ball, "k_d", believed.known).mean()
+    )
     of_one = [np.where(view.image == 1.0, 0.999, view.image) for view in ball.views]
     at_one = [ds.View(np.minimum(im, 1.0), v.camera, lit=v.lit) for im, v in zip(of_one, ball.views, strict=True)]
     whole = ds.fit_texels(ball.scene, at_one)

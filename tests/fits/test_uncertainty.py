@@ -19,11 +19,11 @@ from diffshade.inverse.statistics.uncertainty import (
     deciding_view,
     jackknife_covariance,
     jackknife_of_noise,
-    lone_views,
     on_unit_vectors,
     plain_covariance,
+    single_views,
     standard_errors,
-    without_lone,
+    without_single_views,
 )
 from diffshade.inverse.unknowns.parameters import put_back
 
@@ -120,9 +120,11 @@ def test_the_jackknife_of_a_linear_model_is_that_of_fits_without_each_view(own):
     best = solve([*range(5)])
     J = np.array([design(v) for v in range(5)])
     H, g = np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, J @ best - b[..., 0])
-    lone = lone_views(H)
-    assert lone.tolist() == [-1, -1, 0, 1, 2, 3, 4][:p]
-    covariance = jackknife_covariance(*without_lone(H, g, known, lone), known[:2, :2], (known @ best)[:2])
+    single_view = single_views(H)
+    assert single_view.tolist() == [-1, -1, 0, 1, 2, 3, 4][:p]
+    covariance = jackknife_covariance(
+        *without_single_views(H, g, known, single_view), known[:2, :2], (known @ best)[:2]
+    )
     without = np.array([solve([w for w in range(5) if w != v])[:2] for v in range(5)])
     deviations = without - without.mean(0)
     np.testing.assert_allclose(covariance, 4 / 5 * deviations.T @ deviations, rtol=1e-9)
@@ -174,7 +176,7 @@ def test_the_errors_of_a_line_are_the_textbooks():
     evidence, J, b = linear()
     found: Any = stats.linregress(J[..., 1].ravel(), b.ravel())
     np.testing.assert_allclose(evidence.plain_errors(), [found.intercept_stderr, found.stderr], rtol=1e-9)
-    assert evidence.stiffness == 1.0
+    assert evidence.loss_ratio == 1.0
     unknown = dataclasses.replace(evidence, determined=np.array([True, False]))
     assert np.isinf(unknown.plain_errors()[1])
     assert np.isinf(unknown.clustered_errors()[1])
@@ -196,7 +198,7 @@ def test_whether_clusters_agree_is_chows_test(shared):
 
 def test_what_shakes_is_found_by_its_jackknife():
     evidence, _, _ = linear(0.05)
-    p_value, freedom = evidence.shaken()
+    p_value, freedom = evidence.rejects_independence()
     expected, of_noise = jackknife_of_noise(evidence.hessian, np.zeros((2, 2)))
     jackknife = jackknife_covariance(evidence.hessian, evidence.gradient, np.zeros((2, 2)), np.zeros(2))
     np.testing.assert_allclose(evidence.clustered_errors(), np.sqrt(np.diag(jackknife)), rtol=1e-12)
@@ -205,11 +207,11 @@ def test_what_shakes_is_found_by_its_jackknife():
     np.testing.assert_allclose(p_value, stats.chi2.sf(freedom * ratio, freedom), rtol=1e-9)
     assert p_value[0] < 0.05 < p_value[1]  # they share an offset, no slope
     two = dataclasses.replace(evidence, hessian=evidence.hessian[:2], gradient=evidence.gradient[:2])
-    assert [of.tolist() for of in two.shaken()] == [[1.0, 1.0], [np.inf, np.inf]]
+    assert [of.tolist() for of in two.rejects_independence()] == [[1.0, 1.0], [np.inf, np.inf]]
     robust = dataclasses.replace(evidence, spread=evidence.spread * [1, 1, 1, 0.4, 0.8])
-    assert robust.stiffness == pytest.approx(2.0)  # of a robust loss the jackknife takes the slopes
+    assert robust.loss_ratio == pytest.approx(2.0)  # of a robust loss the jackknife takes the slopes
     np.testing.assert_allclose(robust.clustered_errors(), 2.0 * evidence.clustered_errors(), rtol=1e-12)
-    np.testing.assert_allclose(robust.shaken()[0], stats.chi2.sf(4 * freedom * ratio, freedom), rtol=1e-9)
+    np.testing.assert_allclose(robust.rejects_independence()[0], stats.chi2.sf(4 * freedom * ratio, freedom), rtol=1e-9)
     np.testing.assert_allclose(robust.plain_errors(), evidence.plain_errors(), rtol=1e-12)
 
 
@@ -223,15 +225,15 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
         evidence, hessian=H, gradient=g, known_hessian=np.zeros((3, 3)), known_gradient=np.zeros(3),
         values=np.ones(3), at_bound=no, determined=~no,
     )  # fmt: skip
-    assert of_three.lone.tolist() == [-1, -1, 4]
+    assert of_three.single_view.tolist() == [-1, -1, 4]
     np.testing.assert_allclose(of_three.clustered_errors()[2], of_three.plain_errors()[2], rtol=1e-12)
     assert np.all(of_three.clustered_errors()[:2] != of_three.plain_errors()[:2])
-    assert of_three.shaken()[1][2] == np.inf
-    assert not compared(of_three, 6, "6 views").shaken[2]
+    assert of_three.rejects_independence()[1][2] == np.inf
+    assert not compared(of_three, 6, "6 views").rejects_independence[2]
     one_decides = np.ones((6, 2, 2))
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
     assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
-    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").shaken.any()
+    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").rejects_independence.any()
     assert _views([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
     assert _views([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 

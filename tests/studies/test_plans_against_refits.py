@@ -120,8 +120,8 @@ def test_a_shot_like_the_views_adds_what_they_did(fit):
     plans = [ds.plan(fit, ds.Shot(light=ds.PointLight(p))) for p in LAMPS]
     added = sum(np.exp(plan.gain[0]) for plan in plans)
     assert added > 3.0
-    lone = ds.fit(SCENE, one_light_each(photographs(SCENE))[0], free=("k_a", "k_d"), priors={})
-    again = ds.plan(lone, ds.Shot())
+    single_view = ds.fit(SCENE, one_light_each(photographs(SCENE))[0], free=("k_a", "k_d"), priors={})
+    again = ds.plan(single_view, ds.Shot())
     np.testing.assert_allclose(again.errors[0], again.now / np.sqrt(2.0), rtol=1e-6)
     np.testing.assert_allclose(again.gain[0], 6 * np.log(2.0), rtol=1e-6)
 

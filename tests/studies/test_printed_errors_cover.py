@@ -91,7 +91,7 @@ def test_one_view_with_independent_noise_raises_no_alarm(runs):
         with jax.enable_x64(True):
             ranges = intervals(Profile(known, independent(known.evidence, "1 view")), (0.95,))[0]
         both = looked.determined & known.determined
-        wider.extend((np.diff(looked.sure) / np.diff(ranges))[both, 0])
+        wider.extend((np.diff(looked.interval_95) / np.diff(ranges))[both, 0])
     print(f"one view: remarks in {remarked} of {runs}; widths {np.quantile(wider, [0.5, 0.9, 1.0]).round(3)}")
     assert remarked <= max(0.07 * runs, 2)
     assert np.quantile(wider, 0.9) < 1.5

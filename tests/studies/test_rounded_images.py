@@ -151,7 +151,7 @@ def test_profile_intervals_hold_the_truth_too(tmp_path):
     one = ball(5, tmp_path, 1)  # by patches
     fit = one.fit(one.read_back(one.images(), 8, False))
     examination = ds.examine(fit)
-    low, high = examination.sure.T
+    low, high = examination.interval_95.T
     truth = fit.values_in(one.scene)
     assert np.mean((low <= truth) & (truth <= high)) >= 0.9
     np.testing.assert_allclose(high - low, 2 * 1.96 * examination.errors, rtol=0.05)

@@ -17,7 +17,7 @@ from diffshade.inverse.checks.stability import UNCHECKED
 SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(90, 90))
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "leave out": ({"saturation": 0.5, "floor": 0.08}, {"clipped": "leave out"}),
+    "exclude": ({"saturation": 0.5, "floor": 0.08}, {"clipped": "exclude"}),
     "robust, noise that depends on the level": ({"noise": ds.Noise(0.004, shot=1e-4)}, {"loss": "cauchy"}),
 }
 
@@ -36,7 +36,7 @@ def test_a_fit_by_tiles_is_that_of_all_in_memory(case):
     assert other.counts == one.counts
     noted = [note for note in one.notes if "depends on which data" not in note and "fixed at their values" not in note]
     assert [note for note in other.notes if note != UNCHECKED] == noted
-    assert (UNCHECKED in other.notes) == (case == "leave out")
+    assert (UNCHECKED in other.notes) == (case == "exclude")
 
 
 def start(size, folder, memory=1e6, seconds=0.05):

@@ -118,7 +118,7 @@ def test_a_lobe_of_the_other_form_is_named_or_within_the_noise(truth, model, onl
         ({"noise": 0.01}, {}),
         ({"noise": ds.Noise(read=0.01, shot=1e-4)}, {}),
         ({"saturation": 0.6}, {}),
-        ({"saturation": 0.6}, {"clipped": "leave out"}),
+        ({"saturation": 0.6}, {"clipped": "exclude"}),
         pytest.param({"saturation": 0.6, "noise": 0.01}, {"clipped": "tobit"}, marks=pytest.mark.slow),
     ],
     ids=lambda options: " ".join(map(str, options)) or "plain",

@@ -33,11 +33,11 @@ def test_ambient_light_is_told_from_the_lamps():
     assert np.median(np.abs(known.values["k_d"] / ball.truth["k_d"] - 1)[known.known]) < 0.005
 
 
-@pytest.mark.parametrize("turning", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_regions_share_one_exponent(turning):
+@pytest.mark.parametrize("fit_normal", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_regions_share_one_exponent(fit_normal):
     ball = textured_ball()
     left = (np.arange(48)[None] < 26) & np.ones((48, 48), bool)
-    scene, free = (facing_us(ball), (*MAPS, "normal")) if turning else (ball.scene, MAPS)
+    scene, free = (facing_us(ball), (*MAPS, "normal")) if fit_normal else (ball.scene, MAPS)
     maps = ds.fit_texels(scene, ball.views, free=free, regions=left.astype(int))
     for side, truth in ((left, 12.0), (~left, 40.0)):
         where = side & maps.determined

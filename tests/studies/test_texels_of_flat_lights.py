@@ -27,7 +27,7 @@ def about(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
     return np.sin(polar)[:, None] * round_ + np.cos(polar)[:, None] * middle
 
 
-def shaken(degrees: float) -> np.ndarray:
+def rejects_independence(degrees: float) -> np.ndarray:
     return np.deg2rad(degrees) * np.random.default_rng(4).standard_normal((COUNT, 3))
 
 
@@ -35,10 +35,10 @@ CEILING = 2.5 * lights_about(COUNT) * (1.0, 1.0, 0.0) + (0.0, 0.0, 2.5)
 LIGHTS: dict[str, dict[str, Any]] = {
     "a plane with the view": {"to_light": np.stack([np.sin(1.1 * AROUND), FLAT, np.cos(1.1 * AROUND)], -1)},
     "a plane": {"to_light": TILTED},
-    "a plane, half a degree": {"to_light": TILTED + shaken(0.5)},
-    "a plane, three degrees": {"to_light": TILTED + shaken(3.0)},
+    "a plane, half a degree": {"to_light": TILTED + rejects_independence(0.5)},
+    "a plane, three degrees": {"to_light": TILTED + rejects_independence(3.0)},
     "a line of directions": {"to_light": np.stack([1.5 * AROUND, FLAT + 0.5, FLAT + 1.0], -1)},
-    "one direction": {"to_light": np.ones((COUNT, 3)) * (0.2, 0.5, 1.0) + shaken(0.1)},
+    "one direction": {"to_light": np.ones((COUNT, 3)) * (0.2, 0.5, 1.0) + rejects_independence(0.1)},
     "one side": {"to_light": about((0.8, 0.3, 0.5), 35.0)},
     "one narrow side": {"to_light": about((0.8, 0.3, 0.5), 15.0)},
     "near the camera": {"to_light": about((0.0, 0.0, 1.0), 12.0)},

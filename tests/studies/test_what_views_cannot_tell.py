@@ -24,12 +24,12 @@ from diffshade.inverse.checks.stability import angle_to_highlight
 SIGMA = 0.005
 
 
-def not_told(fit: ds.Fit | ds.Foresight) -> set[str]:
+def not_told(fit: ds.Fit | ds.Forecast) -> set[str]:
     """The quantities of which the table gives no number in some channel."""
     return {name.rsplit(".", 1)[0] for name, known in zip(fit.names, fit.determined, strict=True) if not known}
 
 
-def assert_not_told(fit: ds.Fit | ds.Foresight, *names: str) -> None:
+def assert_not_told(fit: ds.Fit | ds.Forecast, *names: str) -> None:
     assert not_told(fit) == set(names)
     for name, known in zip(fit.names, fit.determined, strict=True):
         (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
@@ -115,7 +115,7 @@ def test_two_photographs_taken_alike_are_one_for_the_jackknife():
     fit = ds.fit(forget(scene), views, free=("k_a", "k_d", "k_s", "n_s"))
     assert fit.counts.views == 4
     assert len(fit.evidence.hessian) == 2
-    assert not fit.clusters.shaken.any()
+    assert not fit.clusters.rejects_independence.any()
     assert "4 views, taken in 2 ways" in str(fit)
 
 
@@ -156,7 +156,7 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
 
 def test_a_burst_that_is_foreseen_counts_as_often_as_it_will_be_taken():
     scene, blank = standard_scene(), np.zeros((*CAMERA.shape, 3))
-    one, four = (ds.foresee(scene, [ds.View(blank, CAMERA)] * n, free=("k_d", "k_s")) for n in (1, 4))
+    one, four = (ds.forecast(scene, [ds.View(blank, CAMERA)] * n, free=("k_d", "k_s")) for n in (1, 4))
     np.testing.assert_allclose(one.errors / four.errors, 2.0, rtol=1e-9)
     assert not four.notes
 
@@ -229,7 +229,7 @@ def test_two_views_have_the_errors_of_noise_times_their_scatter():
     images = noisy(photographs(standard_scene()), 0.02, 0)
     fit = ds.fit(standard_scene(), one_light_each(images)[:2], free=("k_d",))
     assert fit.notes == ()
-    assert not fit.clusters.shaken.any()
+    assert not fit.clusters.rejects_independence.any()
     np.testing.assert_allclose(fit.errors, np.sqrt(max(fit.clusters.scatter, 1.0)) * fit.plain_errors, rtol=1e-3)
     assert "errors: for independent noise" in str(fit)
 

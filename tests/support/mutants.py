@@ -35,7 +35,7 @@ GROUPS = {
         "inverse/unknowns/parameters texels/coefficients texels/descent texels/passes texels/shared texels/sights"
     ),
     "statistics": (
-        "diagnosis/examination diagnosis/foresight diagnosis/intervals diagnosis/misfit/explanations "
+        "diagnosis/examination diagnosis/forecasting diagnosis/intervals diagnosis/misfit/explanations "
         "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
         "diagnosis/planning diagnosis/resampling diagnosis/sensitivity inverse/checks/stability inverse/refits "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty "

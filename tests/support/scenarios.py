@@ -81,7 +81,7 @@ def fit_of_two_objects() -> ds.Fit:
     return ds.fit(forget(two_objects()), ds.View(photograph(two_objects()), CAMERA), free="material")
 
 
-def row(fit: ds.Fit | ds.Foresight, name: str) -> str:
+def row(fit: ds.Fit | ds.Forecast, name: str) -> str:
     """Return what the printed table says of an unknown."""
     (line,) = [line for line in str(fit).splitlines() if line.startswith(f"{name} ")]
     return line.removeprefix(name).strip()

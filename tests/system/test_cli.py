@@ -254,12 +254,12 @@ def test_the_dome_surrounds_what_the_camera_sees():
     assert (places[:, 2] > 0).all()  # none behind the ball
     assert np.abs(places[:, :2].sum(0)).max() < 0.2 * np.abs(places).max()
     away = np.array([float(shot.name.split()[-2]) for shot in shots])
-    centre = places[1] - [0.0, 0.0, away[1]]
-    assert 0.3 < centre[2] < 1  # of what is seen of the ball
-    np.testing.assert_allclose(np.linalg.norm(places - centre, axis=-1), away, rtol=2e-3)
+    center = places[1] - [0.0, 0.0, away[1]]
+    assert 0.3 < center[2] < 1  # of what is seen of the ball
+    np.testing.assert_allclose(np.linalg.norm(places - center, axis=-1), away, rtol=2e-3)
     np.testing.assert_allclose(away.reshape(9, 3) / away[1], [[0.6, 1.0, 2.0]] * 9, rtol=2e-3)
     assert shots[4].name.startswith("right, 30 degrees off, ")
-    assert places[4, 0] - centre[0] == pytest.approx(away[1] * np.sin(np.pi / 6), rel=1e-3)
+    assert places[4, 0] - center[0] == pytest.approx(away[1] * np.sin(np.pi / 6), rel=1e-3)
 
 
 def test_texels(typed):

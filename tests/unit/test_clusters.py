@@ -58,13 +58,13 @@ def test_of_views_with_errors_of_their_own_they_do_too(count, shared):
     found = [clusters(count, seed, shared) for seed in range(100)]
     assert 0.88 < np.mean([inside(f) for f in found]) < 0.985
     if shared == 1.0:
-        assert all(f.disagree and f.shaken.all() for f in found)
+        assert all(f.disagree and f.rejects_independence.all() for f in found)
 
 
 def test_two_views_that_disagree_scale_the_errors_and_say_so():
     found = clusters(2, 0, 1.0)
     assert found.disagree
-    assert not found.shaken.any()
+    assert not found.rejects_independence.any()
     np.testing.assert_allclose(found.errors(), np.sqrt(found.scatter) * found.evidence.plain_errors())
     sentence = found.sentence(["a", "b", "c", "d"])
     assert all(word in sentence for word in ("2 views", "disagree", f"{np.sqrt(found.scatter):.3g}"))

@@ -56,7 +56,7 @@ TRACED = {
     "scene.lights.0.intensity": lambda x: _fitted(scene(x), ds.View(IMAGE, CAMERA)),
     "views.0.exposure": lambda x: _fitted(scene(), ds.View(IMAGE, CAMERA, exposure=x)),
     "View.image": lambda x: _fitted(scene(), ds.View(x * IMAGE, CAMERA)),
-    "scene.objects.0.material.k_s": lambda x: ds.foresee(
+    "scene.objects.0.material.k_s": lambda x: ds.forecast(
         ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=x)), ds.PointLight((2, 3, 4))),
         ds.View(IMAGE, CAMERA),
         free=("k_d",),

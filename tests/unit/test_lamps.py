@@ -205,9 +205,9 @@ def test_a_bad_file_is_refused_in_one_sentence(tmp_path, file, text, message):
 def test_a_missing_or_huge_file_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FileNotFoundError, match="there is no lamp file"):
         ds.read_lamp(tmp_path / "none.ies")
-    monkeypatch.setattr("diffshade.exchange.texts.LARGEST", len(IES))
+    monkeypatch.setattr("diffshade.exchange.parsing.LARGEST", len(IES))
     assert ds.read_lamp(write(tmp_path, "a.ies", IES)).profile.values.shape == (1, 6)
-    monkeypatch.setattr("diffshade.exchange.texts.LARGEST", len(IES) - 1)
+    monkeypatch.setattr("diffshade.exchange.parsing.LARGEST", len(IES) - 1)
     with pytest.raises(ValueError, match=f"too many for a lamp file; at most {len(IES) - 1} are read"):
         ds.read_lamp(tmp_path / "a.ies")
 

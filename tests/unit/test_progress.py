@@ -47,9 +47,9 @@ def test_a_terminal_sees_it_after_two_seconds_and_a_pipe_never(monkeypatch, caps
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("TTY_COMPATIBLE", f"{int(terminal)}")
-    with progress.showing("work") as tell:
-        tell("cutting", 0.25)
-        tell("cutting", 0.5)
+    with progress.showing("work") as report_progress:
+        report_progress("cutting", 0.25)
+        report_progress("cutting", 0.5)
     out, err = capsys.readouterr()
     assert out == ""
     assert ("work: cutting, 50%, about" in err) == terminal

@@ -213,7 +213,7 @@ def test_counts_add_up_over_views_of_all_kinds():
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette + 1, 3, 0)
     assert counts.samples == (3 + 1 + 3) * silhouette + 3
     assert [len(s.pixels) for s in samples] == [silhouette] * 3 + [1]
-    samples, counts = samples_for(BALL, views, unknowns, "leave out")  # one pixel
+    samples, counts = samples_for(BALL, views, unknowns, "exclude")  # one pixel
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
     assert [len(s.pixels) for s in samples] == [silhouette, silhouette, silhouette - 1, 1]

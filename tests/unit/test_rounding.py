@@ -171,6 +171,6 @@ def test_without_rounding_nothing_is_added():
     assert "rounding" not in independent(evidence, "1 view").sentence(["k_a", "k_d"])
     none = dataclasses.replace(evidence, waves=np.zeros((3, 2, 24)))
     assert none.scatter() == pytest.approx(evidence.scatter())
-    np.testing.assert_allclose(none.shaken(), evidence.shaken())
+    np.testing.assert_allclose(none.rejects_independence(), evidence.rejects_independence())
     held = dataclasses.replace(flat_views(3, 0)[0], at_bound=np.array([False, True]))
     assert held.rounding_errors()[1] > 0

@@ -23,12 +23,12 @@ THETA = np.array([1.0, -2.0, 0.5])
 def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
     """The problem at its weighted least-squares end; `known`: (weight, mean) of a prior on each unknown."""
     weight = np.ones(len(y)) if weight is None else weight
-    stiffness, mean = (np.zeros(len(jacobian)), np.zeros(len(jacobian))) if known is None else known
-    H = (jacobian * weight) @ jacobian.T + np.diag(stiffness)
-    theta = np.linalg.solve(H, (jacobian * weight) @ y + stiffness * mean)
+    loss_ratio, mean = (np.zeros(len(jacobian)), np.zeros(len(jacobian))) if known is None else known
+    H = (jacobian * weight) @ jacobian.T + np.diag(loss_ratio)
+    theta = np.linalg.solve(H, (jacobian * weight) @ y + loss_ratio * mean)
     slope = weight * (jacobian.T @ theta - y)
     pixel = np.arange(len(y)) // 3
-    return theta, Rows(jacobian, slope, weight, pixel, np.diag(stiffness), stiffness * (theta - mean), sigma2)
+    return theta, Rows(jacobian, slope, weight, pixel, np.diag(loss_ratio), loss_ratio * (theta - mean), sigma2)
 
 
 def measured(amounts=(0.0, 0.0), seed=1, scale: Any = 1.0):

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from ...inverse.data.views import lights_on
 from ...inverse.refits import LaidOutFit
 from ...inverse.result import Fit
-from ...inverse.solve.solvers import look
+from ...inverse.solve.solvers import evaluate
 from ...inverse.statistics.uncertainty import inverse
 from ...inverse.unknowns.parameters import Unknown, find_unknowns, put_back, values_at
 from ...model.lights import DirectionalLight, PointLight, SpotLight
@@ -59,9 +59,9 @@ class Step:
 class Alternatives:
     """A fit, and what becomes of it when more is let go. To be used in float64."""
 
-    def __init__(self, fit: Fit, centre: Float[np.ndarray, "3"]):
-        """Find the minimum on some of the pixels; `centre` is where the lights shine."""
-        self.given, self.centre = fit, centre
+    def __init__(self, fit: Fit, center: Float[np.ndarray, "3"]):
+        """Find the minimum on some of the pixels; `center` is where the lights shine."""
+        self.given, self.center = fit, center
         self.lit = [lights_on(fit.scene, view) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places}
         self.paths = {path: key for path, key in _paths(fit) if path not in own}
@@ -73,7 +73,7 @@ class Alternatives:
         kind, i = key
         return (i,) if kind == "exposure" else tuple(v for v, lit in enumerate(self.lit) if i in lit)
 
-    def let_go(self, state: State, key: Key) -> State:
+    def free_parameter(self, state: State, key: Key) -> State:
         """Return the minimum with one thing let go."""
         return self._minimise(state, key)
 
@@ -99,7 +99,7 @@ class Alternatives:
         laid, groups = self._lay(state, self.paths)
         if not groups:
             return []
-        total = look(laid.theta, laid.task, self._chunks(laid, state)).total
+        total = evaluate(laid.theta, laid.task, self._chunks(laid, state)).total
         H, g = np.asarray(total.hessian), np.asarray(total.gradient)
         box = laid.problem.box
         inside = (laid.theta > np.asarray(box.lower)) & (laid.theta < np.asarray(box.upper))
@@ -127,7 +127,7 @@ class Alternatives:
         return self._towards(light, np.asarray(_place(fit, light), np.float64))
 
     def _towards(self, light: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-        towards = -place if isinstance(self.given.scene.lights[light], DirectionalLight) else place - self.centre
+        towards = -place if isinstance(self.given.scene.lights[light], DirectionalLight) else place - self.center
         return towards / np.linalg.norm(towards)
 
     def _effect(self, state: State, key: Key, values: np.ndarray) -> float:
@@ -169,7 +169,7 @@ class Alternatives:
         if kind == "exposure":
             return unknown.start, EXPOSURE_WIDTH * unknown.start
         if path.endswith("position"):
-            distance = np.linalg.norm(np.asarray(_place(self.given, i)) - self.centre)
+            distance = np.linalg.norm(np.asarray(_place(self.given, i)) - self.center)
             return unknown.start, DISTANCE_WIDTH * max(float(distance), 1e-9)
         return None
 

@@ -12,7 +12,7 @@ from ...inverse.refits import samples_of
 from ...inverse.result import Fit
 from .alternatives import Alternatives, Key, State, share
 from .encodings import Encoding, cost_and_noise, other_encoding
-from .regions import Seen, Shadow, cast_shadows, centre_of, level, measure_rim, predicted, rims, see
+from .regions import Seen, Shadow, cast_shadows, center_of, level, measure_rim, predicted, rims, see
 
 ENCODING, ALONE = 0.7, 0.5  # of the cost beyond noise, that the other encoding explains; if nothing else half as much
 ENCODING_ERRORS = 10.0  # standard errors of it, for independent noise
@@ -47,13 +47,13 @@ class Explanation:
     """The pixels of each view that were left out."""
 
 
-class Desk:
+class MisfitSearch:
     """Where explanations are made of a fit: its alternatives, and the pixels of its views."""
 
     def __init__(self, fit: Fit):
         self.fit = fit
         self.samples, _ = samples_of(fit)
-        self.alternatives = Alternatives(fit, centre_of(fit.scene.objects, fit.views[0].camera))
+        self.alternatives = Alternatives(fit, center_of(fit.scene.objects, fit.views[0].camera))
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
 
     def explanations(self, state: State) -> list[Explanation]:
@@ -77,7 +77,7 @@ class Desk:
         promising = [s for s in a.first_steps(state) if self._promises(state, s.key, s.gain, s.effect)]
         for kind, least in (("exposure", FACTOR_SHARE), ("light", TILT_SHARE)):
             for key in [step.key for step in promising if step.key[0] == kind][:TRIED]:
-                after = a.let_go(state, key)
+                after = a.free_parameter(state, key)
                 gone = share(state, after, a.views_of(key))
                 count = sum(len(self.samples[v].pixels) for v in a.views_of(key))
                 certain = gone * count > ERRORS**2 * (1.0 - gone)  # the F test of independent noise

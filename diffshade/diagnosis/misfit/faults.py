@@ -23,7 +23,7 @@ from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from .laid_samples import LaidSamples, Samples
-from .regions import centre_of, rims
+from .regions import center_of, rims
 from .score_tests import Rows
 
 PIXELS = 1 << 14  # of all views, on which faults are judged
@@ -183,11 +183,11 @@ def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, 
     turned, lights = np.zeros((3, p)), _lights(fit)
     every = [path for paths in lights for path in paths]
     if every and len(lights) == len(fit.scene.lights) and all((path, 2) in at for path in every):
-        centre = centre_of(fit.scene.objects, fit.views[0].camera)
+        center = center_of(fit.scene.objects, fit.views[0].camera)
         for path in every:
             _, i, name = path.split(".")
             place = np.asarray(getattr(fit.scene.lights[int(i)], name), np.float64)
-            arm = place if name == "direction" else place - centre
+            arm = place if name == "direction" else place - center
             for k, axis in enumerate(np.eye(3)):
                 turned[k, [at[path, c] for c in range(3)]] = np.deg2rad(1.0) * np.cross(axis, arm)
         moves["rotation", 0] = turned

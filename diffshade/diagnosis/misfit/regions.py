@@ -174,7 +174,7 @@ def _n_v(objects: tuple[Object, ...], camera: AbstractCamera) -> jax.Array:
     return jax.numpy.where(inside, n_v, -jax.numpy.inf)
 
 
-def centre_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:
+def center_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:
     """Return the mean of the points that a camera sees; the origin where they are not known."""
     _, position, inside = visible_points(objects, camera)
     inside = np.asarray(inside)

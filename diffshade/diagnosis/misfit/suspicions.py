@@ -15,7 +15,7 @@ from ...inverse.result import Fit
 from ...model.lights import DirectionalLight
 from .alternatives import Key, State, share
 from .encodings import Encoding
-from .explanations import APART, Desk, Explanation, matters, union
+from .explanations import APART, Explanation, MisfitSearch, matters, union
 from .regions import measure_rim
 from .wrong_set_ups import BESIDE, WrongSetUp, wrong_set_ups
 
@@ -56,7 +56,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
             return (Suspicion("outline", tuple(range(len(fit.views))), None, said(fit.scene, outline), fit.names),)
-        desk = Desk(fit)
+        desk = MisfitSearch(fit)
         state, found = desk.alternatives.base, []
         for _ in range(ROUNDS):
             explanations = desk.explanations(state)
@@ -81,7 +81,7 @@ def _of_all_views(fit: Fit, found: Sequence[WrongSetUp]) -> tuple[Suspicion, ...
     return tuple(Suspicion(f.kind, views, None, f.sentence, f.withdrawn) for f in found)
 
 
-def _said(desk: Desk, end: State, found: Sequence[Explanation]) -> tuple[Suspicion, ...]:
+def _said(desk: MisfitSearch, end: State, found: Sequence[Explanation]) -> tuple[Suspicion, ...]:
     """Return the suspicions; those of most views or lights together as one, whose cause is rather one thing."""
     told = [(e.key, s) for e in _shadows_as_one(found) if (s := _say(desk, end, e)) is not None]
     for kind, count in (("exposure", len(desk.fit.views)), ("light", len(desk.fit.scene.lights))):
@@ -103,14 +103,14 @@ def _shadows_as_one(found: Sequence[Explanation]) -> list[Explanation]:
     return [replace(e, masks=masks) if e in shadows else e for e in others]
 
 
-def _say(desk: Desk, end: State, found: Explanation) -> Suspicion | None:
+def _say(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
     """Return an explanation in words, from the minimum with everything put right; None where nothing of it is left."""
     return {"exposure": _say_exposure, "light": _say_light, "shadow": _say_shadows, "rim": _say_rim}[found.kind](
         desk, end, found
     )
 
 
-def _say_all(desk: Desk, end: State, keys: Sequence[Key]) -> Suspicion:
+def _say_all(desk: MisfitSearch, end: State, keys: Sequence[Key]) -> Suspicion:
     kind = keys[0][0]
     views = tuple(sorted({view for key in keys for view in desk.alternatives.views_of(key)}))
     if kind == "exposure":
@@ -130,7 +130,7 @@ def _say_all(desk: Desk, end: State, keys: Sequence[Key]) -> Suspicion:
     return Suspicion(kind, views, None, sentence)
 
 
-def _say_exposure(desk: Desk, end: State, found: Explanation) -> Suspicion | None:
+def _say_exposure(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
     assert found.key is not None
     i, count = found.key[1], len(desk.fit.views)
     factor = desk.factor(end, i)
@@ -147,7 +147,7 @@ def _say_exposure(desk: Desk, end: State, found: Explanation) -> Suspicion | Non
     return Suspicion("exposure", (i,), None, sentence)
 
 
-def _say_light(desk: Desk, end: State, found: Explanation) -> Suspicion:
+def _say_light(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
     assert found.key is not None
     i, views = found.key[1], desk.alternatives.views_of(found.key)
     what = "direction" if isinstance(desk.fit.scene.lights[i], DirectionalLight) else "position"
@@ -160,7 +160,7 @@ def _say_light(desk: Desk, end: State, found: Explanation) -> Suspicion:
     return Suspicion("light", views, None, sentence)
 
 
-def _say_shadows(desk: Desk, end: State, found: Explanation) -> Suspicion:
+def _say_shadows(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
     regions, said = [], []
     for i, mask in found.masks.items():
         shadows = [s for s in desk.shadows_of(end, i, None) if (s.mask & mask).any()]
@@ -180,7 +180,7 @@ def _say_shadows(desk: Desk, end: State, found: Explanation) -> Suspicion:
     return Suspicion("shadow", tuple(found.masks), tuple(regions), sentence)
 
 
-def _say_rim(desk: Desk, end: State, found: Explanation) -> Suspicion:
+def _say_rim(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
     rim = measure_rim(desk.see_rims(end, found.before.out))
     size = "" if rim is None else f" by {rim.excess:.2g} ({rim.relative:.0%} of the object's mean)"
     regions = tuple(mask & desk.samples[i].inside for i, mask in found.masks.items())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..texts import count, number, numbers
-from .planes import Table, mirrored
+from ..parsing import count, number, numbers
+from .c_planes import Table, mirrored
 
 SET = 6  # lines for each set of lamps, from line 27 on
 RATIOS = 10  # direct ratios, before the angles

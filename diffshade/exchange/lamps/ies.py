@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..texts import count, number, numbers, short
-from .planes import Table, whole_circle
+from ..parsing import count, number, numbers, short
+from .c_planes import Table, whole_circle
 
 HEADER = 13  # numbers before the angles
 

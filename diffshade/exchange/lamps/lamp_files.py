@@ -13,7 +13,7 @@ from ...core.fields import Numbers, check_kind
 from ...model.attenuation import RadialAttenuation
 from ...model.lights import SpotLight
 from ...model.measured_lights import MeasuredLight, Profile
-from ..texts import read_text
+from ..parsing import read_text
 from .eulumdat import read_eulumdat
 from .ies import read_ies
 

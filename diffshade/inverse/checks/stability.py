@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ...core.progress import Tell
+from ...core.progress import ReportProgress
 from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, DirectionalLight, Path, PointLight, SpotLight
 from ...model.materials import Material
 from ...model.measured_lights import MeasuredLight
@@ -150,7 +150,7 @@ def _bare(light: AbstractLight) -> AbstractEmitter:
 
 
 def refits(
-    fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], tell: Tell
+    fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], report_progress: ReportProgress
 ) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
     """Fit again with some of the data left out, and return the fits, and what depends on the data kept. In float64.
 
@@ -166,7 +166,7 @@ def refits(
     while True:
         found = []
         for k, (without, keep) in enumerate(cases):
-            tell(f"without {without}", k / len(cases))
+            report_progress(f"without {without}", k / len(cases))
             again = refit(fit, keep, blamed)
             found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
         done += [r for r in found if not done or r.moved.any()]
@@ -246,7 +246,7 @@ def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]
     return said
 
 
-def checked(fit: Fit, tell: Tell) -> Fit:
+def checked(fit: Fit, report_progress: ReportProgress) -> Fit:
     """Return a fit in which no number is determined that a few pixels decide. In float64.
 
     The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
@@ -254,7 +254,9 @@ def checked(fit: Fit, tell: Tell) -> Fit:
     """
     if not _doubtful(fit):
         return fit
-    again, shifted = refits(fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], tell)
+    again, shifted = refits(
+        fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], report_progress
+    )
     shifted &= fit.determined
     notes = (*dependence(fit, again, shifted), *fit.notes)
     return replace(fit, determined=fit.determined & ~shifted, notes=notes)

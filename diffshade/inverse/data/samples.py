@@ -67,21 +67,21 @@ class Counts(eqx.Module):
 
 
 def collect_samples(
-    scene: Scene, views: Sequence[View], clipped: str, *, unknowns: int, moving: bool, foreseen: bool = False
+    scene: Scene, views: Sequence[View], clipped: str, *, unknowns: int, moving: bool, forecast: bool = False
 ) -> tuple[list[Samples], Counts]:
     """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
 
-    A view that is an earlier one again has none. `foreseen` says that the photographs are still to be taken.
+    A view that is an earlier one again has none. `forecast` says that the photographs are still to be taken.
 
     Args:
         scene: The scene, whose objects the pixels must show.
         views: The photographs.
-        clipped: What samples at an end of the sensor's range say; "leave out" leaves their pixels out.
+        clipped: What samples at an end of the sensor's range say; "exclude" leaves their pixels out.
         unknowns: How many numbers are to be found, which there must be as many samples for.
         moving: Whether a surface is free, which takes a mask.
-        foreseen: Whether equal photographs are no repetition.
+        forecast: Whether equal photographs are no repetition.
     """
-    samples, clipping, again = [], 0, {} if foreseen else repeats(scene, views)
+    samples, clipping, again = [], 0, {} if forecast else repeats(scene, views)
     for i, view in enumerate(views):
         try:
             found = find_samples(scene, view, moving=moving)
@@ -91,10 +91,10 @@ def collect_samples(
             found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[:0])
         ends = found.ends()
         clipping += int(np.abs(ends).sum())
-        if clipped == "leave out" and ends.any():
+        if clipped == "exclude" and ends.any():
             found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
         samples.append(found)
-    kept, left = (0, clipping) if clipped == "leave out" else (clipping, 0)
+    kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)
     counts = count_samples(views, len(views) - len(again), [len(s.pixels) for s in samples], kept, left)
     check_enough(counts, unknowns, [s.brightest for s in samples])
     return samples, counts

@@ -34,7 +34,7 @@ def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) ->
     return jax.tree.map(gather, gbuffer)
 
 
-def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noisy: bool) -> Block:
+def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noise_known: bool) -> Block:
     """Return a chunk laid out: the points its pixels show, and weights by the noise at the level that theta predicts.
 
     Without theta the level is the photograph's.
@@ -44,17 +44,17 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
     if model.projects:
         seen = eqx.tree_at(lambda o: o.weight, seen, None)
     chunk = jax.device_put(Block(gathered.view, points, seen))
-    return weigh(theta, model, chunk) if noisy and not model.projects else chunk
+    return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 
 def lay_plain(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
     """Return a chunk laid out whose samples all weigh alike."""
-    return lay_out(theta, model, gathered, noisy=False)
+    return lay_out(theta, model, gathered, noise_known=False)
 
 
 def lay_weighed(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
     """Return a chunk laid out whose samples weigh as the noise says."""
-    return lay_out(theta, model, gathered, noisy=True)
+    return lay_out(theta, model, gathered, noise_known=True)
 
 
 @jax.jit

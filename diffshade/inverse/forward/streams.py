@@ -11,9 +11,9 @@ import jax
 import numpy as np
 
 from ...core.backend import UNFUSED
-from ...core.progress import Tell, silent
+from ...core.progress import ReportProgress, silent
 from ...parallel.checkpoints import Checkpoint
-from ...parallel.devices import Lanes, on_lanes, zeros
+from ...parallel.devices import DeviceGroup, on_devices, zeros
 from ...parallel.threads import cores, in_order, on_all_cores
 from ..pixels.blocks import Block, Piece, padded_length, total
 from ..pixels.tiles import Survey, Tile, Tiles
@@ -40,15 +40,15 @@ class StreamingReduction:
         weigh_at: Any,
         memory: float | int,
         checkpoint: Checkpoint,
-        lanes: Lanes | None,
-        tell: Tell = silent,
+        device_group: DeviceGroup | None,
+        report_progress: ReportProgress = silent,
     ):
         """Take what a chunk needs: `gather` makes one of pieces, in NumPy; `lay`, compiled, of the model's points.
 
         `weigh_at`: theta at which the noise weighs the samples, None for the photographs' own levels.
         """
-        self.tiles, self.gather, self.lay, self.size, self.tell = tiles, gather, lay, size, tell
-        self.checkpoint, self.lanes = checkpoint, lanes
+        self.tiles, self.gather, self.lay, self.size, self.report_progress = tiles, gather, lay, size, report_progress
+        self.checkpoint, self.device_group = checkpoint, device_group
         self.weigh_at = weigh_at
         self.room = float(memory)
         self.kept: dict[int, Block] = {}
@@ -69,7 +69,7 @@ class StreamingReduction:
         nothing = zeros(self.shapes[program])
 
         def make() -> list[np.ndarray]:
-            walk = self._on_cores if self.lanes is None else self._on_lanes
+            walk = self._on_cores if self.device_group is None else self._on_devices
             return [theta, *jax.tree.leaves(walk(name, program, theta, model, nothing))]
 
         at, *leaves = self.checkpoint.once(name, make)
@@ -99,14 +99,17 @@ class StreamingReduction:
 
         return self._resumed(name, fold, total, len(self.tiles.all))
 
-    def _on_lanes(self, name: str, program: Any, theta: Any, model: AbstractForwardModel, total: Any) -> Any:
+    def _on_devices(self, name: str, program: Any, theta: Any, model: AbstractForwardModel, total: Any) -> Any:
         """Sum on the devices of the mesh, each a tile at a time, and then over all of them."""
-        assert self.lanes is not None
-        lanes, number = self.lanes, len(self.tiles.all)
+        assert self.device_group is not None
+        device_group, number = self.device_group, len(self.tiles.all)
         options = tuple(UNFUSED.items()) if model.transparent and jax.default_backend() == "cpu" else None
-        lay, run = _lay_on(self.lay, lanes.here), on_lanes(_added(program), lanes.here, options)
+        lay, run = _lay_on(self.lay, device_group.here), on_devices(_added(program), device_group.here, options)
         longest = padded_length(-(-self.tiles.longest // self.size))
-        batches = [[lane + b * lanes.count for lane in lanes.own] for b in range(-(-number // lanes.count))]
+        batches = [
+            [lane + b * device_group.count for lane in device_group.own]
+            for b in range(-(-number // device_group.count))
+        ]
 
         def work(item: tuple[int, Sequence[Any]]) -> Any:
             b, reads = item
@@ -122,18 +125,18 @@ class StreamingReduction:
             ready = in_order(work, self._read_batches(batches, start, number), threads=cores(), ahead=cores())
             for b, gathered in ready:
                 if b not in self.kept:
-                    chunk = lay((self.weigh_at, model), lanes.put(gathered))
+                    chunk = lay((self.weigh_at, model), device_group.put(gathered))
                     self._keep(b, chunk)
                 else:
                     chunk = self.kept[b]
                 total = jax.block_until_ready(run((theta, model), (total, chunk)))
                 yield total
 
-        begin = lanes.put([total] * len(lanes.own))
-        ends = jax.tree.map(np.asarray, self._resumed(f"{name}-on-{lanes.count}", fold, begin, len(batches)))
-        with_lane = [jax.tree.map(lambda leaf, lane=lane: leaf[lane], ends) for lane in range(len(lanes.own))]
-        self.checkpoint.forget_part(f"{name}-on-{lanes.count}")
-        return lanes.total(with_lane)
+        begin = device_group.put([total] * len(device_group.own))
+        ends = jax.tree.map(np.asarray, self._resumed(f"{name}-on-{device_group.count}", fold, begin, len(batches)))
+        with_lane = [jax.tree.map(lambda leaf, lane=lane: leaf[lane], ends) for lane in range(len(device_group.own))]
+        self.checkpoint.forget_part(f"{name}-on-{device_group.count}")
+        return device_group.total(with_lane)
 
     def _gathered(self, tile: Tile, read: Any, length: int | None = None) -> Block:
         return self.gather(_pieces_of(self.tiles, tile, read, self.size), length)
@@ -165,7 +168,7 @@ class StreamingReduction:
 
     def _resumed(self, name: str, fold: Callable[[Any, int], Iterator[Any]], total: Any, number: int) -> Any:
         """Sum from where the checkpoint is."""
-        return resumed(self.checkpoint, name, fold, total, number, f"pass {self.count}", self.tell)
+        return resumed(self.checkpoint, name, fold, total, number, f"pass {self.count}", self.report_progress)
 
 
 AllPixels: TypeAlias = Sequence[Block] | StreamingReduction
@@ -182,9 +185,11 @@ def sum_over(
     return total(on_all_cores(lambda chunk: run(theta, model, chunk), pixels))
 
 
-def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Tell) -> Survey:
+def surveyed(
+    tiles: Tiles, checkpoint: Checkpoint, device_group: DeviceGroup | None, report_progress: ReportProgress
+) -> Survey:
     """Return the survey of all tiles: each process looks at its own."""
-    own = [k for k in range(len(tiles.all)) if lanes is None or k % lanes.count in lanes.own]
+    own = [k for k in range(len(tiles.all)) if device_group is None or k % device_group.count in device_group.own]
 
     def fold(total: Survey, start: int) -> Iterator[Survey]:
         read = in_order(lambda k: (k, tiles.read(tiles.all[k])), own[start:], threads=1, ahead=cores())
@@ -194,12 +199,12 @@ def surveyed(tiles: Tiles, checkpoint: Checkpoint, lanes: Lanes | None, tell: Te
             yield total
 
     def make() -> list[np.ndarray]:
-        found = resumed(checkpoint, "survey", fold, tiles.nothing(), len(own), "reading the views", tell)
-        if lanes is None:
+        found = resumed(checkpoint, "survey", fold, tiles.nothing(), len(own), "reading the views", report_progress)
+        if device_group is None:
             return list(found)
         mine = (found.rows, found.sums)
-        rows, sums = lanes.total([mine, *[jax.tree.map(np.zeros_like, mine)] * (len(lanes.own) - 1)])
-        ends = lanes.gathered(found.ends)
+        rows, sums = device_group.total([mine, *[jax.tree.map(np.zeros_like, mine)] * (len(device_group.own) - 1)])
+        ends = device_group.gathered(found.ends)
         return [rows, sums, np.stack([ends[..., 0].min(0), ends[..., 1].max(0)], -1)]
 
     return Survey(*checkpoint.once("survey", make))
@@ -212,7 +217,7 @@ def resumed(
     total: S,
     number: int,
     words: str,
-    tell: Tell,
+    report_progress: ReportProgress,
 ) -> S:
     """Return the last of the totals that `fold` yields, one a tile, from where the checkpoint is, and write them."""
     done = 0
@@ -227,7 +232,7 @@ def resumed(
         now = time.monotonic()
         if now - shown > 0.2:
             shown = now
-            tell(words, done / number)
+            report_progress(words, done / number)
     return total
 
 
@@ -260,4 +265,4 @@ def _added(program: Callable[..., Any]) -> Callable[..., Any]:
 
 @functools.lru_cache
 def _lay_on(lay: Callable[..., Any], mesh: Any) -> Callable[..., Any]:
-    return on_lanes(lambda shared, gathered: lay(*shared, gathered), mesh)
+    return on_devices(lambda shared, gathered: lay(*shared, gathered), mesh)

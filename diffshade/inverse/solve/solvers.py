@@ -67,7 +67,7 @@ class Task:
         self.leaves, self.structure = jax.tree.flatten((model, priors, box))
 
 
-def evaluate(
+def point_of(
     theta: Float[fields.Array, " p"], model: AbstractForwardModel, priors: PriorResiduals, box: Box, summary: Any
 ) -> Point:
     """Return the point at theta, from a pass over the pixels there.
@@ -119,7 +119,7 @@ _summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSE
 @partial(jit_quickly, static_argnums=0)
 def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> Point:
     model, priors, box = jax.tree.unflatten(structure, leaves)
-    return evaluate(theta, model, priors, box, summary)
+    return point_of(theta, model, priors, box, summary)
 
 
 def summary_of(theta: Any, model: AbstractForwardModel, chunk: Block) -> Any:
@@ -127,7 +127,7 @@ def summary_of(theta: Any, model: AbstractForwardModel, chunk: Block) -> Any:
     return model.summary(theta, chunk)
 
 
-def look(theta: Any, task: Task, chunks: AllPixels) -> Point:
+def evaluate(theta: Any, task: Task, chunks: AllPixels) -> Point:
     """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
     if isinstance(chunks, StreamingReduction):
         return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.model))
@@ -162,7 +162,7 @@ def minimise(
     squares: float,
     max_steps: int,
     rtol: float = 1e-16,
-    tell: Callable[[int, float], None] = lambda step, cost: None,
+    report_progress: Callable[[int, float], None] = lambda step, cost: None,
 ) -> Minimum:
     """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
 
@@ -178,16 +178,16 @@ def minimise(
         rounding=rounding,
     )
     theta = np.asarray(theta)
-    point = look(theta, task, chunks)
+    point = evaluate(theta, task, chunks)
     state, done = _begin(theta, solver, point), False
     costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
         theta, state, done = _advance(theta, state, solver, point)
         costs.append(min(costs[-1], float(state.cost)))
-        tell(step, costs[-1])
+        report_progress(step, costs[-1])
         if done or step == max_steps:
             break
-        point = look(state.y_eval, task, chunks)
+        point = evaluate(state.y_eval, task, chunks)
     result = state.result if done else optx.RESULTS.nonlinear_max_steps_reached
     if result == optx.RESULTS.successful:
         message = ""

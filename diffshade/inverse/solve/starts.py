@@ -15,14 +15,14 @@ from jaxtyping import Float
 
 from ...core.backend import jit_quickly
 from ...core.fields import Array
-from ...core.progress import Tell
+from ...core.progress import ReportProgress
 from ...model.lights import SpotLight
 from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.parameters import Unknown, coordinates
 from .descent import box_step
-from .solvers import Box, Task, linear_step, look, minimise
+from .solvers import Box, Task, evaluate, linear_step, minimise
 
 EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
 SEARCHING = "searching for a start"
@@ -134,7 +134,7 @@ def _judge(point: Point, box: Box) -> tuple[Array, Array]:
 
 def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
     """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
-    point = look(theta, task, chunks)
+    point = evaluate(theta, task, chunks)
     found, cost = (point.theta, point.total.cost) if task.model.projects else _judge(point, task.box)
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
@@ -157,7 +157,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
         model = eqx.tree_at(lambda m: m.steepest, task.model, limit)
-        point = look(theta, Task(model, task.priors, task.box), chunks)
+        point = evaluate(theta, Task(model, task.priors, task.box), chunks)
         most = np.where(bends, reach, np.where(searched, 0.0, np.inf))
         theta = np.asarray(_gauss_newton(point, task.box, most))
         reach = reach * SHRINK
@@ -197,7 +197,7 @@ def search(
     coarse: Sequence[Block],
     chunks: Sequence[Block],
     squares: float,
-    tell: Tell,
+    report_progress: ReportProgress,
 ) -> Theta:
     """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
 
@@ -221,7 +221,7 @@ def search(
     rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
     for k in range(rounds):
         for group in range(len(kinds)):
-            tell(SEARCHING, 0.5 * (k * len(kinds) + group) / (rounds * len(kinds)))
+            report_progress(SEARCHING, 0.5 * (k * len(kinds) + group) / (rounds * len(kinds)))
             found += tried(group, found[0][1] if found else first[1])
             found.sort(key=lambda pair: pair[0])
     followed = _distinct(found or [first])[:BEST]
@@ -232,7 +232,7 @@ def search(
         followed = _distinct([*followed, as_told, (np.inf, begin)])
     ends = []
     for k, (_, theta) in enumerate(followed):
-        tell(SEARCHING, 0.5 + 0.5 * k / len(followed))
+        report_progress(SEARCHING, 0.5 + 0.5 * k / len(followed))
         ends.append(minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6))
     return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
 

@@ -30,7 +30,7 @@ class Clusters:
     """Variance of the clusters' own optima over what independent noise would give them: 1 where it is independent."""
     disagree: bool
     """Whether the clusters disagree by more than independent noise explains."""
-    shaken: Bool[np.ndarray, " p"]
+    rejects_independence: Bool[np.ndarray, " p"]
     """Unknowns whose error is by jackknife over the clusters."""
     freedom: Vector
     """Of the jackknife: clusters - 1, or fewer where few of them decide (Bell and McCaffrey 2002)."""
@@ -43,9 +43,11 @@ class Clusters:
         """
         plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
         scaled = np.hypot(np.sqrt(max(self.scatter, 1.0)) * plain, rounding)
-        if not self.shaken.any():
+        if not self.rejects_independence.any():
             return scaled
-        return np.where(self.shaken, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled)
+        return np.where(
+            self.rejects_independence, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled
+        )
 
     def wide_errors(self) -> Vector:
         """Return the errors 1.96 of which hold the truth 95 % of the time: `errors` times Student's t over 1.96."""
@@ -62,22 +64,22 @@ class Clusters:
 
         rounding = over_plain(free.rounding_errors())
         scaled = max(self.scatter, 1.0) + rounding
-        if not self.shaken.any():
+        if not self.rejects_independence.any():
             return scaled
         clustered = over_plain(free.clustered_errors())
-        return np.where(self.shaken & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
+        return np.where(self.rejects_independence & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
 
     def rises(self) -> Vector:
         """Return for each unknown by how much the cost, twice, rises where it is held one error away.
 
         sigma^2 times the inflation; of a robust loss the cost bends with the slopes psi', where H has its weights rho'.
         """
-        return self.evidence.sigma2 * self.inflation() / self.evidence.stiffness
+        return self.evidence.sigma2 * self.inflation() / self.evidence.loss_ratio
 
     def quantiles(self, level: float) -> Vector:
         """Return how many errors a two-sided interval reaches: Student's t, of `freedom` by jackknife."""
-        many = max(float(self.evidence.spread[0]) - len(self.shaken), 1.0)
-        freedom = np.where(self.shaken, np.minimum(self.freedom, many), many)
+        many = max(float(self.evidence.spread[0]) - len(self.rejects_independence), 1.0)
+        freedom = np.where(self.rejects_independence, np.minimum(self.freedom, many), many)
         return special.stdtrit(freedom, 0.5 + 0.5 * level)
 
     def sentence(self, quantities: Sequence[str]) -> str:
@@ -90,12 +92,12 @@ class Clusters:
         if not self.disagree:
             times = f", times {factor:.3g} for their scatter" if factor > 1.005 else ""
             return f"{noise}{times}; the {self.what} agree within it."
-        if not self.shaken.any():
+        if not self.rejects_independence.any():
             return (
                 f"{noise}, times {factor:.3g}, since the {self.what} disagree more than it explains and "
                 "are too few to leave out one at a time."
             )
-        names = list(dict.fromkeys(q for q, here in zip(quantities, self.shaken, strict=True) if here))
+        names = list(dict.fromkeys(q for q, here in zip(quantities, self.rejects_independence, strict=True) if here))
         # where one unknown alone disagrees, the scatter of all together says nothing
         much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
         also = f"; and {rounding}" if rounding else ""
@@ -117,17 +119,18 @@ class Clusters:
 def compared(evidence: Evidence, count: int, what: str) -> Clusters:
     """Return clusters with the verdict on whether they agree; `what` names them, with their number.
 
-    One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.shaken`) share the false alarms.
+    One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.rejects_independence`) share the
+    false alarms.
     """
     scatter, together = evidence.scatter()
-    each, freedom = evidence.shaken()
+    each, freedom = evidence.rejects_independence()
     each = np.where(freedom < LEAST_FREEDOM, 1.0, each)
     tested = max(int(np.sum(np.isfinite(freedom))), 1)
     alone = each < 0.5 * FALSE_ALARMS / tested
     all_of_them = together < 0.5 * FALSE_ALARMS
     jackknife = count >= 3 and evidence.deciding() is None
-    shaken = (all_of_them | alone) & (evidence.lone < 0) & jackknife
-    return Clusters(evidence, count, what, scatter, bool(all_of_them or alone.any()), shaken, freedom)
+    rejects_independence = (all_of_them | alone) & (evidence.single_view < 0) & jackknife
+    return Clusters(evidence, count, what, scatter, bool(all_of_them or alone.any()), rejects_independence, freedom)
 
 
 def independent(evidence: Evidence, what: str) -> Clusters:

@@ -76,24 +76,27 @@ def jackknife_of_noise(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> tuple[
     return (len(H) - 1) / len(H) * total, total**2 / np.maximum((a**2).sum(0), 1e-300)
 
 
-def lone_views(H: Float[np.ndarray, "views p p"]) -> Int[np.ndarray, " p"]:
+def single_views(H: Float[np.ndarray, "views p p"]) -> Int[np.ndarray, " p"]:
     """Return for each unknown the one view that alone sees it, such as the view's own exposure; -1 where several do."""
     seen = np.diagonal(H, axis1=1, axis2=2)
     sees = seen > 1e-12 * seen.max(0, initial=0.0)
     return np.where(sees.sum(0) == 1, sees.argmax(0), -1)
 
 
-def without_lone(
-    H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p *_"], H_0: Matrix, lone: Int[np.ndarray, " p"]
+def without_single_views(
+    H: Float[np.ndarray, "views p p"],
+    g: Float[np.ndarray, "views p *_"],
+    H_0: Matrix,
+    single_view: Int[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "views s s"], Float[np.ndarray, "views s *_"]]:
     """Return the Gram of each view for the unknowns that several views see, at the best of those it alone sees.
 
     The Schur complement: a view that is deleted takes its own unknowns with it.
     """
-    shared = lone < 0
+    shared = single_view < 0
     reduced_H, reduced_g = [], []
     for v, (H_v, g_v) in enumerate(zip(H, g, strict=True)):
-        own = lone == v
+        own = single_view == v
         to_own = H_v[np.ix_(shared, own)] @ inverse((H_v + H_0)[np.ix_(own, own)])
         reduced_H.append(H_v[np.ix_(shared, shared)] - to_own @ H_v[np.ix_(own, shared)])
         reduced_g.append(g_v[shared] - to_own @ g_v[own])
@@ -170,16 +173,16 @@ class Evidence:
         return self.hessian.sum(0) + self.known_hessian
 
     @property
-    def stiffness(self) -> float:
+    def loss_ratio(self) -> float:
         """H has the weights rho' of a robust loss where a cluster's move is by its slopes psi': their ratio, else 1."""
         count, _, _, slope, weight = self.spread
         return float(weight / max(slope, 1e-3 * count))
 
     @property
-    def lone(self) -> Int[np.ndarray, " p"]:
+    def single_view(self) -> Int[np.ndarray, " p"]:
         """For each unknown the one cluster that alone sees it; -1 where several do, or there is but one."""
         none = np.full(len(self.values), -1)
-        return np.where(self.determined, lone_views(self.hessian), none) if len(self.hessian) > 1 else none
+        return np.where(self.determined, single_views(self.hessian), none) if len(self.hessian) > 1 else none
 
     def covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the plain covariance of a subset of the unknowns, the others held."""
@@ -188,22 +191,22 @@ class Evidence:
 
     def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the covariance by deleting one cluster at a time; of what one cluster alone sees, the plain one."""
-        covariance, several, kept = self.covariance(which), self.lone[which] < 0, which & (self.lone < 0)
+        covariance, several, kept = self.covariance(which), self.single_view[which] < 0, which & (self.single_view < 0)
         jackknife = jackknife_covariance(*self._shared(which))
-        covariance[np.ix_(several, several)] = self.stiffness**2 * self._on_units(jackknife, kept)
+        covariance[np.ix_(several, several)] = self.loss_ratio**2 * self._on_units(jackknife, kept)
         return covariance
 
     def _shared(self, which: Bool[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return H and g of each cluster, and of what is known, for those of a subset that several clusters see."""
-        kept = which & (self.lone < 0)
+        kept = which & (self.single_view < 0)
         H, g = self.hessian[:, which][:, :, which], self.gradient[:, which]
-        H, g = without_lone(H, g, self.known_hessian[np.ix_(which, which)], self.lone[which])
+        H, g = without_single_views(H, g, self.known_hessian[np.ix_(which, which)], self.single_view[which])
         return H, g, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept]
 
     def _shared_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
         assert self.waves is not None
         H, known = self.hessian[:, which][:, :, which], self.known_hessian[np.ix_(which, which)]
-        return without_lone(H, self.waves[:, which], known, self.lone[which])[1]
+        return without_single_views(H, self.waves[:, which], known, self.single_view[which])[1]
 
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
@@ -234,23 +237,23 @@ class Evidence:
         H, _, known, _ = self._shared(np.ones(len(self.values), bool))
         return deciding_view(H, known)
 
-    def shaken(self) -> tuple[Vector, Vector]:
+    def rejects_independence(self) -> tuple[Vector, Vector]:
         """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
 
         Nothing is held at a bound. The degrees of freedom, for Student's t, are fewer than the clusters less one where
         a few of them decide. Of what one cluster alone sees there is no jackknife: 1 and infinitely many.
         """
         p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
-        kept = self.determined & (self.lone < 0)
+        kept = self.determined & (self.single_view < 0)
         if len(self.hessian) < 3 or not kept.any():
             return p_value, freedom
         H, g, known, slope = self._shared(self.determined)
-        variance = self.stiffness**2 * np.diag(jackknife_covariance(H, g, known, slope))
+        variance = self.loss_ratio**2 * np.diag(jackknife_covariance(H, g, known, slope))
         expected, of_noise = jackknife_of_noise(H, known)
         expected = self.sigma2 * expected
         if self.waves is not None:  # each a normal number
             waves = self._shared_waves(self.determined)
-            each = self.stiffness**2 * np.sum(jackknife_deviations(H, waves, known, waves.sum(0)) ** 2, 0)
+            each = self.loss_ratio**2 * np.sum(jackknife_deviations(H, waves, known, waves.sum(0)) ** 2, 0)
             both = expected + each.sum(-1)
             of_noise = both**2 / np.maximum(expected**2 / of_noise + np.sum(each**2, -1), 1e-300)
             expected = both

@@ -65,10 +65,10 @@ def write_figures(
         raise NotADirectoryError(f"cannot write figures to {folder}: it is no folder. Give the name of a folder.")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    with showing("figures") if progress else contextlib.nullcontext(silent) as tell:
+    with showing("figures") if progress else contextlib.nullcontext(silent) as report_progress:
         for i, name in enumerate(names):
             if name in wanted:
-                tell(name, len(paths) / len(wanted))
+                report_progress(name, len(paths) / len(wanted))
                 paths.append(folder / f"{i + 1:02}_{name}.png")
                 with replacing(paths[-1]) as temporary:
                     draw_figure(name).savefig(temporary)

@@ -65,12 +65,12 @@ def write_report(
     names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))
     with (
         replacing(path) as temporary,
-        showing("report") if progress else contextlib.nullcontext(silent) as tell,
+        showing("report") if progress else contextlib.nullcontext(silent) as report_progress,
         in_float64(fit) as fit,
     ):
-        residuals = look_at_residuals(fit, tell)
+        residuals = look_at_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
-        tell("drawing")
+        report_progress("drawing")
         gallery = hang(fit, which, names)
         ball, missing = ball_scene(fit, names, gallery.white)
         rms = float(np.sqrt(np.mean(residuals.values**2)))

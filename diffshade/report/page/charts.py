@@ -180,13 +180,15 @@ def profile(examination: Examination, j: int) -> Chart | None:
     if len(points) < 4 or not np.any(points[:, 1] > 0):
         return None
     t, rise = _smooth(points)
-    likely, sure = examination.likely[j], examination.sure[j]
+    interval_68, interval_95 = examination.interval_68[j], examination.interval_95[j]
     frame = Frame((float(t[0]), float(t[-1])), (0.0, 1.08 * float(rise.max())))
-    words = f"68 %: {likely[0]:.5g} to {likely[1]:.5g}; 95 %: {sure[0]:.5g} to {sure[1]:.5g}."
+    words = f"68 %: {interval_68[0]:.5g} to {interval_68[1]:.5g}; 95 %: {interval_95[0]:.5g} to {interval_95[1]:.5g}."
     if not examination.determined[j]:
         words += f" All the same {name} is not determined, as is said above."
     dots = [(frame.across(x), frame.up(e * e), f"{name} = {x:.6g}: {e:.2f} errors away") for x, e in points]
-    inside = [(v, words) for ends, words in ((likely, "68 %"), (sure, "95 %")) for v in ends if t[0] <= v <= t[-1]]
+    inside = [
+        (v, words) for ends, words in ((interval_68, "68 %"), (interval_95, "95 %")) for v in ends if t[0] <= v <= t[-1]
+    ]
     return Chart(
         f"Profile of {name}",
         name,

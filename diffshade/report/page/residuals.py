@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
-from ...core.progress import Tell
+from ...core.progress import ReportProgress
 from ...inverse.data.views import View, lights_on
 from ...inverse.result import Fit, Prediction
 from ...model.cameras import AbstractCamera
@@ -48,12 +48,12 @@ class Curve:
     count: Int[np.ndarray, " bins"]
 
 
-def look_at_residuals(fit: Fit, tell: Tell) -> Residuals:
+def look_at_residuals(fit: Fit, report_progress: ReportProgress) -> Residuals:
     """Predict every view, and return what is left of some of their samples, evenly drawn. To be used in float64."""
     random = np.random.default_rng(0)
     rmse, parts = [], []
     for i, view in enumerate(fit.views):
-        tell(f"view {i + 1} of {len(fit.views)}", i / len(fit.views))
+        report_progress(f"view {i + 1} of {len(fit.views)}", i / len(fit.views))
         p = fit.predict(view)
         rmse.append(p.rmse if p.counts.any() else np.nan)
         pixels = np.flatnonzero(p.counts.any(-1))

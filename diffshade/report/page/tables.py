@@ -20,15 +20,15 @@ LONGEST = 16  # letters of a name beside a correlation
 
 @dataclass(frozen=True)
 class Row:
-    """A number of the fit; `likely` and `sure` are intervals relative to the value in units of `Parameters.reach`."""
+    """A number of the fit; its intervals are relative to the value, in units of `Parameters.reach`."""
 
     name: str
     value: str
     error: str
     interval: str
     remark: str
-    likely: tuple[float, float] | None = None
-    sure: tuple[float, float] | None = None
+    interval_68: tuple[float, float] | None = None
+    interval_95: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
         if examination is not None
         else f"The true value lies within 1.96 errors 95 % of the time; {made}"
     )
-    likely, sure = (
-        (examination.likely, examination.sure)
+    interval_68, interval_95 = (
+        (examination.interval_68, examination.interval_95)
         if examination is not None
         else (np.stack([fit.values - k * errors, fit.values + k * errors], -1) for k in (1.0, 1.96))
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = [(ends - fit.values[:, None]) / np.abs(fit.values)[:, None] for ends in (likely, sure)]
+        relative = [(ends - fit.values[:, None]) / np.abs(fit.values)[:, None] for ends in (interval_68, interval_95)]
     drawn = known & np.isfinite(relative[1]).all(-1)
     reach = float(np.clip(1.1 * np.abs(relative[1][drawn]).max(initial=1e-6), 1e-6, REACH))
     rows = []
@@ -98,7 +98,7 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
             continue
         side = "+" if fit.at_lower[j] else "−" if fit.at_bound[j] else "±"
         remark = "at a bound" if fit.at_bound[j] else ""
-        interval = "" if examination is None else _range(sure[j], errors[j])
+        interval = "" if examination is None else _range(interval_95[j], errors[j])
         error = f"{side}{rounded(errors[j], errors[j])}"
         one, two = ((float(low), float(high)) for low, high in (np.clip(r[j] / reach, -1.0, 1.0) for r in relative))
         whiskers = (one, two) if drawn[j] else (None, None)

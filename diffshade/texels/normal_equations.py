@@ -19,7 +19,7 @@ from ..core.fields import Array
 from ..inverse.forward.losses import LOSSES
 from ..model.vectors import Vec3
 from .coefficients import cholesky, forward, nonnegative
-from .sights import Facing, Rig, Sights
+from .lighting import FixedNormalGeometry, LightingGeometry, LightingSetup
 
 COEFFICIENTS = ("k_a", "k_d", "k_s")
 
@@ -58,9 +58,9 @@ class Photographs(eqx.Module):
 class Task(eqx.Module):
     """What is to be fitted at every texel of a block."""
 
-    rig: Rig
+    setup: LightingSetup
     known: Known
-    sights: Sights | Facing
+    lighting: LightingGeometry | FixedNormalGeometry
     seen: Photographs
     sigma: Float[Array, ""]
     """Scale of the weighted residuals, for a robust loss."""
@@ -68,17 +68,17 @@ class Task(eqx.Module):
     """Which of the losses counts."""
     losses: tuple[str, ...] = eqx.field(static=True)
     """One after another: a convex one before one that is not."""
-    uniform: bool = eqx.field(static=True)
+    homoscedastic: bool = eqx.field(static=True)
     """Whether the noise is the same at every level."""
-    turning: bool = eqx.field(static=True)
+    fit_normal: bool = eqx.field(static=True)
     """Whether the normals are fitted."""
-    sharpening: bool = eqx.field(static=True)
+    fit_exponent: bool = eqx.field(static=True)
     """Whether n_s is."""
 
     @property
     def reweighs(self) -> bool:
         """Whether weights depend on the prediction."""
-        return self.losses != ("squares",) or not self.uniform
+        return self.losses != ("squares",) or not self.homoscedastic
 
     @property
     def samples(self) -> Float[Array, " texels"]:
@@ -88,7 +88,7 @@ class Task(eqx.Module):
     @property
     def unknowns(self) -> int:
         """How many numbers a texel has."""
-        return len(self.seen.target[0]) * len(self.known.linear) + 2 * self.turning + self.sharpening
+        return len(self.seen.target[0]) * len(self.known.linear) + 2 * self.fit_normal + self.fit_exponent
 
 
 class Found(eqx.Module):
@@ -122,7 +122,7 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
     return Vec3(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3(b, sign + n.y * n.y * a, -n.y)
 
 
-class Look(NamedTuple):
+class ViewSlice(NamedTuple):
     """One view of a block of texels, as a scan comes upon it."""
 
     sight: Any
@@ -134,10 +134,10 @@ class Look(NamedTuple):
     weight: Float[Array, "_ texels"] | None
 
 
-def looks(task: Task, weight: Array | None) -> Look:
+def looks(task: Task, weight: Array | None) -> ViewSlice:
     """Return what a scan over the views goes through."""
-    rig, seen = task.rig, task.seen
-    return Look(task.sights.views, rig.exposure, rig.black, rig.noise, seen.target, seen.counts, weight)
+    setup, seen = task.setup, task.seen
+    return ViewSlice(task.lighting.views, setup.exposure, setup.black, setup.noise, seen.target, seen.counts, weight)
 
 
 class Features(NamedTuple):
@@ -154,34 +154,34 @@ class Features(NamedTuple):
         return sum((c * column for c, column in zip(k, self.columns, strict=True)), self.base)
 
 
-def features(task: Task, look: Look, n: Vec3, x: Array, basis: tuple[Vec3, ...]) -> Features:
+def features(task: Task, view_slice: ViewSlice, n: Vec3, x: Array, basis: tuple[Vec3, ...]) -> Features:
     """Return the features of one view."""
     known = task.known
-    shading = task.sights.shading(look.sight, n, basis, x)
-    of = {"k_a": (look.exposure * task.rig.ambient)[:, None], "k_d": shading.u, "k_s": shading.v}
-    base = (look.exposure * known.k_e + look.black)[:, None]
+    shading = task.lighting.shading(view_slice.sight, n, basis, x)
+    of = {"k_a": (view_slice.exposure * task.setup.ambient)[:, None], "k_d": shading.u, "k_s": shading.v}
+    base = (view_slice.exposure * known.k_e + view_slice.black)[:, None]
     for name, column in of.items():
         k = getattr(known, name)
         if k is not None:
             base = base + k[:, None] * column
     turned, sharpened = shading.slopes[:-1], shading.slopes[-1]
-    slopes = [du for du, _ in turned] + [dv for _, dv in turned] + ([sharpened[1]] if task.sharpening else [])
+    slopes = [du for du, _ in turned] + [dv for _, dv in turned] + ([sharpened[1]] if task.fit_exponent else [])
     return Features([of[name] for name in known.linear], slopes, base)
 
 
-def variance(task: Task, look: Look, m: Array) -> Array:
+def variance(task: Task, view_slice: ViewSlice, m: Array) -> Array:
     """Return the variance of one view's samples at the level m, or 1 where it is not known."""
-    if look.noise is None:
+    if view_slice.noise is None:
         return jnp.ones((1, 1))
-    return look.noise.variance(jnp.zeros((1, 1)) if task.uniform else m)
+    return view_slice.noise.variance(jnp.zeros((1, 1)) if task.homoscedastic else m)
 
 
 def first_weights(task: Task) -> Float[Array, "views _ texels"]:
     """Return the weights before there is a prediction: 1/variance at the level of the photograph."""
 
-    def of_view(look: Look) -> Array:
-        w = 1.0 / variance(task, look, look.target.astype(float))
-        return jnp.where(look.counts[None], w, 0.0)
+    def of_view(view_slice: ViewSlice) -> Array:
+        w = 1.0 / variance(task, view_slice, view_slice.target.astype(float))
+        return jnp.where(view_slice.counts[None], w, 0.0)
 
     return jax.lax.map(of_view, looks(task, None))
 
@@ -197,14 +197,14 @@ class Sums(NamedTuple):
 
 def sums(task: Task, n: Vec3, x: Array, weight: Array, *, slopes: bool) -> Sums:
     """Add up the products of the features, one view after another; `slopes` says whether those of the slopes too."""
-    size = len(task.known.linear) + (4 * task.turning + task.sharpening if slopes else 0)
-    basis = tangents(n) if task.turning and slopes else ()
+    size = len(task.known.linear) + (4 * task.fit_normal + task.fit_exponent if slopes else 0)
+    basis = tangents(n) if task.fit_normal and slopes else ()
     pairs = [(i, j) for i in range(size) for j in range(i + 1)]
 
-    def add(total: Any, look: Look) -> tuple[Any, None]:
-        F = features(task, look, n, x, basis)
+    def add(total: Any, view_slice: ViewSlice) -> tuple[Any, None]:
+        F = features(task, view_slice, n, x, basis)
         rows = [*F.columns, *(F.slopes if slopes else ())]
-        r, w = look.target.astype(x.dtype) - F.base, look.weight
+        r, w = view_slice.target.astype(x.dtype) - F.base, view_slice.weight
         assert w is not None
         products, right, squares = total
         weighted = [w * row for row in rows]
@@ -213,7 +213,7 @@ def sums(task: Task, n: Vec3, x: Array, weight: Array, *, slopes: bool) -> Sums:
         return (products, right, squares + jnp.sum(w * r * r, 0)), None
 
     channels = task.seen.target.shape[1]
-    alike = task.rig.grey_lights and task.uniform
+    alike = task.setup.grey_lights and task.homoscedastic
     wide = {True: jnp.zeros((channels, *x.shape)), False: jnp.zeros((1 if alike else channels, *x.shape))}
     ambient = [name == "k_a" for name in task.known.linear] + [False] * (size - len(task.known.linear))
     start = ([wide[ambient[i] or ambient[j]] for i, j in pairs], [wide[True]] * size, jnp.zeros(x.shape))
@@ -236,8 +236,8 @@ def evaluate(task: Task, n: Vec3, x: Array, weight: Array) -> Found:
     of_name = dict(zip(linear, k, strict=True))
     k_d, k_s = (_coefficient(of_name, task.known, name) for name in ("k_d", "k_s"))
     # the derivative by each unknown as a sum of features: k_d du/dt + k_s dv/dt, and k_s dv/dlog n_s
-    terms = [[(k_d, size), (k_s, size + 2)], [(k_d, size + 1), (k_s, size + 3)]] if task.turning else []
-    terms += [[(k_s, size + 4 * task.turning)]] if task.sharpening else []
+    terms = [[(k_d, size), (k_s, size + 2)], [(k_d, size + 1), (k_s, size + 3)]] if task.fit_normal else []
+    terms += [[(k_s, size + 4 * task.fit_normal)]] if task.fit_exponent else []
 
     def with_terms(of: Callable[[int], Array], J: list[tuple[Array, int]]) -> Array:
         return sum((c * of(f) for c, f in J), jnp.zeros((1, 1)))
@@ -255,7 +255,7 @@ def evaluate(task: Task, n: Vec3, x: Array, weight: Array) -> Found:
     gram = [row[:size] for row in products[:size]]
     G, B, P = map(_tuples, (gram, mixed, rest))
     found = Found(n, x, tuple(k), cost, 2.0 * cost, task.seen.observations, G, B, P, tuple(slope), None)
-    return believe(task, found) if task.reweighs else found
+    return reweigh(task, found) if task.reweighs else found
 
 
 def _coefficient(found: dict[str, Array], known: Known, name: str) -> Array:
@@ -263,19 +263,21 @@ def _coefficient(found: dict[str, Array], known: Known, name: str) -> Array:
     return found[name] if name in found else getattr(known, name)[:, None]
 
 
-def believe(task: Task, found: Found) -> Found:
+def reweigh(task: Task, found: Found) -> Found:
     """Return what was found with the cost of its residuals, and the weights that they leave each observation."""
 
-    def add(total: Any, look: Look) -> tuple[Any, Array]:
-        F = features(task, look, found.n, found.x, ())
+    def add(total: Any, view_slice: ViewSlice) -> tuple[Any, Array]:
+        F = features(task, view_slice, found.n, found.x, ())
         m = F.predicted(found.k)
-        precise = jnp.where(look.counts[None], 1.0 / variance(task, look, m), 0.0)
-        r2 = jnp.sum(precise * (m - look.target.astype(found.x.dtype)) ** 2, 0)
-        scale = len(look.target) * task.sigma**2  # of an observation: all its channels have one say
+        precise = jnp.where(view_slice.counts[None], 1.0 / variance(task, view_slice, m), 0.0)
+        r2 = jnp.sum(precise * (m - view_slice.target.astype(found.x.dtype)) ** 2, 0)
+        scale = len(view_slice.target) * task.sigma**2  # of an observation: all its channels have one say
         rho, believed = jax.lax.switch(task.stage, [_loss(name) for name in task.losses], r2 / scale)
         cost, squares, share = total
         cost = cost + 0.5 * scale * rho
-        return (cost, squares + believed * r2, share + jnp.where(look.counts, believed, 0.0)), precise * believed[None]
+        return (cost, squares + believed * r2, share + jnp.where(view_slice.counts, believed, 0.0)), precise * believed[
+            None
+        ]
 
     zero = jnp.zeros(found.x.shape)
     of, weight = jax.lax.scan(add, (zero, zero, zero), looks(task, None))

@@ -26,7 +26,7 @@ from ..model.scenes import Scene, light_kinds, stack_scene
 from ..model.vectors import Vec3, dot
 
 
-class Rig(eqx.Module):
+class LightingSetup(eqx.Module):
     """The lights of each view and how it was exposed: all that is known and the same for every texel."""
 
     stacks: tuple[Any, ...]
@@ -45,7 +45,7 @@ class Rig(eqx.Module):
     """Whether all light is grey, so that all channels share u and v."""
 
 
-def rig_of(scene: Scene, views: Sequence[View]) -> Rig:
+def rig_of(scene: Scene, views: Sequence[View]) -> LightingSetup:
     """Gather the lights of each view."""
     grey = is_grey(views[0])
     stacks, lit = [], []
@@ -57,7 +57,7 @@ def rig_of(scene: Scene, views: Sequence[View]) -> Rig:
             stacks.append(emitters(stack))
             lit.append(switches(rows))
     intensities = np.concatenate([np.reshape(stack.intensity, (-1, 3)) for stack in stacks] or [np.zeros((1, 3))])
-    return Rig(
+    return LightingSetup(
         tuple(stacks),
         tuple(lit),
         np.array([float(view.exposure) for view in views]),
@@ -78,7 +78,7 @@ class Shading(eqx.Module):
     slopes: tuple[tuple[Any, Any], ...]
 
 
-class Sights(eqx.Module):
+class LightingGeometry(eqx.Module):
     """How the light of each view reaches the texels: `l` and the intensity there, exposure included.
 
     The lamps' axis is one of channels, of length 1 where the light is grey; texels far from all lamps share one column.
@@ -91,7 +91,7 @@ class Sights(eqx.Module):
     """Components (1, texels or 1)."""
     lobe: AbstractLobe
 
-    def facing(self, n: Vec3) -> Facing:
+    def facing(self, n: Vec3) -> FixedNormalGeometry:
         """Return what is left to compute for normals that stay."""
 
         def of_view(view: Any) -> tuple[Array, Array]:
@@ -100,7 +100,7 @@ class Sights(eqx.Module):
             return jnp.sum(strength * n_l[None], 1), log
 
         u, log = jax.lax.map(of_view, (self.l, self.strength))
-        return Facing(u, log, self.strength)
+        return FixedNormalGeometry(u, log, self.strength)
 
     def shading(self, view: Any, n: Vec3, tangents: Sequence[Vec3], x: Array) -> Shading:
         """Return the shading of one view for normals n, with slopes along the tangents and by x = log n_s."""
@@ -122,7 +122,7 @@ class Sights(eqx.Module):
         return self.l, self.strength
 
 
-class Facing(eqx.Module):
+class FixedNormalGeometry(eqx.Module):
     """Sights of normals that stay: u, and the logarithm of the highlight's base."""
 
     u: Float[Array, "views lamps texels"]
@@ -152,17 +152,17 @@ def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractLobe) -> tuple[Array, Array
     return jnp.where(lit, n_l, 0.0), jnp.where(shines, jnp.log(jnp.where(shines, cosine, 1.0)), DARK)
 
 
-def sights_of(rig: Rig, p: Vec3 | None, v: Vec3) -> Sights:
+def sights_of(setup: LightingSetup, p: Vec3 | None, v: Vec3) -> LightingGeometry:
     """Return the sights of texels at p, seen from v."""
 
     def of_view(view: Any) -> tuple[Vec3, Array]:
         lit, exposure = view
         directions, strengths = [], []
-        for stack, (index, on) in zip(rig.stacks, lit, strict=True):
+        for stack, (index, on) in zip(setup.stacks, lit, strict=True):
             lights = jax.tree.map(lambda leaf, index=index: leaf[index], stack)
             l, intensity = jax.vmap(lambda light: light.arriving(p))(lights)
             directions.append(jax.tree.map(_as_rows, l))
-            strengths.append(_lamps(rig, jax.tree.map(_as_rows, intensity)) * (exposure * on)[None, :, None])
+            strengths.append(_lamps(setup, jax.tree.map(_as_rows, intensity)) * (exposure * on)[None, :, None])
         if not directions:
             none = jnp.zeros((0, 1))
             return Vec3(none, none, none), jnp.zeros((1, 0, 1))
@@ -171,8 +171,8 @@ def sights_of(rig: Rig, p: Vec3 | None, v: Vec3) -> Sights:
         l = jax.tree.map(lambda *cs: jnp.concatenate([jnp.broadcast_to(c, (len(c), width)) for c in cs]), *directions)
         return l, jnp.concatenate([jnp.broadcast_to(s, (*s.shape[:2], wide)) for s in strengths], 1)
 
-    l, strength = jax.lax.map(of_view, (rig.lit, rig.exposure))
-    return Sights(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), rig.lobe)
+    l, strength = jax.lax.map(of_view, (setup.lit, setup.exposure))
+    return LightingGeometry(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), setup.lobe)
 
 
 def _as_rows(component: Array) -> Array:
@@ -180,10 +180,10 @@ def _as_rows(component: Array) -> Array:
     return jnp.reshape(component, (len(component), -1))
 
 
-def _lamps(rig: Rig, intensity: Vec3) -> Array:
+def _lamps(setup: LightingSetup, intensity: Vec3) -> Array:
     """Return the intensity in the channels that differ."""
-    if rig.grey_lights:
+    if setup.grey_lights:
         return intensity.x[None]
-    if rig.grey_images:
+    if setup.grey_images:
         return (intensity.x + intensity.y + intensity.z)[None] / 3.0
     return jnp.stack([intensity.x, intensity.y, intensity.z])

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..io.files import replacing
-from .devices import Lanes
+from .devices import DeviceGroup
 
 
-class Record:
+class RunStore:
     """The arrays of a run, mapped from files of a folder, or in memory alone; and which of its tiles are done.
 
     A tile is written before it is marked, so that a run that was killed does it again, whole: nothing is lost but the
@@ -27,7 +27,7 @@ class Record:
         problem: str,
         rows: int,
         tiles: Callable[[int], int],
-        lanes: Lanes | None,
+        device_group: DeviceGroup | None,
     ):
         """Open the record of a run in a folder, or begin one with `rows` a tile; `tiles` gives their number.
 
@@ -35,8 +35,8 @@ class Record:
         run, or one is at work in it.
         """
         self.folder = None if folder is None else Path(folder)
-        self.lanes = lanes if lanes is not None and lanes.several else None
-        self.first = self.lanes is None or self.lanes.first
+        self.device_group = device_group if device_group is not None and device_group.several else None
+        self.first = self.device_group is None or self.device_group.first
         self.rows = rows
         self.arrays: dict[str, np.ndarray] = {}
         self.lock: Any = None
@@ -46,8 +46,8 @@ class Record:
                 self.rows = self._open(self.folder, problem, rows)
             except (ValueError, OSError) as error:
                 refused = error
-        if self.lanes is not None:  # the others must learn that the first one has refused
-            self.rows = int(self.lanes.from_first(np.array([0.0 if refused else float(self.rows)]))[0])
+        if self.device_group is not None:  # the others must learn that the first one has refused
+            self.rows = int(self.device_group.from_first(np.array([0.0 if refused else float(self.rows)]))[0])
         if refused or not self.rows:
             self.close()
             raise refused or ValueError("the first process refused the folder of maps. Read its message.")
@@ -117,8 +117,8 @@ class Record:
 
     def meet(self) -> None:
         """Wait for the other processes; raise LostProcess where one is gone."""
-        if self.lanes is not None:
-            self.lanes.total([np.zeros(1)] * len(self.lanes.own))
+        if self.device_group is not None:
+            self.device_group.total([np.zeros(1)] * len(self.device_group.own))
 
 
 def _is_strange(folder: Path) -> bool:

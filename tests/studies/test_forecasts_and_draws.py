@@ -1,4 +1,4 @@
-"""Many fits: what foresight, the jackknife and the bootstrap say of their spread."""
+"""Many fits: what forecast, the jackknife and the bootstrap say of their spread."""
 
 import numpy as np
 import pytest
@@ -12,30 +12,30 @@ BLANK = np.zeros((*CAMERA.shape, 3))
 
 def test_the_errors_are_those_that_fits_then_have_whatever_the_images_hold():
     scene, clean = standard_scene(), photographs(standard_scene())
-    foresight = ds.foresee(scene, one_light_each([BLANK] * 8), free=FREE, tied=TIED, noise=0.02)
+    forecast = ds.forecast(scene, one_light_each([BLANK] * 8), free=FREE, tied=TIED, noise=0.02)
     fits = [ds.fit(scene, one_light_each(noisy(clean, 0.02, s)), free=FREE, tied=TIED) for s in range(40)]
-    assert foresight.names == fits[0].names
-    assert foresight.determined.all()
-    assert not foresight.notes
+    assert forecast.names == fits[0].names
+    assert forecast.determined.all()
+    assert not forecast.notes
     values = np.array([fit.values for fit in fits])
-    spread = np.sqrt(np.mean((values - foresight.values) ** 2, 0))
-    np.testing.assert_allclose(np.mean([fit.plain_errors for fit in fits], 0), foresight.errors, rtol=0.05)
-    assert np.all((spread / foresight.errors > 0.7) & (spread / foresight.errors < 1.4))  # 40 draws: +-.11, 3 of them
+    spread = np.sqrt(np.mean((values - forecast.values) ** 2, 0))
+    np.testing.assert_allclose(np.mean([fit.plain_errors for fit in fits], 0), forecast.errors, rtol=0.05)
+    assert np.all((spread / forecast.errors > 0.7) & (spread / forecast.errors < 1.4))  # 40 draws: +-.11, 3 of them
 
 
-def test_a_gauge_is_foreseen():
-    foresight = ds.foresee(
+def test_a_gauge_is_forecast():
+    forecast = ds.forecast(
         standard_scene(), one_light_each([BLANK] * 8), free=("k_d", "k_s", "intensity"), tied="intensity"
     )
-    assert not foresight.determined.any()
-    assert "not determined" in str(foresight)
-    assert any("cannot separate" in note for note in foresight.notes)
+    assert not forecast.determined.any()
+    assert "not determined" in str(forecast)
+    assert any("cannot separate" in note for note in forecast.notes)
 
 
 def test_a_noise_may_depend_on_the_level():
     views = one_light_each([BLANK] * 8)
-    bright = ds.foresee(standard_scene(), views, free=("k_d",), noise=ds.Noise(read=0.01, shot=0.01))
-    assert np.all(bright.errors > ds.foresee(standard_scene(), views, free=("k_d",), noise=0.01).errors)
+    bright = ds.forecast(standard_scene(), views, free=("k_d",), noise=ds.Noise(read=0.01, shot=0.01))
+    assert np.all(bright.errors > ds.forecast(standard_scene(), views, free=("k_d",), noise=0.01).errors)
 
 
 def test_the_jackknife_is_that_of_eight_fits_without_one_view_each():

@@ -1,4 +1,4 @@
-"""Foresight: what photographs will tell and what they cannot, before they are taken or fitted."""
+"""Forecast: what photographs will tell and what they cannot, before they are taken or fitted."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..inverse.forward.sums import sum_of_squares
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
 from ..inverse.result import diagnose
 from ..inverse.running import samples_for
-from ..inverse.solve.solvers import Minimum, look
+from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.constraints import Grey, Proportional
 from ..inverse.unknowns.parameters import coordinates, find_unknowns, values_in
@@ -27,7 +27,7 @@ from ..parallel.threads import on_all_cores
 
 
 @dataclass(frozen=True, eq=False)
-class Foresight:
+class Forecast:
     """What a fit of a scene to photographs of it can tell; `print` it for the table."""
 
     names: tuple[str, ...]
@@ -49,7 +49,7 @@ class Foresight:
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
 
-def foresee(
+def forecast(
     scene: Scene,
     views: Sequence[View] | View,
     *,
@@ -59,7 +59,7 @@ def foresee(
     bounds: Mapping[str, Sequence[float | int]] | None = None,
     priors: Mapping[str, Sequence[Any]] | None = None,
     noise: Noise | float = 0.01,
-) -> Foresight:
+) -> Forecast:
     r"""Return the errors to expect of a fit, were the scene the truth, and in words what it would not determine.
 
     $$ Cov = \sigma^2 (J^T J)^{-1} $$
@@ -83,15 +83,15 @@ def foresee(
             scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=all(map(is_grey, views))
         )
         check_free(unknowns)
-        samples, counts = samples_for(scene, views, unknowns, "hinge", foreseen=True)
+        samples, counts = samples_for(scene, views, unknowns, "hinge", forecast=True)
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         chunks = problem.chunks()
         squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), chunks))) or 1.0
         start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0)
         laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
-        fit = diagnose(laid, Minimum(look(theta, laid.task, laid.pixels), 0, ""), foreseen=True)
-    return Foresight(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
+        fit = diagnose(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
+    return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 
 def _taken(scene: Scene, view: View, noise: Noise | float) -> View:
