@@ -100,6 +100,49 @@ _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
 }
 
 
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """What a fit knows of a field whose numbers can be free; it stands in the field's metadata, by `parameter`."""
+
+    role: str = ""
+    """"reflection", "transmission", "exponent", "attenuation", "light", "camera", "position", "direction", "edge",
+    "index"; empty where no more is known than the number."""
+    linear: bool = False
+    """Whether the image is linear in it."""
+    logarithmic: bool = False
+    """Whether it is solved for as its logarithm: its error is proportional to it."""
+    start: float | None = None
+    """Where a search begins; None begins at the scene's value."""
+    fit_range: tuple[float, float] | None = None
+    """The range in a fit, where it is narrower than the field's."""
+    gauge: int = 0
+    """1 where twice as much of it cancels half the light, -1 where it cancels twice the reflection, 0 neither."""
+    by_own_name: bool = False
+    """Whether only its own name frees it, and not that of what holds it: most scenes do without."""
+    reach: float = 0.0
+    """How far the first step of an approach from coarse to fine may go (`starts.approach`); 0 for none."""
+
+
+def parameter(
+    role: str = "", *, lower: float | None = None, upper: float | None = None, **of_fit: Any
+) -> dict[str, Any]:
+    """Return the metadata of a field that can be free.
+
+    Args:
+        role: What it is; see `Parameter`.
+        lower: The least value; None for no bound.
+        upper: The largest value; None for no bound.
+        of_fit: Other fields of `Parameter`.
+    """
+    ends = {name: end for name, end in (("lower", lower), ("upper", upper)) if end is not None}
+    return {**ends, "parameter": Parameter(role, **of_fit)}
+
+
+def parameter_of(field: dataclasses.Field) -> Parameter:
+    """Return what a fit knows of a field."""
+    return field.metadata.get("parameter", Parameter())
+
+
 class Checked(eqx.Module):
     """A module whose fields are checked when it is made, and again by `check`.
 

@@ -17,7 +17,7 @@ from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy
 from ..inverse.statistics.uncertainty import Vector
-from ..inverse.unknowns.parameters import logarithms
+from ..inverse.unknowns.unknown import logarithms
 from .intervals import Profile, intervals
 from .misfit.leftovers import inflated
 from .misfit.suspicions import Suspicion, suspicions

@@ -21,7 +21,9 @@ from ..inverse.running import samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.constraints import Grey, Proportional
-from ..inverse.unknowns.parameters import coordinates, find_unknowns, values_in
+from ..inverse.unknowns.parameters import find_unknowns
+from ..inverse.unknowns.slots import values_in
+from ..inverse.unknowns.unknown import coordinates
 from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
 

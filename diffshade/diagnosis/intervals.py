@@ -12,7 +12,7 @@ from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
-from ..inverse.unknowns.parameters import coordinate_slopes
+from ..inverse.unknowns.unknown import coordinate_slopes
 
 CLOSE = 0.01  # relative, of the number of errors that an end is to be away
 EVALUATIONS = 16

@@ -20,7 +20,7 @@ from ..inverse.pixels.blocks import Block, Piece
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
-from ..inverse.unknowns.parameters import coordinate_slopes
+from ..inverse.unknowns.unknown import coordinate_slopes
 from ..parallel.threads import on_all_cores
 
 FEWEST = 6  # patches for a jackknife

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
-from ..core.fields import Array, Checked, Scalar, as_scalar, check, check_kind, is_concrete, quantities
+from ..core.fields import Array, Checked, Scalar, as_scalar, check, check_kind, is_concrete, parameter_of, quantities
 from ..core.progress import showing, silent
 from ..core.words import did_you_mean, listing
 from ..inverse.data.samples import Counts, find_samples
@@ -27,7 +27,9 @@ from ..inverse.problem import fit_problem
 from ..inverse.result import Fit
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, null_directions, relative_errors
 from ..inverse.statistics.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
-from ..inverse.unknowns.parameters import CHANNELS, Unknown, coordinate_slopes, coordinates, logarithms, put_back
+from ..inverse.unknowns.names import CHANNELS
+from ..inverse.unknowns.slots import put_back
+from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, coordinates, logarithms
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
@@ -36,7 +38,7 @@ from ..model.scenes import Scene, as_tuple
 from ..parallel.threads import on_all_cores
 
 # Where a light is, and whither it shines, is what a shot says; what else is unknown of a lamp goes with it.
-PLACED = {"position", "direction", "corner", "edge_u", "edge_v"}
+PLACED = {"position", "direction", "edge"}  # roles of the numbers that say where a light stands
 MUCH = 0.05  # share of a shot's pixels; with more of them clipped, its exposure is too long
 
 
@@ -302,8 +304,8 @@ def _holders(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], set[int | 
     holder = {place: j for j, u in enumerate(fit.unknowns) for place in u.places}
     return {
         (leaf, c): {holder.get((f"lights.{i}.{leaf}", c)) for i in same}
-        for leaf, value, _ in quantities(light)
-        if leaf.split(".")[-1] not in PLACED
+        for leaf, value, spec in quantities(light)
+        if parameter_of(spec).role not in PLACED
         for c in range(np.size(value))
     }
 

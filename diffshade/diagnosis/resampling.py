@@ -13,7 +13,7 @@ from ..core.progress import showing, silent
 from ..inverse.data.views import setups
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
-from ..inverse.unknowns.parameters import values_at
+from ..inverse.unknowns.unknown import values_at
 
 
 def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = False) -> Float[np.ndarray, "draws p"]:

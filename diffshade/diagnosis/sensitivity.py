@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 from typing import Any
 
@@ -19,15 +20,10 @@ from ..inverse.pixels.blocks import Block, total
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
-from ..inverse.unknowns.parameters import (
-    Slots,
-    coordinate_slopes,
-    everything,
-    find_unknowns,
-    slots_of,
-    unit_vectors,
-    values_in,
-)
+from ..inverse.unknowns.names import everything
+from ..inverse.unknowns.parameters import find_unknowns
+from ..inverse.unknowns.slots import Slots, slots_of, values_in
+from ..inverse.unknowns.unknown import coordinate_slopes, unit_vectors
 from ..parallel.threads import on_all_cores
 
 
@@ -44,8 +40,8 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
-    for unknown in known:
-        unknown.logarithmic = False  # a known n_s may be 0
+    for unknown in known:  # a known n_s may be 0
+        unknown.parameter = dataclasses.replace(unknown.parameter, logarithmic=False)
     places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
     for unknown in known:
         for path, channel in unknown.places:

@@ -30,7 +30,8 @@ from .problem import laid_bytes
 from .result import MEMORY, Fit
 from .running import moves_surface, run, samples_for
 from .unknowns.constraints import Grey, Proportional
-from .unknowns.parameters import Unknown, find_unknowns
+from .unknowns.parameters import find_unknowns
+from .unknowns.unknown import Unknown
 
 DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
 CLIPPED = ("hinge", "tobit", "exclude")

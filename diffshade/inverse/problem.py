@@ -40,7 +40,8 @@ from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.starts import steepest
-from .unknowns.parameters import Unknown, coordinates, slots_of, unit_vectors
+from .unknowns.slots import slots_of
+from .unknowns.unknown import Unknown, coordinates, unit_vectors
 
 MAX_STEPS = 200
 PART = 1 << 15  # pixels on which the search for a start follows its candidates

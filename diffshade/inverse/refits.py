@@ -18,7 +18,7 @@ from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
 from .running import run, samples_for
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, evaluate, minimise
-from .unknowns.parameters import Unknown, coordinates
+from .unknowns.unknown import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
 """For each view the pixels to keep; None keeps all."""

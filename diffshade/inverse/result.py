@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
+from ..core.fields import parameter_of
 from ..core.words import count, listing
 from ..model.materials import Material
 from ..model.patterns import Chequer
@@ -33,12 +34,11 @@ from .statistics.identifiability import (
 )
 from .statistics.intensities import taken_as_exact
 from .statistics.uncertainty import Evidence
-from .unknowns.parameters import Unknown, coordinate_slopes, put_back, unit_vectors, values_at, values_in
-from .unknowns.parameters import everything as everything_in
+from .unknowns.names import everything as everything_in
+from .unknowns.slots import put_back, values_in
+from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
 
 MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
-REFLECTS = ("k_a", "k_d", "k_s", "k_e")
-COORDINATES = ("position", "center", "corner")
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,18 +294,22 @@ def _scales(
     transmission 1; of a coordinate, how far the objects reach: where the origin is says nothing.
     """
     extent = max(item.surface.extent() for item in scene.objects)
-    known = {path: float(np.max(value)) for path, value, _ in everything_in(scene, views) if np.size(value)}
-    reflections = {path: value for path, value in known.items() if path.split(".")[-1] in REFLECTS}
+    reflections = {
+        path: float(np.max(value))
+        for path, value, spec in everything_in(scene, views)
+        if np.size(value) and parameter_of(spec).role == "reflection"
+    }
     scales = np.zeros(len(unknowns))
     for j, unknown in enumerate(unknowns):
-        if unknown.kind in REFLECTS and unknown.places:
+        role = unknown.parameter.role
+        if role == "reflection" and unknown.places:
             material = unknown.places[0][0].rpartition(".")[0]
             scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
-        elif unknown.kind in ("linear", "quadratic") and curvature[j] > 0:
+        elif role == "attenuation" and unknown.kind != "constant" and curvature[j] > 0:
             scales[j] = np.sqrt(squares / curvature[j]) / 6.0
-        elif unknown.kind == "k_t":
+        elif role == "transmission":
             scales[j] = 1.0
-        elif unknown.kind in COORDINATES:
+        elif role == "position":
             scales[j] = extent
     return scales
 

@@ -18,7 +18,7 @@ from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_o
 from .result import Fit, diagnose
 from .solve.solvers import Minimum
 from .starting import find_start
-from .unknowns.parameters import Unknown
+from .unknowns.unknown import Unknown
 
 
 def samples_for(

@@ -21,7 +21,8 @@ from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.solvers import minimise
 from .solve.starts import is_local, search, with_wide_edges
-from .unknowns.parameters import coordinates, slots_of
+from .unknowns.slots import slots_of
+from .unknowns.unknown import coordinates
 
 REPEATS = 20  # of the alternation between the scale and the minimum
 

@@ -9,10 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete
+from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete, parameter
 from .vectors import Vec3
 
 NEAREST = 1e-6  # scene units; below it the distance counts as this, so that 1/d^2 stays finite
+
+FADE = parameter("attenuation", lower=0, start=0.0, gauge=1)
 
 
 class RadialAttenuation(Checked):
@@ -25,9 +27,11 @@ class RadialAttenuation(Checked):
     derivative with respect to d is 0 below that, and every derivative is 0 where f_rad is clamped.
     """
 
-    constant: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
-    linear: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
-    quadratic: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
+    constant: Scalar = eqx.field(
+        converter=as_scalar, default=1.0, metadata=parameter("attenuation", lower=0, gauge=1, by_own_name=True)
+    )
+    linear: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=FADE)
+    quadratic: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=FADE)
     clamp: bool = eqx.field(static=True, default=False)
 
     def check_together(self) -> None:

@@ -19,6 +19,7 @@ from ..core.fields import (
     as_vector,
     check_kind,
     is_concrete,
+    parameter,
 )
 from .attenuation import RadialAttenuation, angular_attenuation
 from .vectors import Vec3, cross, dot, length, normalize
@@ -76,8 +77,8 @@ class PointLight(AbstractEmitter):
     RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it gives nothing.
     """
 
-    position: Vector = eqx.field(converter=as_vector)
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
 
     def check_together(self) -> None:
@@ -109,8 +110,8 @@ class DirectionalLight(AbstractEmitter):
     `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
     """
 
-    direction: Vector = eqx.field(converter=as_vector)
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
 
     def check_together(self) -> None:
         check_direction("DirectionalLight.direction", self.direction)
@@ -140,9 +141,9 @@ class SpotLight(AbstractEmitter):
     hard edge) to `cutoff`; the cutoff can be fitted only if it is above 0.
     """
 
-    position: Vector = eqx.field(converter=as_vector)
-    direction: Vector = eqx.field(converter=as_vector)
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
+    direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     cutoff: Scalar = eqx.field(converter=as_scalar, default=45.0, metadata={"lower": 0, "upper": 90})
     exponent: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
@@ -190,10 +191,10 @@ class AreaLight(AbstractLight):
     continuous rectangle. Warn's flaps are not modelled.
     """
 
-    corner: Vector = eqx.field(converter=as_vector)
-    edge_u: Vector = eqx.field(converter=as_vector)
-    edge_v: Vector = eqx.field(converter=as_vector)
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    corner: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
+    edge_u: Vector = eqx.field(converter=as_vector, metadata=parameter("edge"))
+    edge_v: Vector = eqx.field(converter=as_vector, metadata=parameter("edge"))
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     cutoff: Scalar = eqx.field(converter=as_scalar, default=90.0, metadata={"lower": 0, "upper": 90})
     exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)

@@ -23,10 +23,19 @@ from ..core.fields import (
     checked_colour,
     in_short,
     is_concrete,
+    parameter,
 )
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
 from .patterns import AbstractPattern, colour_at
 from .vectors import Vec3, dot, halfway, reflect
+
+EXPONENT_RANGE = (0.1, 1e4)  # of n_s in a fit
+REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
+EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
+EXPONENT = parameter("exponent", lower=0, logarithmic=True, start=10.0, fit_range=EXPONENT_RANGE)
+TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
+# reach: a little more than half the distance between the values of eta that a search tries
+INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, reach=0.06)
 
 
 class AbstractLobe(eqx.Module):
@@ -87,15 +96,15 @@ class Material(Checked):
     Foley et al. 1990, 16.1 and 16.5.
     """
 
-    k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata={"lower": 0})
+    k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
+    k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
+    k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
+    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
-    k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata={"lower": 0})
-    k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata={"lower": 0, "upper": 1})
-    eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata={"lower": 0.1, "upper": 10})
+    k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=EMISSION)
+    k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata=TRANSMISSION)
+    eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata=INDEX)
 
     @staticmethod
     def foley(

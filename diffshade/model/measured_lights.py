@@ -21,6 +21,7 @@ from ..core.fields import (
     check_kind,
     in_short,
     is_concrete,
+    parameter,
 )
 from .attenuation import RadialAttenuation
 from .lights import AbstractEmitter, Path, along_one_line, check_direction
@@ -114,12 +115,14 @@ class MeasuredLight(AbstractEmitter):
     of EULUMDAT). In a fit the intensity, position and direction can be free, and `side` by its own name.
     """
 
-    position: Vector = eqx.field(converter=as_vector)
-    direction: Vector = eqx.field(converter=as_vector)
+    position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
+    direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
     profile: Profile
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
-    side: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0))
+    side: Vector = eqx.field(
+        converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction", by_own_name=True)
+    )
 
     def check_together(self) -> None:
         check_direction("MeasuredLight.direction", self.direction)

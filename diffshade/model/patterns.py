@@ -8,7 +8,18 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..core.fields import Checked, Coefficient, Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete
+from ..core.fields import (
+    Checked,
+    Coefficient,
+    Colour,
+    Scalar,
+    Vector,
+    as_colour,
+    as_scalar,
+    as_vector,
+    is_concrete,
+    parameter,
+)
 from .vectors import Vec3, dot, where
 
 
@@ -32,10 +43,10 @@ class Chequer(AbstractPattern):
 
     a: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
     b: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
-    period: Scalar = eqx.field(converter=as_scalar, default=1.0)
+    period: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata=parameter(by_own_name=True))
     smooth: bool = eqx.field(static=True, default=False)
-    u: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0))
-    v: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0))
+    u: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter(by_own_name=True))
+    v: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0), metadata=parameter(by_own_name=True))
 
     def check_together(self) -> None:
         if is_concrete(self.period) and not self.period > 0:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
-from ..core.fields import Array, Checked, Colour, as_colour, check_kind, is_concrete
+from ..core.fields import Array, Checked, Colour, as_colour, check_kind, is_concrete, parameter
 from ..core.words import with_article
 from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
@@ -59,7 +59,7 @@ class Scene(Checked):
 
     objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
     lights: tuple[AbstractLight, ...] = eqx.field(converter=as_tuple, default=())
-    ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata={"lower": 0})
+    ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
     atmosphere: AbstractAtmosphere | None = None
 

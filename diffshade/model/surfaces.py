@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete
+from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
 from .cameras import Rays
 from .vectors import Vec3, dot, normalize, safe_sqrt, where
 
@@ -71,7 +71,7 @@ class Sphere(AbstractSolid):
     `inside` is False there.
     """
 
-    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
     radius: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
 
     def check_together(self) -> None:
@@ -150,7 +150,7 @@ class Box(AbstractSolid):
     about the centre. At an edge the derivative is that of one of its faces.
     """
 
-    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
+    center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
     size: Vector = eqx.field(converter=as_vector, default=(1.0, 1.0, 1.0), metadata={"lower": 0})
     rotation: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
 

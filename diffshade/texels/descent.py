@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
-from ..inverse.unknowns.parameters import RANGES
+from ..model.materials import EXPONENT_RANGE
 from ..model.vectors import Vec3, normalize, where
 from .coefficients import solve
 from .lighting import LightingGeometry
 from .normal_equations import Found, Task, evaluate, first_weights, project, reduced, tangents
 
 T = TypeVar("T")
-LOW, HIGH = (float(end) for end in np.log(RANGES["n_s"]))
+LOW, HIGH = (float(end) for end in np.log(EXPONENT_RANGE))
 GRID = np.log(0.5 * 4.0 ** np.arange(7))  # of log n_s, for a start: a factor of 4 is well within reach of a descent
 CLOSE = 1e-3  # what a step still promises, as a share of the variance of a sample, when a texel is done
 FIRM = 1e-3  # how much of what is known of an unknown alone is left to it at least, beside the coefficients

@@ -21,8 +21,8 @@ from ..core.progress import ReportProgress, showing, silent
 from ..inverse.data.views import View, is_grey
 from ..inverse.fitting import check_scale
 from ..inverse.forward.losses import LOSSES
-from ..inverse.unknowns.parameters import RANGES
 from ..model.fresnel import NoFresnel
+from ..model.materials import EXPONENT_RANGE
 from ..model.rendering import select
 from ..model.scenes import Scene, check_positions, check_shapes
 from ..parallel.checkpoints import fingerprint
@@ -138,7 +138,7 @@ class _Run:
         if self.device_group is not None:
             device_group = self.device_group
             self.own = [t for t in range(self.count) if t % device_group.count in device_group.own]
-        self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, RANGES["n_s"][0])))
+        self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, EXPONENT_RANGE[0])))
 
     def maps(self) -> TexelMaps:
         """Find the maps, tile by tile."""
@@ -446,9 +446,9 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
         raise ValueError("n_s is free, but k_s is neither free nor above 0. Add 'k_s' to free.")
     if "normal" in free and "k_d" not in free and not np.any(material.k_d):
         raise ValueError("normal is free, but k_d is neither free nor above 0. Add 'k_d' to free.")
-    if material.n_s < RANGES["n_s"][0] and "n_s" not in free and ("k_s" in free or np.any(material.k_s)):
+    if material.n_s < EXPONENT_RANGE[0] and "n_s" not in free and ("k_s" in free or np.any(material.k_s)):
         raise ValueError(
-            f"Material.n_s must be at least {RANGES['n_s'][0]} in a fit of texels; got {material.n_s}. Raise it."
+            f"Material.n_s must be at least {EXPONENT_RANGE[0]} in a fit of texels; got {material.n_s}. Raise it."
         )
     if "k_a" in free and not np.all(scene.ambient > 0):
         raise ValueError(f"k_a is free, but scene.ambient is {scene.ambient}. Give the ambient light, above 0.")

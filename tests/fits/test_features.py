@@ -18,7 +18,8 @@ from diffshade.inverse.pixels.blocks import total
 from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.solvers import evaluate
-from diffshade.inverse.unknowns.parameters import coordinates, find_unknowns
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.unknown import coordinates
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 9))
 ATTENUATION = ds.RadialAttenuation(1.0, 0.1, 0.05)

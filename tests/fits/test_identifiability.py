@@ -32,7 +32,8 @@ from diffshade.inverse.statistics.identifiability import (
     weak_directions,
     weak_sentences,
 )
-from diffshade.inverse.unknowns.parameters import Unknown, find_unknowns
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.unknown import Unknown
 
 SCENE = standard_scene()
 

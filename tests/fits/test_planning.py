@@ -12,7 +12,8 @@ from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 import diffshade as ds
 from diffshade.diagnosis.planning import Plan, _aimed, _holders, _information, _notes, _order, _percent, _sizes, _with
 from diffshade.inverse.data.samples import find_samples
-from diffshade.inverse.unknowns.parameters import find_unknowns, put_back
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.slots import put_back
 
 FRONT = ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front")  # its attenuation is what the fit finds
 BELOW = ds.Shot(

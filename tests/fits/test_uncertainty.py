@@ -25,7 +25,7 @@ from diffshade.inverse.statistics.uncertainty import (
     standard_errors,
     without_single_views,
 )
-from diffshade.inverse.unknowns.parameters import put_back
+from diffshade.inverse.unknowns.slots import put_back
 
 UNITS = 10.0 ** np.array([-4.0, 3.0, 0.0, -2.0, 5.0, 1.0])
 

@@ -11,7 +11,7 @@ from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, po
 import diffshade as ds
 from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.unknowns.parameters import coordinates
+from diffshade.inverse.unknowns.unknown import coordinates
 
 LEVELS = (0.68, 0.95)
 

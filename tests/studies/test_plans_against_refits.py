@@ -23,7 +23,7 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse.refits import LaidOutFit
-from diffshade.inverse.unknowns.parameters import natural
+from diffshade.inverse.unknowns.unknown import natural
 
 SIGMA = 0.002
 LAMPS = ((1.0, 1.0, 1.6), (-2.5, 0.5, 3.5), (0.5, -2.0, 1.8), (1.5, 2.5, 5.0))

@@ -16,7 +16,7 @@ from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
 from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.running import samples_for
-from diffshade.inverse.unknowns.parameters import Unknown
+from diffshade.inverse.unknowns.unknown import Unknown
 from diffshade.parallel.threads import on_all_cores
 
 # the time goes into compiling, not into running

@@ -26,7 +26,8 @@ from diffshade.inverse.pixels.blocks import Block
 from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.solvers import Minimum, minimise
-from diffshade.inverse.unknowns.parameters import Unknown, coordinates, find_unknowns
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.unknown import Unknown, coordinates
 
 
 class Solver(NamedTuple):

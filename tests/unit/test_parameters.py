@@ -8,7 +8,9 @@ from synthetic import light_positions, standard_scene
 
 import diffshade as ds
 from diffshade.inverse.forward.rendered import prepare
-from diffshade.inverse.unknowns.parameters import coordinates, find_unknowns, natural, put_back, slots_of, values_in
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.slots import put_back, slots_of, values_in
+from diffshade.inverse.unknowns.unknown import coordinates, natural
 
 SPOT = ds.SpotLight((0, 3, 3), (0, -1, -1), 2.0, 40.0, 3.0, ds.RadialAttenuation(1.0, 0.3, 0.2), softness=5.0)
 MANY_KINDS = ds.Scene(

@@ -18,7 +18,9 @@ from ...inverse.refits import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import evaluate
 from ...inverse.statistics.uncertainty import inverse
-from ...inverse.unknowns.parameters import Unknown, find_unknowns, put_back, values_at
+from ...inverse.unknowns.parameters import find_unknowns
+from ...inverse.unknowns.slots import put_back
+from ...inverse.unknowns.unknown import Unknown, values_at
 from ...model.lights import DirectionalLight, PointLight, SpotLight
 from ...model.measured_lights import MeasuredLight
 

@@ -17,7 +17,8 @@ from ...inverse.problem import fit_problem
 from ...inverse.refits import samples_of
 from ...inverse.result import Fit
 from ...inverse.running import solve
-from ...inverse.unknowns.parameters import put_back, values_at
+from ...inverse.unknowns.slots import put_back
+from ...inverse.unknowns.unknown import values_at
 from ...io.images import srgb_decode, srgb_encode
 
 PIXELS = 1 << 13  # of all views, on which encodings are judged

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core.words import listing
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
-from ...inverse.unknowns.parameters import coordinate_slopes, values_at
+from ...inverse.unknowns.unknown import coordinate_slopes, values_at
 from ...model.materials import Blinn
 from ...model.surfaces import Sphere
 from .faults import BLURS, Direction, Linearised, Mask, linearised

@@ -11,7 +11,7 @@ from ...core.words import listing
 from ..result import Fit
 from ..statistics.identifiability import null_directions
 from ..statistics.uncertainty import Matrix, Vector, inverse
-from ..unknowns.parameters import coordinate_slopes, coordinates, logarithms
+from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 PULL = 4.0  # standard deviations, from which a prior contradicts the images
 CORRUPTS = 2.0  # errors, by which such a prior moves a number that is then not determined

@@ -24,7 +24,7 @@ from ..running import samples_for
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import relative_errors
 from ..statistics.uncertainty import Vector
-from ..unknowns.parameters import coordinates, logarithms
+from ..unknowns.unknown import coordinates, logarithms
 
 MOVED = 0.3  # of the value, or of a logarithm's unit
 ERRORS = 3.0

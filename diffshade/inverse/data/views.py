@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number
+from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number, parameter
 from ...io.lazy_images import LazyImage, row_tiles
 from ...model.cameras import AbstractCamera
 from ...model.rendering import render
@@ -20,6 +20,8 @@ from ...model.scenes import Scene
 
 # Float[np.ndarray, "h w c"], or a LazyImage; Any, so that a type checker takes it for what one knows it is.
 Image: TypeAlias = Any
+
+EXPOSURE = parameter("camera", gauge=-1, fit_range=(1e-9, np.inf), by_own_name=True)
 
 
 def as_image(image: Any) -> Any:
@@ -122,8 +124,10 @@ class View(Checked):
         converter=lambda mask: None if mask is None else np.asarray(mask), default=None
     )
     lit: tuple[int, ...] | None = eqx.field(converter=as_lit, static=True, default=None)
-    exposure: Scalar = eqx.field(converter=as_scalar, default=1.0)
-    black: Scalar = eqx.field(converter=as_scalar, default=0.0)
+    exposure: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata=EXPOSURE)
+    black: Scalar = eqx.field(
+        converter=as_scalar, default=0.0, metadata=parameter("camera", linear=True, by_own_name=True)
+    )
     noise: Noise | None = eqx.field(converter=as_noise, default=None)
     saturation: float | None = eqx.field(converter=as_level, static=True, default=None)
     floor: float | None = eqx.field(converter=as_level, static=True, default=None)

@@ -24,13 +24,13 @@ from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.fresnel import NoFresnel
 from ...model.lights import DirectionalLight, PointLight, SpotLight
-from ...model.materials import Material
+from ...model.materials import EXPONENT_RANGE, Material
 from ...model.measured_lights import MeasuredLight
 from ...model.scenes import Scene
 from ...model.vectors import Vec3, dot
 from ..data.views import View, lights_on
 from ..pixels.blocks import Block
-from ..unknowns.parameters import RANGES, Unknown
+from ..unknowns.unknown import Unknown
 from .gram import Gram
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
@@ -38,21 +38,8 @@ from .rendered import costs
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
-KNOWS = {
-    "k_a",
-    "k_d",
-    "k_s",
-    "k_e",
-    "n_s",
-    "constant",
-    "linear",
-    "quadratic",
-    "intensity",
-    "ambient",
-    "exposure",
-    "black",
-}
-FADES = ("constant", "linear", "quadratic")
+FADES = ("constant", "linear", "quadratic")  # by the power of the distance
+ROLES = {"reflection", "exponent", "attenuation", "light", "camera"}  # of the unknowns that this model serves
 
 
 class Fields(eqx.Module):
@@ -250,13 +237,13 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
     n_s = material.n_s
     return (
         len(scene.objects) == 1
-        and names <= KNOWS
+        and {u.parameter.role for u in unknowns if u.places} <= ROLES  # a ratio is one of reflections
         and isinstance(material.fresnel, NoFresnel)
         and material.k_t is None
         and not material.patterns
         and scene.atmosphere is None
         and np.ndim(n_s) == 0
-        and ("n_s" in names or float(n_s) >= RANGES["n_s"][0])
+        and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
         and all(isinstance(light, PointLight | DirectionalLight | SpotLight | MeasuredLight) for light in scene.lights)
     )

@@ -15,7 +15,7 @@ from ...model.cameras import Projection
 from ...model.gbuffers import GBuffer
 from ..data.views import Noise
 from ..pixels.blocks import Block
-from ..unknowns.parameters import Setup, Slots
+from ..unknowns.slots import Setup, Slots
 from .gram import Gram
 from .losses import Likelihood
 from .rounding import Rounding

@@ -18,7 +18,7 @@ from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
 from ..data.views import View, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.parameters import Setup, Slots, without_gbuffers
+from ..unknowns.slots import Setup, Slots, without_gbuffers
 from .gram import Gram
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood

@@ -20,7 +20,7 @@ from ...model.lights import SpotLight
 from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
-from ..unknowns.parameters import Unknown, coordinates
+from ..unknowns.unknown import Unknown, coordinates
 from .descent import box_step
 from .solvers import Box, Task, evaluate, linear_step, minimise
 
@@ -31,7 +31,6 @@ SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
 EDGE = 5.0  # degrees
 MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
-REACH = {"eta": 0.06}  # a little more than half the distance of what is tried, which `approach` bridges
 APPROACH = 16  # steps,
 SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
@@ -141,7 +140,7 @@ def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, The
 
 def steepest(unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"] | None:
     """Return the slopes above which `RenderedModel` leaves samples out: none as yet, and None where it never will."""
-    return np.full(len(unknowns), np.inf) if any(unknown.kind in REACH for unknown in unknowns) else None
+    return np.full(len(unknowns), np.inf) if any(unknown.parameter.reach for unknown in unknowns) else None
 
 
 def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequence[Block], rms: float) -> Theta:
@@ -151,9 +150,9 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     sum of squares a few such pixels hide what all others say. So a sample is left out of a step within whose reach it
     would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
     """
-    bends = np.array([unknown.kind in REACH for unknown in unknowns])
+    bends = np.array([unknown.parameter.reach > 0 for unknown in unknowns])
     searched = np.array([unknown.kind in _MOVES or "/" in unknown.quantity for unknown in unknowns])
-    reach = np.array([REACH.get(unknown.kind, 0.0) for unknown in unknowns])
+    reach = np.array([unknown.parameter.reach for unknown in unknowns])
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
         model = eqx.tree_at(lambda m: m.steepest, task.model, limit)
@@ -210,13 +209,13 @@ def search(
 
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
         within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
-        if kinds[group] in REACH:
+        if unknowns[members[group][0]].parameter.reach:
             rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
         judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
-    kinds = [kind for kind, _ in _groups(unknowns)]
+    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
     found: list[tuple[float, Theta]] = [] if kinds else [first]
     rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
     for k in range(rounds):

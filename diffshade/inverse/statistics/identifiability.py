@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.words import listing
-from ..unknowns.parameters import Unknown, logarithms
+from ..unknowns.unknown import Unknown, logarithms
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
@@ -180,15 +180,13 @@ def _some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -
 
 
 # Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
-_GAUGE_SIGN = {"k_a": 1, "k_d": 1, "k_s": 1, "k_e": 1, "constant": 1, "linear": 1, "quadratic": 1}
-_GAUGE_SIGN |= {"intensity": -1, "ambient": -1, "exposure": -1}
 _FADERS = ("constant", "linear", "quadratic")
 
 
 def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
     involved = np.flatnonzero(direction)
     names = _quantities(unknowns, involved)
-    signs = np.array([_GAUGE_SIGN.get(unknowns[int(j)].quantity.split(".")[-1], 0) for j in involved])
+    signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
     factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
     fix = next(
         (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...core.words import listing
-from ..unknowns.parameters import Unknown
+from ..unknowns.unknown import Unknown
 
 SCALED = ("k_a", "k_d", "k_s")
 

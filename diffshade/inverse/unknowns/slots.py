@@ -1,0 +1,134 @@
+"""Slots: where the values of the unknowns go in a scene and its views, and how they come back from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ...core.fields import (
+    Array,
+)
+from ...model.gbuffers import GBuffer
+from ...model.scenes import Scene, StackedScene, stack_scene
+from ..data.views import View
+from .names import PER_VIEW, everything, numbers_of, path_name
+from .unknown import Unknown, logarithms, natural, unit_vectors
+
+
+class Setup(eqx.Module):
+    """Everything that can be unknown, as compiled programs take it: the scene, and a number for each view."""
+
+    scene: StackedScene
+    exposure: Shaped[Array, " views"]
+    black: Shaped[Array, " views"]
+
+
+class Slots(eqx.Module):
+    """Where the unknowns go: a setup of indices into the vector of their values, -1 for a known number.
+
+    A leaf of which nothing is unknown is None, so that nothing is differentiated through it.
+    """
+
+    indices: Setup
+    logarithmic: Bool[Array, " p"]
+    products: tuple[Int[Array, " m"], Int[Array, " m"], Float[Array, " m"]]
+    """Values beyond the unknowns: constant * one unknown * another; the index p stands for 1."""
+    units: Int[Array, "u 3"]
+    """The unknowns that are a unit vector together."""
+
+    def insert(self, theta: Float[Array, " p"], setup: Setup) -> Setup:
+        """Return the setup with the unknowns theta, in the solver's coordinates, at their places."""
+        values = natural(theta, self.logarithmic)
+        one, other, constant = self.products
+        padded = jnp.concatenate([values, jnp.ones(1, values.dtype)])
+        values = jnp.concatenate([values, constant * padded[one] * padded[other]])
+        return jax.tree.map(
+            lambda index, leaf: leaf if index is None else jnp.where(index >= 0, values[index], leaf),
+            self.indices,
+            setup,
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+
+def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Slots:
+    """Return the places of the unknowns as a setup of indices."""
+    p = len(unknowns)
+    index_of = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
+    products = [(j, product) for j, unknown in enumerate(unknowns) for product in unknown.products]
+    for k, (_, product) in enumerate(products):
+        index_of[product.path, product.channel] = p + k
+
+    def indices(name: str, leaf: Array) -> np.ndarray:
+        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= 3 else [-1]
+        return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= 3 else ()), np.shape(leaf))
+
+    leaves, structure = jax.tree_util.tree_flatten_with_path(without_gbuffers(scene))
+    places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]
+    stacked = stack_scene(jax.tree.unflatten(structure, places))
+    per_view = [np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))]) for name in PER_VIEW]
+    others = [p if product.other is None else product.other for _, product in products]
+    return Slots(
+        jax.tree.map(lambda index: index if (index >= 0).any() else None, Setup(stacked, *per_view)),
+        logarithms(unknowns),
+        (
+            np.array([j for j, _ in products], int),
+            np.array(others, int),
+            np.array([product.constant for _, product in products], float),
+        ),
+        np.array(unit_vectors(unknowns), int).reshape(-1, 3),
+    )
+
+
+def without_gbuffers(scene: Scene) -> Scene:
+    """Return the scene with no surface where a G-buffer is: its points come with the pixels, and none is unknown."""
+    for i, item in enumerate(scene.objects):
+        if isinstance(item.surface, GBuffer):
+            scene = eqx.tree_at(lambda s, i=i: s.objects[i].surface, scene, None)
+    return scene
+
+
+def put_back(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], values: Float[np.ndarray, " p"]
+) -> tuple[Scene, tuple[View, ...]]:
+    """Return the scene and the views with the values of the unknowns, in their own units, as NumPy float64."""
+    changed: dict[str, np.ndarray] = {}
+    known = {path: np.asarray(value, np.float64) for path, value, _ in everything(scene, views)}
+
+    def put(path: str, c: int, value: float) -> None:
+        changed.setdefault(path, known[path].copy()).reshape(-1)[c] = value
+
+    for unknown, value in zip(unknowns, values, strict=True):
+        for path, c in unknown.places:
+            put(path, c, value)
+        for product in unknown.products:
+            put(
+                product.path,
+                product.channel,
+                product.constant * value * (1.0 if product.other is None else values[product.other]),
+            )
+    leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
+    new_scene = jax.tree.unflatten(structure, [changed.get(path_name(path, scene), leaf) for path, leaf in leaves])
+    new_views = []
+    for i, view in enumerate(views):
+        for name in PER_VIEW:
+            if (path := f"views.{i}.{name}") in changed:
+                view = eqx.tree_at(lambda v, name=name: getattr(v, name), view, changed[path])
+        new_views.append(view)
+    return new_scene, tuple(new_views)
+
+
+def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
+    """Return what the unknowns are in a scene, in their own units; of tied numbers, the first; NaN for 0/0."""
+    known = {path: numbers_of(value, spec) for path, value, spec in everything(scene, views)}
+    values = np.array([known[u.places[0][0]][u.places[0][1]] if u.places else np.nan for u in unknowns])
+    for j, unknown in enumerate(unknowns):
+        if not unknown.places:
+            bases = [x.constant * (1.0 if x.other is None else values[x.other]) for x in unknown.products]
+            base, product = max(zip(bases, unknown.products, strict=True), key=lambda pair: abs(pair[0]))
+            values[j] = known[product.path][product.channel] / base if base else np.nan
+    return values
