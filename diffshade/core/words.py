@@ -1,10 +1,29 @@
-"""Words: small phrases that messages are made of."""
+"""Words: notes, and the small phrases that messages are made of."""
 
 from __future__ import annotations
 
 import difflib
 import re
 from collections.abc import Iterable, Sequence
+
+
+class Note(str):
+    """A sentence of a result about what is not known, with what it is about.
+
+    `kind`: a word or two by which code tells notes apart, such as "lost in noise". `names`: the unknowns or views that
+    it names, where there are some.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+
+    def __new__(cls, text: str, kind: str, names: tuple[str, ...] = ()) -> Note:
+        note = super().__new__(cls, text)
+        note.kind, note.names = kind, names
+        return note
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, tuple[str, ...]]]:
+        return Note, (str(self), self.kind, self.names)
 
 
 def with_article(noun: str) -> str:

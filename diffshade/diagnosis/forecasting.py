@@ -16,10 +16,10 @@ from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
 from ..inverse.forward.sums import sum_of_squares
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
-from ..inverse.result import diagnose
 from ..inverse.running import samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
+from ..inverse.summary import summarise
 from ..inverse.unknowns.constraints import Grey, Proportional
 from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import values_in
@@ -92,7 +92,7 @@ def forecast(
         squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), chunks))) or 1.0
         start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0)
         laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
-        fit = diagnose(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
+        fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
     return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 

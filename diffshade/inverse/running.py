@@ -15,9 +15,10 @@ from .data.views import View
 from .pixels.blocks import Block
 from .pixels.tiles import Tiles
 from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_out_all
-from .result import Fit, diagnose
+from .result import Fit
 from .solve.solvers import Minimum
 from .starting import find_start
+from .summary import summarise
 from .unknowns.unknown import Unknown
 
 
@@ -95,4 +96,4 @@ def run(
         device_group=device_group,
         report_progress=report_progress,
     )
-    return diagnose(laid, end)
+    return summarise(laid, end)

@@ -7,7 +7,7 @@ import pytest
 from scenarios import same_but
 
 import diffshade as ds
-from diffshade.inverse.result import _jumps
+from diffshade.inverse.summary import _jumps
 from diffshade.inverse.unknowns.parameters import find_unknowns
 
 CAMERA = ds.Camera((0, 0.2, 5), fov=34, shape=(24, 24))
@@ -50,7 +50,7 @@ def test_hard_squares_have_no_derivative_where_an_unknown_moves_them_and_that_is
     views = [ds.View(np.zeros((24, 24, 3)), CAMERA)]
 
     def said(scene: ds.Scene, *free: str) -> list[str]:
-        return _jumps(scene, find_unknowns(scene, views, free))
+        return [*_jumps(scene, find_unknowns(scene, views, free))]
 
     hard, smooth = (before_a_chequer(smooth=smooth) for smooth in (False, True))
     for free in ("eta", "period", "radius"):

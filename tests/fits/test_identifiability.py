@@ -21,17 +21,17 @@ from synthetic import (
 import diffshade as ds
 from diffshade.inverse.data.samples import Counts
 from diffshade.inverse.data.views import repeated, setups
-from diffshade.inverse.result import _at_bounds, _beyond_noise, _ends, _jumps, _scales, _too_bright
 from diffshade.inverse.statistics.identifiability import (
     condition_number,
     relative_errors,
     remedy,
-    singular_sentences,
+    singular_notes,
     vague,
-    vague_sentences,
+    vague_notes,
     weak_directions,
-    weak_sentences,
+    weak_notes,
 )
+from diffshade.inverse.summary import _at_bounds, _beyond_noise, _clipped, _jumps, _scales, _too_bright, _Values
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown
 
@@ -68,7 +68,7 @@ def test_a_gauge_is_said_with_what_scales_up_and_what_down(free, direction, word
     unknowns = unknowns_of(*free, tied=tied)
     values = np.linspace(0.2, 0.9, len(unknowns))
     change = np.array([direction[free.index(u.kind)] for u in unknowns])
-    (said,) = singular_sentences(np.zeros(len(unknowns), bool), (change * values)[None], unknowns, values)
+    (said,) = singular_notes(np.zeros(len(unknowns), bool), (change * values)[None], unknowns, values)
     assert said.startswith("these views cannot separate ")
     assert all(word in said for word in words), said
 
@@ -81,9 +81,9 @@ def test_what_no_pixel_shows_is_said_by_channel_or_as_a_whole():
         ([1, 1, 1, 0], ("do not determine k_d:", "Fix it")),
         ([1, 0, 1, 0], ("do not determine k_d.r and k_d.b", "changes with them", "shows them.")),
     ):
-        (said,) = singular_sentences(np.array(zero, bool), none, unknowns, np.ones(4))
+        (said,) = singular_notes(np.array(zero, bool), none, unknowns, np.ones(4))
         assert all(word in said for word in words), said
-    assert singular_sentences(np.zeros(4, bool), none, unknowns, np.ones(4)) == []
+    assert singular_notes(np.zeros(4, bool), none, unknowns, np.ones(4)) == []
 
 
 def test_the_remedy_is_of_what_is_lost():
@@ -106,10 +106,10 @@ def test_what_is_hardly_separated_is_said_by_name():
     assert which.tolist() == [1, 3]
     assert np.isfinite(condition_number(J.T @ J))
     unknowns = unknowns_of("k_d", "linear", "quadratic", tied=TIED)
-    (said,) = weak_sentences([which, which], unknowns)
+    (said,) = weak_notes([which, which], unknowns)
     assert "hardly separate k_d and linear: changed together" in said
     assert said.endswith(remedy(["k_d", "linear"]))
-    assert "hardly separate the parts of k_d" in weak_sentences([np.array([0, 1])], unknowns)[0]
+    assert "hardly separate the parts of k_d" in weak_notes([np.array([0, 1])], unknowns)[0]
     for apart, count in ((1e-2, 0), (1e-8, 0)):  # well separated; not at all
         K = np.random.default_rng(0).standard_normal((50, 2))
         K[:, 1] = K[:, 0] + apart * K[:, 1]
@@ -142,7 +142,7 @@ def test_what_is_lost_in_the_noise_is_said_with_its_error_and_what_is_small_is_n
     lost, small = vague(unknowns, values, errors, np.array([1.0] * 6 + [0.0]))
     assert lost.tolist() == [False, True, False, False, False, True, False]
     assert small.tolist() == [False, False, False, True, True, False, False]
-    k_d, k_s, zero = vague_sentences(lost, small, unknowns, values, errors, none)
+    k_d, k_s, zero = vague_notes(lost, small, unknowns, values, errors, none)
     assert "k_d.g is lost in the noise: its error is 32% of the value. Fix k_d" in k_d
     assert "k_s.b is lost in the noise: its error is 0.6 with the value at 0" in k_s
     assert zero.startswith("0 within the noise")
@@ -150,26 +150,31 @@ def test_what_is_lost_in_the_noise_is_said_with_its_error_and_what_is_small_is_n
     for error, expected in ((24.9, False), (25.1, True)):  # half a unit of the logarithm
         assert vague(unknowns[-1:], values[-1:], np.array([error]), np.zeros(1))[0].tolist() == [expected]
     every = np.ones(7, bool)
-    *_, n_s = vague_sentences(every, ~every, unknowns, values, np.array([0.2] * 6 + [50 * np.log(8.0)]), none)
+    *_, n_s = vague_notes(every, ~every, unknowns, values, np.array([0.2] * 6 + [50 * np.log(8.0)]), none)
     assert n_s.startswith("n_s is lost in the noise: its error is a factor of 8.")
     assert "k_s are" not in n_s
     assert (
         "k_d is lost in the noise: its error is 40% of"
-        in vague_sentences(every, ~every, unknowns, values, 0.2 + 0 * values, none)[0]
+        in vague_notes(every, ~every, unknowns, values, 0.2 + 0 * values, none)[0]
     )
-    two = vague_sentences(np.array([1, 1, 0, 0, 0, 0, 0], bool), ~every, unknowns, values, errors, none)[0]
+    two = vague_notes(np.array([1, 1, 0, 0, 0, 0, 0], bool), ~every, unknowns, values, errors, none)[0]
     assert "k_d.r and k_d.g are lost in the noise: the largest error is 32% of the value" in two
 
 
 def test_what_stands_at_a_bound_is_said_with_it():
     unknowns = unknowns_of("k_d", "n_s")
+
+    def at(at_bound: np.ndarray, at_lower: np.ndarray) -> _Values:
+        values = np.array([(u.lower if low else u.upper) for u, low in zip(unknowns, at_lower, strict=True)])
+        return _Values(values, at_bound, at_lower, np.zeros((0, 3), int))
+
     every = np.ones(4, bool)
     lower = np.array([1, 0, 1, 0], bool)
-    assert _at_bounds(unknowns, every, lower, lower) == ["k_d.r and k_d.b are at their lower bound 0."]
+    assert _at_bounds(unknowns, every, at(lower, lower)) == ["k_d.r and k_d.b are at their lower bound 0."]
     upper = np.array([0, 0, 0, 1], bool)
-    (said,) = _at_bounds(unknowns, every, upper, ~every)
+    (said,) = _at_bounds(unknowns, every, at(upper, ~every))
     assert said == f"n_s is at its upper bound {unknowns[3].upper:g}."
-    assert _at_bounds(unknowns, ~upper, upper, ~every) == []
+    assert _at_bounds(unknowns, ~upper, at(upper, ~every)) == []
 
 
 def test_what_else_a_fit_says():
@@ -180,10 +185,10 @@ def test_what_else_a_fit_says():
     assert _too_bright(unknowns, np.ones(6), known) == []
     assert _beyond_noise(1.4) == []
     assert "1.6 times the noise given" in _beyond_noise(1.6)[0]
-    assert _ends(Counts(1, 9, 27, 0, 0)) == []
-    assert _ends(Counts(1, 9, 27, 1, 0))[0].startswith("1 sample at an end of the sensor's range, taken")
-    assert "1,200 samples" in _ends(Counts(1, 9, 27, 3, 1200))[0]
-    assert "left out" in _ends(Counts(1, 9, 27, 3, 1200))[0]
+    assert _clipped(Counts(1, 9, 27, 0, 0)) == []
+    assert _clipped(Counts(1, 9, 27, 1, 0))[0].startswith("1 sample at an end of the sensor's range, taken")
+    assert "1,200 samples" in _clipped(Counts(1, 9, 27, 3, 1200))[0]
+    assert "left out" in _clipped(Counts(1, 9, 27, 3, 1200))[0]
     for smooth, said in ((False, 1), (True, 0)):
         floor = ds.Material(k_d=ds.Chequer(0.2, 0.8, smooth=smooth))
         scene = ds.Scene(ds.Object(ds.Plane((0, 0, 0), (0, 0, 1)), floor), SCENE.lights)

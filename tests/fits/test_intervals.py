@@ -12,6 +12,7 @@ from scipy import ndimage, stats
 from synthetic import forget, noisy, one_light_each, standard_scene
 
 import diffshade as ds
+from diffshade.core.fields import Parameter
 from diffshade.diagnosis.intervals import FAR, Profile, intervals
 from diffshade.diagnosis.patches import (
     MOST,
@@ -37,7 +38,7 @@ class Curve(Profile):
         unknowns = find("k_d")[:1] if np.isfinite(bounds[0]) else find("n_s")
         self.power, self.calls = power, 0
         self.fit: Any = type("", (), {})()
-        self.fit.unknowns = [dataclasses.replace(unknowns[0], lower=bounds[0], upper=bounds[1], logarithmic=False)]
+        self.fit.unknowns = [dataclasses.replace(unknowns[0], lower=bounds[0], upper=bounds[1], parameter=Parameter())]
         self.fit.values, self.fit.evidence = np.array([2.0]), type("", (), {"determined": np.array([True])})()
         self.laid: Any = type("", (), {"theta": np.array([2.0])})()
         self.errors, self.visible = np.array([error]), np.array([True])

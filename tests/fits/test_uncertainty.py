@@ -11,7 +11,6 @@ from scipy import stats
 from synthetic import photographs, standard_scene
 
 from diffshade.inverse.data.samples import Counts, find_samples
-from diffshade.inverse.result import _views
 from diffshade.inverse.statistics.clusters import compared
 from diffshade.inverse.statistics.identifiability import condition_number, null_directions
 from diffshade.inverse.statistics.uncertainty import (
@@ -25,6 +24,7 @@ from diffshade.inverse.statistics.uncertainty import (
     standard_errors,
     without_single_views,
 )
+from diffshade.inverse.summary import _clusters_in_words
 from diffshade.inverse.unknowns.slots import put_back
 
 UNITS = 10.0 ** np.array([-4.0, 3.0, 0.0, -2.0, 5.0, 1.0])
@@ -234,8 +234,8 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
     assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
     assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").rejects_independence.any()
-    assert _views([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
-    assert _views([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
+    assert _clusters_in_words([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
+    assert _clusters_in_words([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 
 
 # --- the errors of a fit

@@ -32,7 +32,7 @@ LAYERS = (
     "inverse.solve",
     "inverse.statistics",
     "inverse.problem inverse.starting",
-    "inverse.result",
+    "inverse.result inverse.summary",
     "inverse.running inverse.refits",
     "inverse.checks",
     "inverse.fitting",

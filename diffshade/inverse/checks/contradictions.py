@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from ...core.words import listing
+from ...core.words import Note, listing
 from ..result import Fit
 from ..statistics.identifiability import null_directions
 from ..statistics.uncertainty import Matrix, Vector, inverse
@@ -84,7 +84,7 @@ def _by_quantity(fit: Fit, free: np.ndarray, against: Bool[np.ndarray, " q"]) ->
 
 def _said(
     fit: Fit, which: np.ndarray, of_images: Pulls, here: np.ndarray, moved: Vector, corrupted: Bool[np.ndarray, " p"]
-) -> str:
+) -> Note:
     """Say what a prior and the images say, and the remedy, of the channel that they differ most about."""
     worst = int(np.argmax(np.abs(of_images.pull[here])))
     j, k = int(which[worst]), int(here[worst])
@@ -95,8 +95,9 @@ def _said(
     instead = f" Until then {listing(names)} {'is' if len(names) == 1 else 'are'} not determined." if names else ""
     others = any(u.prior is not None and u.quantity != unknown.quantity for u in fit.unknowns)
     rest, by = ("the images and the other priors",) * 2 if others else ("the images", "the images alone")
-    return (
+    text = (
         f"the prior of {unknown.quantity} contradicts {rest}: {unknown.name} is {mean:.4g} by the prior and "
         f"{without:.4g} by {by}, {abs(of_images.pull[k]):.2g} standard deviations apart. Correct or widen the prior, "
         f"or check what the scene takes as known.{instead}"
     )
+    return Note(text, "prior", (unknown.quantity,))

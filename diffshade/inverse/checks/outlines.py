@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
 from ...model.rendering import silhouette
@@ -61,7 +62,7 @@ def check_outlines(fit: Fit) -> Fit:
     if found is None:
         return fit
     determined = fit.determined & (not found.large)
-    return replace(fit, determined=determined, notes=(said(fit.scene, found), *fit.notes))
+    return replace(fit, determined=determined, notes=(Note(said(fit.scene, found), "outline"), *fit.notes))
 
 
 def wrong_outline(fit: Fit) -> WrongOutline | None:

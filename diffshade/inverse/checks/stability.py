@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ...core.progress import ReportProgress
+from ...core.words import Note
 from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, DirectionalLight, Path, PointLight, SpotLight
 from ...model.materials import Material
 from ...model.measured_lights import MeasuredLight
@@ -230,20 +231,21 @@ def moved(
     return found
 
 
-def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]) -> list[str]:
+def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
     """Say what depends on which data are included, and without which it moved furthest."""
-    said = []
+    notes = []
     for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
         members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
         moves = [(r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members]
         *_, j, worst = max(moves, key=lambda move: move[:2])
-        said.append(
+        text = (
             f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} from all, and "
             f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what the model does not cover."
         )
+        notes.append(Note(text, "depends on data", (quantity,)))
     if shifted.any() and not shifted.all():
-        said.append("the errors of the other numbers hold for these fixed at their values.")
-    return said
+        notes.append(Note("the errors of the other numbers hold for these fixed at their values.", "depends on data"))
+    return notes
 
 
 def checked(fit: Fit, report_progress: ReportProgress) -> Fit:
@@ -266,7 +268,7 @@ def unchecked(fit: Fit) -> Fit:
     """Return a fit whose pixels do not fit in memory, with a note where it would have been `checked`."""
     if not _doubtful(fit):
         return fit
-    return replace(fit, notes=(*fit.notes, UNCHECKED))
+    return replace(fit, notes=(*fit.notes, Note(UNCHECKED, "not checked")))
 
 
 def _doubtful(fit: Fit) -> bool:

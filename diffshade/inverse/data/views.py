@@ -13,6 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number, parameter
+from ...core.words import Note
 from ...io.lazy_images import LazyImage, row_tiles
 from ...model.cameras import AbstractCamera
 from ...model.rendering import render
@@ -227,15 +228,17 @@ def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
     return [(one.mask, other.mask), (one.image, other.image)]
 
 
-def repeated(scene: Scene, views: Sequence[View]) -> list[str]:
+def repeated(scene: Scene, views: Sequence[View]) -> list[Note]:
     """Say which views are an earlier one again."""
     pairs = list(repeats(scene, views).items())
     if not pairs:
         return []
     i, j = pairs[0]
     if len(pairs) == 1:
-        return [f"views[{i}] is views[{j}] again, the same numbers, and is counted once."]
-    return [f"{len(pairs)} views repeat earlier ones, such as views[{i}] views[{j}], and are counted once."]
+        text = f"views[{i}] is views[{j}] again, the same numbers, and is counted once."
+    else:
+        text = f"{len(pairs)} views repeat earlier ones, such as views[{i}] views[{j}], and are counted once."
+    return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
 
 
 def _equal(one: Any, other: Any) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.words import listing
+from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, logarithms
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
@@ -98,45 +98,49 @@ def vague(
     return lost & ~small, small
 
 
-def singular_sentences(
+def singular_notes(
     zero: Bool[np.ndarray, " p"], directions: Float[np.ndarray, "m p"], unknowns: Sequence[Unknown], values: Vector
-) -> list[str]:
+) -> list[Note]:
     """Say which unknowns these views do not determine at all, and what to do about it."""
-    said = []
+    notes = []
     if zero.any():
         names = _some_channels(zero, unknowns)
         it = "it" if len(names) == 1 else "them"
-        said.append(
+        text = (
             f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
             f"shows {it}."
         )
-    said += [_sentence(direction, unknowns, values) for direction in directions]
-    return list(dict.fromkeys(said))
+        notes.append(Note(text, "not determined", tuple(names)))
+    for direction in directions:
+        names = tuple(_quantities(unknowns, np.flatnonzero(direction)))
+        notes.append(Note(_sentence(direction, unknowns, values), "not separated", names))
+    return list(dict.fromkeys(notes))
 
 
-def weak_sentences(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[Unknown]) -> list[str]:
+def weak_notes(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[Unknown]) -> list[Note]:
     """Say which unknowns these views hardly separate."""
-    said = []
+    notes = []
     for which in directions:
         names = _quantities(unknowns, which)
         hardly = f"hardly separate {listing(names)}" if len(names) > 1 else f"hardly separate the parts of {names[0]}"
-        said.append(
+        text = (
             f"these views {hardly}: changed together they change the pixels a thousandth as much as apart, so that the "
             f"errors stand and fall with the model. {remedy(names)}"
         )
-    return list(dict.fromkeys(said))
+        notes.append(Note(text, "hardly separated", tuple(names)))
+    return list(dict.fromkeys(notes))
 
 
-def vague_sentences(
+def vague_notes(
     lost: Bool[np.ndarray, " p"],
     small: Bool[np.ndarray, " p"],
     unknowns: Sequence[Unknown],
     values: Vector,
     errors: Vector,
     scales: Vector,
-) -> list[str]:
+) -> list[Note]:
     """Say which unknowns are lost in the noise, by how much, and which are 0 within it."""
-    said = []
+    notes = []
     relative = relative_errors(unknowns, values, errors, scales)
     for quantity in dict.fromkeys(u.quantity for u, here in zip(unknowns, lost, strict=True) if here):
         members = np.array([u.quantity == quantity for u in unknowns]) & lost
@@ -149,13 +153,16 @@ def vague_sentences(
         else:
             size = f"{errors[worst]:.2g} with the value at 0"
         verb, its = ("is", "its error is") if len(names) == 1 else ("are", "the largest error is")
-        said.append(f"{listing(names)} {verb} lost in the noise: {its} {size}. {remedy([quantity])}")
+        text = f"{listing(names)} {verb} lost in the noise: {its} {size}. {remedy([quantity])}"
+        notes.append(Note(text, "lost in noise", tuple(names)))
     if small.any():
         limits = [
             f"{u.name} {v + 2 * e:.2g}" for u, v, e, here in zip(unknowns, values, errors, small, strict=True) if here
         ]
-        said.append(f"0 within the noise, and two errors above the value at most: {listing(limits)}.")
-    return said
+        names = tuple(u.name for u, here in zip(unknowns, small, strict=True) if here)
+        text = f"0 within the noise, and two errors above the value at most: {listing(limits)}."
+        notes.append(Note(text, "0 within noise", names))
+    return notes
 
 
 def remedy(names: Sequence[str]) -> str:

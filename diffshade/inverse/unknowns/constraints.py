@@ -8,11 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import (
-    as_coefficient,
-    as_colour,
-    as_exponent,
-)
+from ...core.fields import as_coefficient, as_colour, as_exponent
 from .names import check_names, end_of_run
 from .unknown import Product, Unknown
 

@@ -10,11 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...core.fields import (
-    Array,
-    parameter_of,
-    quantities,
-)
+from ...core.fields import Array, parameter_of, quantities
 from ...core.words import did_you_mean
 from ...model.scenes import Scene
 from ..data.views import View

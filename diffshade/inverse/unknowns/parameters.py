@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import (
-    as_exponent,
-    as_vector,
-    check_kind,
-    parameter_of,
-)
+from ...core.fields import as_exponent, as_vector, check_kind, parameter_of
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
 from ...model.scenes import Scene, bends

@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import (
-    parameter_of,
-)
+from ...core.fields import parameter_of
 from .names import CHANNELS, check_names, concerns, end_of_run, ratio_name
 from .unknown import Unknown, unit_vectors
 

@@ -10,9 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.fields import (
-    Array,
-)
+from ...core.fields import Array
 from ...model.gbuffers import GBuffer
 from ...model.scenes import Scene, StackedScene, stack_scene
 from ..data.views import View

@@ -9,10 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.fields import (
-    Array,
-    Parameter,
-)
+from ...core.fields import Array, Parameter
 
 
 @dataclass

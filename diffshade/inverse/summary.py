@@ -1,0 +1,280 @@
+"""Summary: what is known at the minimum of a fit: values, errors, bounds, and what the views do not determine."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..core.fields import parameter_of
+from ..core.words import Note, count, listing
+from ..model.patterns import Chequer
+from ..model.scenes import Scene
+from .data.samples import Counts
+from .data.views import View, repeated, setups
+from .forward.losses import variance
+from .forward.rounding import Rounded, no_rounding
+from .problem import LaidOutProblem
+from .result import Fit
+from .solve.solvers import Minimum
+from .statistics.clusters import compared, independent
+from .statistics.identifiability import (
+    condition_number,
+    null_directions,
+    singular_notes,
+    vague,
+    vague_notes,
+    weak_directions,
+    weak_notes,
+)
+from .statistics.uncertainty import Evidence, Vector
+from .unknowns.names import everything as everything_in
+from .unknowns.slots import put_back
+from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
+
+
+@dataclass(frozen=True)
+class _Values:
+    """The values at the minimum, in their own units, and which of them are at a bound."""
+
+    values: Vector
+    at_bound: Bool[np.ndarray, " p"]
+    at_lower: Bool[np.ndarray, " p"]
+    units: Int[np.ndarray, "u 3"]
+    """The unknowns that are a unit vector together."""
+
+
+def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> Fit:
+    """Return what is known at the minimum of a fit: values, errors, bounds, and what is not determined.
+
+    Args:
+        laid: The problem that was minimised.
+        end: Its minimum.
+        forecast: Whether nothing was measured, so that no view can disagree with another.
+
+    Raises:
+        FloatingPointError: Where a value or the cost is not finite.
+    """
+    problem = laid.problem
+    scene, views, unknowns, likelihood = problem.scene, problem.views, problem.unknowns, problem.model.likelihood
+    found, spread = _values_at(end, unknowns), laid.spread(end)
+    rounded = laid.rounded(end, spread)
+    slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
+    evidence, groups = _evidence(laid, end, found, slope, spread, rounded)
+    everything = evidence.hessian.sum(0) + evidence.known_hessian
+    zero, directions = null_directions(everything)
+    regular = evidence.determined
+    fitted, seen = put_back(scene, views, unknowns, found.values)
+    scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
+    # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held
+    held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
+    evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
+    which = _clusters_in_words(groups, problem.counts)
+    alone = forecast or len(groups) < 2
+    clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
+    errors = evidence.plain_errors() if forecast else clusters.wide_errors()
+    lost, small = (mask & regular for mask in vague(unknowns, found.values, errors, scales))
+    known = ~evidence.at_bound & regular
+    weak = weak_directions(everything[np.ix_(known, known)])
+    rmse = float(np.sqrt(spread[1] / spread[0]))
+    in_noise = problem.noise_known and likelihood.loss == "squares"
+    notes = [
+        *_not_converged(end),
+        *singular_notes(zero, directions, unknowns, found.values),
+        *weak_notes([np.flatnonzero(known)[which] for which in weak], unknowns),
+        *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
+        *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
+        *_too_bright(unknowns, found.values, regular & ~lost),
+        *([] if forecast else repeated(scene, views)),
+        *_clipped(problem.counts),
+        *(_beyond_noise(rmse) if in_noise else []),
+        *_jumps(scene, unknowns),
+    ]
+    return Fit(
+        scene=fitted,
+        views=seen,
+        unknowns=tuple(unknowns),
+        values=found.values,
+        errors=errors,
+        plain_errors=evidence.plain_errors(),
+        covariance=_covariance(evidence, known),
+        determined=regular & ~lost,
+        at_bound=found.at_bound,
+        at_lower=found.at_lower,
+        rmse=rmse,
+        condition=condition_number(everything),
+        counts=problem.counts,
+        steps=end.steps,
+        converged=not end.message,
+        costs=np.array(end.costs),
+        likelihood=jax.tree.map(np.asarray, likelihood),
+        clipped=problem.clipped,
+        squares=laid.squares,
+        clusters=clusters,
+        scales=scales,
+        notes=tuple(notes),
+        rounding=no_rounding(len(views)) if rounded is None else rounded.rounding,
+    )
+
+
+def _values_at(end: Minimum, unknowns: Sequence[Unknown]) -> _Values:
+    """Return the values at a minimum: unit vectors of length 1, and right at a bound, not a rounding beside it."""
+    theta = end.theta
+    if not (np.isfinite(theta).all() and np.isfinite(end.point.total.cost)):
+        raise FloatingPointError(
+            f"the fit met a number that is not finite at {', '.join(f'{t:g}' for t in theta)}. Check the scene for "
+            "extreme values."
+        )
+    lower, upper = (np.array([getattr(u, name) for u in unknowns]) for name in ("lower", "upper"))
+    values = values_at(theta, unknowns)
+    for bound in (lower, upper):
+        values = np.where(np.isclose(values, bound, rtol=1e-12, atol=0.0), bound, values)
+    at_bound, at_lower = (values <= lower) | (values >= upper), values <= lower
+    units = np.array(unit_vectors(unknowns), int).reshape(-1, 3)
+    for unit in units:
+        values[unit] /= np.linalg.norm(values[unit])
+    return _Values(values, at_bound, at_lower, units)
+
+
+def _evidence(
+    laid: LaidOutProblem,
+    end: Minimum,
+    found: _Values,
+    slope: Vector,
+    spread: Float[np.ndarray, "5"],
+    rounded: Rounded | None,
+) -> tuple[Evidence, list[list[int]]]:
+    """Return what errors are made of, in the unknowns' own units, and the views of each cluster."""
+    problem, point, prior = laid.problem, end.point.views, laid.prior_gram(end)
+    H, g = np.asarray(point.hessian) * np.outer(slope, slope), np.asarray(point.gradient) * slope
+    H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
+    zero, directions = null_directions(H.sum(0) + H_0)
+    regular = ~zero & ~directions.any(0)
+    known = problem.noise_known and problem.model.likelihood.loss == "squares"
+    sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
+    every = setups(problem.scene, problem.views)
+    groups = [group for group in every if H[group].any()] or [[*range(len(problem.views))]]
+    H, g = (np.array([of[group].sum(0) for group in groups]) for of in (H, g))
+    evidence = Evidence(H, g, H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
+    if rounded is not None:
+        waves = slope[:, None] * rounded.waves
+        waves = np.array([waves[group].sum(0) for group in groups])
+        evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
+    return evidence, groups
+
+
+def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
+    """Return the plain covariance of the unknowns that are known and not at a bound; 0 elsewhere."""
+    free = ~evidence.at_bound
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(known, known)] = evidence.covariance(free)[np.ix_(known[free], known[free])]
+    return covariance
+
+
+def _not_converged(end: Minimum) -> list[Note]:
+    """Say that the solver gave up."""
+    if not end.message:
+        return []
+    return [
+        Note(f"the fit did not converge in {end.steps} steps: {end.message}. Fix or bound an unknown.", "not converged")
+    ]
+
+
+def _clusters_in_words(groups: Sequence[Sequence[int]], counts: Counts) -> str:
+    """Name the clusters of a fit: views, or the ways in which they were taken."""
+    views = count(counts.views, "view")
+    return views if len(groups) == counts.views else f"{views}, taken in {count(len(groups), 'way')},"
+
+
+def _scales(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], curvature: np.ndarray, squares: float
+) -> np.ndarray:
+    """Return what a number may be small against; 0 where nothing is.
+
+    Of a reflection, the largest of its object; of what fades light, what would change the image by a sixth; of a
+    transmission 1; of a coordinate, how far the objects reach: where the origin is says nothing.
+    """
+    extent = max(item.surface.extent() for item in scene.objects)
+    reflections = {
+        path: float(np.max(value))
+        for path, value, spec in everything_in(scene, views)
+        if np.size(value) and parameter_of(spec).role == "reflection"
+    }
+    scales = np.zeros(len(unknowns))
+    for j, unknown in enumerate(unknowns):
+        role = unknown.parameter.role
+        if role == "reflection" and unknown.places:
+            material = unknown.places[0][0].rpartition(".")[0]
+            scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
+        elif role == "attenuation" and unknown.kind != "constant" and curvature[j] > 0:
+            scales[j] = np.sqrt(squares / curvature[j]) / 6.0
+        elif role == "transmission":
+            scales[j] = 1.0
+        elif role == "position":
+            scales[j] = extent
+    return scales
+
+
+def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
+    """Say which unknowns move hard squares over the pixels: a jump, of which a derivative sees nothing."""
+    hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
+    movers = {u.quantity: None for u in unknowns for path, _ in u.places if _moves_points(path)}
+    if not (hard and movers):
+        return []
+    names = listing(list(movers))
+    text = f"hard squares of a Chequer jump with {names}, of which a fit sees nothing. Give the Chequer smooth=True."
+    return [Note(text, "hard edge", tuple(movers))]
+
+
+def _moves_points(path: str) -> bool:
+    segments = path.split(".")
+    return "surface" in segments or segments[-1] in ("eta", "period", "u", "v")
+
+
+def _clipped(counts: Counts) -> list[Note]:
+    """Say what became of samples at an end of the sensor's range."""
+    if counts.left_out:
+        text = f"{count(counts.left_out, 'sample')} at an end of the sensor's range left out, with their pixels."
+        return [Note(text, "clipped")]
+    if counts.clipped:
+        text = f"{count(counts.clipped, 'sample')} at an end of the sensor's range, taken to be that or beyond."
+        return [Note(text, "clipped")]
+    return []
+
+
+def _beyond_noise(rmse: float) -> list[Note]:
+    """Say that the residuals are more than the noise that was given, from which the errors follow."""
+    if rmse <= 1.5:
+        return []
+    wrong = "the model, or the minimum found, is wrong, or the noise is more than that"
+    return [Note(f"the residuals are {rmse:.3g} times the noise given: {wrong}.", "beyond noise")]
+
+
+def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> list[Note]:
+    """Say which values are at a bound."""
+    notes = []
+    for side, there in (("lower", found.at_lower), ("upper", found.at_bound & ~found.at_lower)):
+        bound = np.array([getattr(u, side) for u in unknowns])
+        for value in np.unique(bound[there & known]):
+            names = [u.name for u, at in zip(unknowns, there & known & (bound == value), strict=True) if at]
+            verb = "is at its" if len(names) == 1 else "are at their"
+            notes.append(Note(f"{listing(names)} {verb} {side} bound {value:g}.", "at bound", tuple(names)))
+    return notes
+
+
+def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> list[Note]:
+    """Say where more light leaves than a surface can reflect."""
+    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and _is(u, "k_d")]
+    if not bright:
+        return []
+    verb = "is" if len(bright) == 1 else "are"
+    text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
+    return [Note(text, "above 1", tuple(bright))]
+
+
+def _is(unknown: Unknown, quantity: str) -> bool:
+    return unknown.kind == quantity and "/" not in unknown.quantity
