@@ -65,6 +65,8 @@ ONLY_IN = {
     "zarr": "io",
 }
 
+MOST_LINES = 400
+
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 
 
@@ -125,6 +127,13 @@ def test_imports_point_downwards(name):
 
 def test_no_circle():
     assert list(TopologicalSorter({name: set(known(name)) for name in FILLED}).static_order())
+
+
+def test_a_file_is_short_and_says_its_one_idea_first():
+    for name, file in MODULES.items():
+        text = file.read_text(encoding="utf-8")
+        assert text.count("\n") <= MOST_LINES, name
+        assert ast.get_docstring(ast.parse(text)), name
 
 
 def test_the_imports_are_found():
