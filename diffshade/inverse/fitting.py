@@ -58,46 +58,58 @@ def fit(
 
     $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
 
-    over the samples of all views, rho the square unless another `loss` is given, by Levenberg-Marquardt on J^T J
-    (Marquardt 1963) within bounds, in float64 whatever the global flag, with n_s as log n_s. It needs no start:
-    whatever the scene says of them, k_a, k_d, k_s are solved for exactly, n_s is searched for, and the attenuation
-    begins at none; geometry (a light's position or direction, a spot's shape, a sphere) is searched for around the
-    scene's values.
+    The sum is over the samples of all views; rho is the square unless another `loss` is given. The solver is
+    Levenberg-Marquardt on J^T J (Marquardt 1963) within bounds, in float64 whatever the global flag. It needs no start
+    values: k_a, k_d and k_s are solved for exactly, n_s (as log n_s) is searched for, and attenuation begins at none,
+    whatever the scene says of them. Geometry (a light's position or direction, a spot's shape, a sphere) is searched
+    for near the scene's values.
 
-    `free`, `tied`: names, any run of whole segments of a dotted path: `"k_d"`, `"lights.0.intensity"`,
-    `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only by its own name), `"exposure"`
-    and `"black"` of each view, `"views.0.exposure"`. A direction is fitted as a unit vector. A tied name makes one
-    unknown of the free numbers that are called the same after it. `bounds`: name to (lower, upper), where a name may
-    end in a channel, as the table prints it ("k_d.r", "position.x"); by default coefficients, intensities and
-    attenuation are at least 0 and n_s is in [0.1, 1e4]. `constraints`: `Grey`, `Proportional`. `priors`: name to
-    (value, standard deviation), Gaussian, where the value may be a colour or vector; of n_s the deviation of log n_s.
-    `loss`: "squares"; or, for outliers, "huber", "cauchy" or "geman-mcclure", whose scale is found from the residuals'
-    median unless the views' noise is known. `clipped`: what a sample at the end of the sensor's range says: "hinge",
-    that the truth is at least (or at most) that; "tobit", the same with the noise known, alone without bias where much
-    lies within the noise of the sensor's floor; "exclude", nothing, nor do its pixel's other channels. `start`:
-    "search", or "scene" to begin at the scene's values. `progress`: show a line on the terminal.
+    A fit checks itself. Where the views disagree, or samples are clipped, it is repeated without the saturated pixels
+    and without the brightest half of the highlight; a number that then moves by 30 % or three errors is not determined.
+    A dark background inside the scene's silhouette, in views without a mask, leaves nothing determined. A prior four
+    standard deviations from what the images say alone is reported, and what it moves by two errors is not determined.
+    The steps of integer files whose images have less noise than a step are found from the values, and what rounding can
+    do is added to the errors (`Fit.rounding`). A fit by tiles is not repeated, and says so; lazy images are not
+    compared with the silhouette.
 
-    More pixels than memory: `memory`, bytes, is what the pixels may take laid out (about 100 each); where they would
-    take more, they are read and laid out anew at each pass, by tiles of rows, and images that are lazy (`open_image`)
-    are never whole in memory. `checkpoint`: a folder, made where there is none, to which every pass is written, and
-    every few seconds what a pass under way has summed: after any end the same call goes on from there, to the same
-    bits. Of several processes the first one writes, and a pass under way is begun again.
-    More than one device: `mesh`, a `jax.sharding.Mesh`, over whose devices the tiles are spread, with one sum over all
-    a step; after `jax.distributed.initialize` in every process, the devices of all of them (`jax.devices()`), where
-    each process makes the same call, must be able to read all views, and gets the same fit.
+    Args:
+        scene: What is known. Values of free parameters matter only where the search begins at them, see above.
+        views: The photographs; one or several.
+        free: Names of the parameters to fit. A name is any run of whole segments of a dotted path: `"k_d"`,
+            `"lights.0.intensity"`, `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only
+            by its own name), `"exposure"` and `"black"` of each view, `"views.0.exposure"`. A direction is fitted as a
+            unit vector.
+        tied: Names; free numbers whose paths are equal after the matched run are one unknown.
+        bounds: Name to (lower, upper). A name may end in a channel, as the table prints it: `"k_d.r"`, `"position.x"`.
+            By default coefficients, intensities and attenuation are at least 0, and n_s is in [0.1, 1e4].
+        constraints: `Grey` and `Proportional`.
+        priors: Name to (value, standard deviation), Gaussian; the value may be a colour or vector. For n_s the
+            deviation is that of log n_s.
+        loss: `"squares"`; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is found from the
+            residuals' median unless the views' noise is known.
+        clipped: What a sample at an end of the sensor's range says. `"hinge"`: the residual is one-sided, the truth is
+            at least (or at most) that. `"tobit"`: the censored likelihood, which needs the views' noise; it alone has
+            no bias where much lies within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
+        start: `"search"`, or `"scene"` to begin at the scene's values.
+        memory: Bytes that the pixels may take laid out, about 100 each. Where they would take more, they are read and
+            laid out anew at each pass, by tiles of rows; lazy images (`open_image`) are never whole in memory.
+        checkpoint: A folder, made where there is none, to which every pass is written, and every few seconds the sums
+            of the pass under way. After any end the same call resumes from there, to the same bits. Of several
+            processes the first one writes.
+        mesh: A `jax.sharding.Mesh` over whose devices the tiles are spread, with one sum over all a step. After
+            `jax.distributed.initialize` in every process, give `jax.devices()`; each process makes the same call, must
+            be able to read all views, and gets the same fit.
+        progress: Whether to show a line on the terminal.
 
-    Raises ValueError, TypeError: one sentence that names the view, pixel or parameter and the remedy;
-    FloatingPointError where the scene gives no finite image; RuntimeError where this jaxlib adds up wrongly;
-    `LostProcess` where another process of the fit was lost.
+    Returns:
+        The fit; print it for the table of values and errors.
 
-    The rounding errors of an integer file whose images have less noise than its steps are shared by many pixels: the
-    steps are found from the values, and what rounding can do is added to the errors (`Fit.rounding`).
-
-    Where the views disagree, or samples are clipped, the fit is made again without the saturated pixels and without the
-    brightest half of the highlight: a number that then moves by 30 % or three errors is not determined. Nor is anything
-    where views without a mask show a dark background inside the scene's silhouette, nor what a prior moves by two
-    errors that is four standard deviations from what the images say without it. A fit by tiles is
-    not made again, and says so; views that are lazy are not compared with the silhouette.
+    Raises:
+        ValueError: One sentence that names the view, pixel or parameter, and the remedy.
+        TypeError: As ValueError, for arguments of another type.
+        FloatingPointError: Where the scene gives no finite image.
+        RuntimeError: Where this jaxlib adds up wrongly.
+        LostProcess: Where another process of the fit was lost.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)

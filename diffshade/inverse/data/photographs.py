@@ -26,15 +26,24 @@ def read_photographs(
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
-    lead out of it, a name not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z to
-    the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
+    lead out of it, a name must not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z
+    to the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
     `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The camera is far away on +z. Light i is on
     in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may be
-    larger than memory. `normals`: whether to read them; without, every normal is (0, 0, 1), for `fit_texels` to find.
-    `mask`: a file or an array (H, W), in place of `mask.png`. `srgb`: whether the photographs have the sRGB curve, as
-    for `read_image`; by default JPEG and 8-bit PNG have it.
+    larger than memory.
 
-    Raises FileNotFoundError, ValueError: one sentence that names the file and the remedy.
+    Args:
+        folder: The folder.
+        normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), for `fit_texels` to find.
+        mask: A file or an array (H, W), in place of `mask.png`.
+        srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
+
+    Returns:
+        The scene and its views.
+
+    Raises:
+        FileNotFoundError: Where the folder or one of its files does not exist.
+        ValueError: Where a file does not hold what it should; one sentence that names the file and the remedy.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -64,9 +64,13 @@ class Noise(Checked):
 
     $$ variance = {read}^2 + shot \cdot m + (s / levels)^2 / 12 $$
 
-    `read`: standard deviation in the dark. `shot`: variance for each unit of signal, that of counted photons. `levels`:
-    steps of an integer file, 255 for 8 bits, whose rounding is the last term, 0 without; `srgb`: 1 where the steps are
-    spaced by the sRGB curve, so that s is its slope at m, else 0 and s = 1. At least 0, in the image's linear units.
+    All are at least 0, in the image's linear units; read and levels must not both be 0.
+
+    Args:
+        read: Standard deviation in the dark; default 0.
+        shot: Variance for each unit of signal, that of counted photons; default 0.
+        levels: Steps of an integer file, 255 for 8 bits, whose rounding is the last term; default 0, none.
+        srgb: 1 where the steps are spaced by the sRGB curve, so that s is its slope at m; 0, the default, where s = 1.
     """
 
     read: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
@@ -108,15 +112,21 @@ class View(Checked):
 
     $$ image = exposure \cdot radiance + black + noise $$
 
-    then clipped by the sensor to [floor, saturation]. `image`: linear radiance, (H, W), (H, W, 1) grey or (H, W, 3); a
-    further channel is alpha, and alpha of at least half is inside the mask. One larger than memory is what `open_image`
-    returns, or any array of one's own with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py,
-    zarr). `camera`: of the image's shape. `mask`: (H, W), True or at least half where pixels count; by default the
-    scene's own silhouette. `lit`: the indices of the lights that were on; by default all. `exposure`: the factor from
-    radiance to the image, above 0. `black`: what the image shows where there is no light. `noise`: a `Noise`, or the
-    standard deviation of noise that is the same everywhere; by default it is estimated. `saturation`: samples at or
-    above it are clipped; by default 1 in an image whose largest value that counts is exactly 1, the top of an integer
-    file's range, else none. `floor`: samples at or below it are clipped from below; by default none.
+    The sensor then clips it to [floor, saturation].
+
+    Args:
+        image: Linear radiance, (H, W), (H, W, 1) grey or (H, W, 3). A further channel is alpha; alpha of at least half
+            is inside the mask. For images larger than memory: what `open_image` returns, or any array with `shape`, a
+            floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py, zarr).
+        camera: A camera of the image's shape.
+        mask: (H, W); True, or at least half, where pixels count. Default: the scene's own silhouette.
+        lit: Indices of the lights that were on. Default: all.
+        exposure: The factor from radiance to the image, above 0; default 1.
+        black: What the image shows where there is no light; default 0.
+        noise: A `Noise`, or the standard deviation of noise that is the same everywhere. Default: it is estimated.
+        saturation: Samples at or above it are clipped. Default: 1 in an image whose largest value that counts is
+            exactly 1, the top of an integer file's range; else none.
+        floor: Samples at or below it are clipped from below. Default: none.
     """
 
     image: Image = eqx.field(converter=as_image)

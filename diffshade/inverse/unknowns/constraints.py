@@ -17,9 +17,10 @@ COLOURS = (as_colour, as_coefficient)
 
 @dataclass(frozen=True)
 class Grey:
-    """The channels of `name` are equal: one unknown for the three of each colour (or of each n_s with three).
+    """The channels of a number are equal: one unknown for the three of each colour, or of each n_s with three.
 
-    `name`: any run of whole segments of a dotted path, as in `fit`; it must be free.
+    Args:
+        name: Any run of whole segments of a dotted path, as in `fit`; it must be free.
     """
 
     name: str
@@ -31,10 +32,13 @@ class Proportional:
 
     $$ name = factor \cdot to $$
 
-    `name`, `to`: runs of whole segments of a dotted path, as in `fit`. Without a factor, it is an unknown, at least 0.
+    `Proportional("k_s", "k_d")` is a highlight of the surface's own colour.
 
-    `Proportional("k_s", "k_d")` is a highlight of the surface's own colour. With a factor, `name` is fixed by this
-    constraint and must not be free.
+    Args:
+        name: One of k_a, k_d and k_s: a run of whole segments of a dotted path, as in `fit`. With a factor it is fixed
+            by this constraint and must not be free.
+        to: The other one.
+        factor: The ratio, at least 0; None makes it an unknown.
     """
 
     name: str
