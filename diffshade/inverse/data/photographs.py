@@ -26,15 +26,16 @@ def read_photographs(
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
     The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
-    lead out of it, a name must not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z
-    to the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
+    lead out of it, a name must not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up,
+    z to the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
     `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The camera is far away on +z. Light i is on
     in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may be
     larger than memory.
 
     Args:
         folder: The folder.
-        normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), for `fit_texels` to find.
+        normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), which
+            `fit_texels` can then find.
         mask: A file or an array (H, W), in place of `mask.png`.
         srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
 
