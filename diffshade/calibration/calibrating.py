@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import check, check_kind
-from ..core.progress import showing, silent
+from ..core.progress import showing
 from ..core.words import listing
 from ..model.cameras import AbstractCamera, Camera
 from .balls import Ball, find_ball
@@ -65,7 +64,7 @@ def calibrate(
     Raises ValueError, TypeError, FileNotFoundError: one sentence and the remedy.
     """
     _check(ball, camera, directions)
-    with showing("calibrate") if progress else contextlib.nullcontext(silent) as report_progress:
+    with showing("calibrate", show=progress) as report_progress:
         report_progress("reading the photographs")
         taken = gather(photographs, mask, srgb)
         balls = _balls(taken, ball, camera, radius)

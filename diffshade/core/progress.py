@@ -17,11 +17,14 @@ class ReportProgress(Protocol):
 
 
 @contextlib.contextmanager
-def showing(title: str) -> Iterator[ReportProgress]:
+def showing(title: str, *, show: bool = True) -> Iterator[ReportProgress]:
     """Show a line with a title and the time while the block runs, and the time left; yield what sets its words.
 
-    Nothing is shown in the first two seconds, nor where standard error is no terminal.
+    Nothing is shown in the first two seconds, nor where standard error is not a terminal, nor unless `show`.
     """
+    if not show:
+        yield silent
+        return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
 from ..core.fields import check_kind
-from ..core.progress import showing, silent
+from ..core.progress import showing
 from ..core.words import count, listing
 from ..inverse.checks.stability import Refit, dependence, left_out, refits
 from ..inverse.result import Fit
@@ -82,7 +81,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     Raises TypeError for anything but a fit.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    with showing("examine") if progress else contextlib.nullcontext(silent) as report_progress, in_float64(fit) as own:
+    with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
         clusters, alike = inflated(own, find_clusters(own))
         profile = Profile(own, clusters)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array, check_kind
-from ..core.progress import showing, silent
+from ..core.progress import showing
 from ..core.words import listing
 from ..inverse.data.views import is_grey, setups
 from ..inverse.forward.interface import AbstractForwardModel
@@ -107,7 +106,7 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])
     with (
-        showing("compare") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("compare", show=progress) as report_progress,
         in_float64(dict(fits)) as fits,
     ):
         laid = {name: LaidOutFit(fits[name]) for name in names}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array, Checked, Scalar, as_scalar, check, check_kind, is_concrete, parameter_of, quantities
-from ..core.progress import showing, silent
+from ..core.progress import showing
 from ..core.words import did_you_mean, listing
 from ..inverse.data.samples import Counts, find_samples
 from ..inverse.data.views import View, has_mask, is_grey, lights_on
@@ -162,7 +161,7 @@ def plan(
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
     seen = []
     with (
-        showing("plan") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("plan", show=progress) as report_progress,
         in_float64((fit, shots)) as (own, own_shots),
     ):
         for i, (shot, name) in enumerate(zip(own_shots, names, strict=True)):

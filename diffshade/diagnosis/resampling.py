@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 from jaxtyping import Float
 
 from ..core.backend import in_float64
 from ..core.fields import check_kind
-from ..core.progress import showing, silent
+from ..core.progress import showing
 from ..inverse.data.views import setups
 from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
@@ -37,7 +35,7 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
     random = np.random.default_rng(seed)
     found = np.empty((draws, len(fit.values)))
     with (
-        showing("bootstrap") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("bootstrap", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
         laid = LaidOutFit(fit)

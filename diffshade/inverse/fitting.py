@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from jax.sharding import Mesh
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
-from ..core.progress import ReportProgress, showing, silent
+from ..core.progress import ReportProgress, showing
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup, open_checkpoint
@@ -123,7 +122,7 @@ def fit(
     )
     check_free(unknowns)
     with (
-        showing("fit") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("fit", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
         report_progress("reading the views")

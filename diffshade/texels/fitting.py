@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
-from ..core.progress import ReportProgress, showing, silent
+from ..core.progress import ReportProgress, showing
 from ..inverse.data.views import View, is_grey
 from ..inverse.fitting import check_scale
 from ..inverse.forward.losses import LOSSES
@@ -89,7 +89,7 @@ def fit_texels(
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     with (
-        showing("texels") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("texels", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
         run = _Run(scene, views, free, regions, loss, out, memory, mesh, report_progress)

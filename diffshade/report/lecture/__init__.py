@@ -65,7 +65,7 @@ def write_figures(
         raise NotADirectoryError(f"cannot write figures to {folder}: it is no folder. Give the name of a folder.")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
-    with showing("figures") if progress else contextlib.nullcontext(silent) as report_progress:
+    with showing("figures", show=progress) as report_progress:
         for i, name in enumerate(names):
             if name in wanted:
                 report_progress(name, len(paths) / len(wanted))

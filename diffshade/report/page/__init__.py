@@ -65,7 +65,7 @@ def write_report(
     names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))
     with (
         replacing(path) as temporary,
-        showing("report") if progress else contextlib.nullcontext(silent) as report_progress,
+        showing("report", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
         residuals = look_at_residuals(fit, report_progress)
