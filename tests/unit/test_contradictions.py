@@ -22,8 +22,7 @@ def test_a_pull_is_what_leaving_the_prior_out_says():
     mean, width = np.array([1.3, 2.0, 0.0]), np.array([0.01, 0.5, np.inf])
     theta, H = solved(y, mean, width)
     given = np.where(np.isfinite(width), width, np.nan)
-    of_images, inverse = pulls(H, theta, mean, given, SIGMA, np.full(3, SIGMA**2))
-    np.testing.assert_allclose(inverse, np.linalg.inv(H), rtol=1e-6)
+    of_images = pulls(H, theta, mean, given, SIGMA, np.full(3, SIGMA**2))
     for j in (0, 1):
         without, H_j = solved(y, mean, np.where(np.arange(3) == j, np.inf, width))
         error = SIGMA * np.sqrt(np.linalg.inv(H_j)[j, j])
@@ -37,5 +36,5 @@ def test_a_pull_is_what_leaving_the_prior_out_says():
 
 def test_a_prior_that_alone_decides_is_not_contradicted():
     H = np.diag([1.0, 4.0])
-    nothing, _ = pulls(H, np.zeros(2), np.ones(2), np.array([SIGMA, np.nan]), SIGMA, np.full(2, SIGMA**2))
+    nothing = pulls(H, np.zeros(2), np.ones(2), np.array([SIGMA, np.nan]), SIGMA, np.full(2, SIGMA**2))
     assert np.isnan(nothing.pull).all()

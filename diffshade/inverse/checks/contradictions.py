@@ -29,10 +29,8 @@ class Pulls:
     """How far that is from the prior's mean, over the standard deviation of the difference."""
 
 
-def pulls(
-    total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector
-) -> tuple[Pulls, Matrix]:
-    """Return what the images say without each prior, to first order, and the inverse of the Gram.
+def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector) -> Pulls:
+    """Return what the images say without each prior, to first order.
 
     `total` is the Gram of everything at the optimum theta; the priors, of `mean` and `width` (NaN: none), are in it
     with the weights (sigma / width)^2. `variance`: of each unknown, what total^-1 is to be multiplied by.
@@ -44,7 +42,7 @@ def pulls(
     safe = np.where(tells, left, 1.0)
     without = np.where(tells, mean + (theta - mean) / safe, np.nan)
     errors = np.where(tells, np.sqrt(variance * np.diag(C) / safe), np.nan)
-    return Pulls(without, errors, (without - mean) / np.sqrt(width**2 + errors**2)), C
+    return Pulls(without, errors, (without - mean) / np.sqrt(width**2 + errors**2))
 
 
 def check_priors(fit: Fit) -> Fit:
@@ -58,7 +56,7 @@ def check_priors(fit: Fit) -> Fit:
     total = evidence.total[np.ix_(free, free)] / np.outer(slope, slope)
     variance = evidence.sigma2 * fit.clusters.inflation()[free]
     sigma = float(fit.likelihood.sigma)
-    of_images, _ = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
+    of_images = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
     against = np.nan_to_num(np.abs(of_images.pull)) > PULL
     if not against.any():
         return fit

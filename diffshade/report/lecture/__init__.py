@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...core.progress import showing, silent
+from ...core.progress import showing
 from ...core.words import did_you_mean
 from ...io.files import replacing
 from . import air, diffuse, lamps, specular, transparent, whole

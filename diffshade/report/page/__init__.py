@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import json
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from jaxtyping import Float
 
 from ...core.backend import in_float64
 from ...core.fields import check_kind
-from ...core.progress import showing, silent
+from ...core.progress import showing
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
