@@ -44,10 +44,17 @@ _SEVERAL = ("objects", "lights")
 def read_scene(path: str | Path) -> Scene:
     """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
 
-    Names are those of the classes and their fields; where a class is one of several, `type` names it.
+    Names are those of the classes and their fields; where there is a choice of classes, `type` names one.
 
+    Args:
+        path: The TOML file; its table `[camera]` is ignored.
 
-    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    Returns:
+        The scene.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not a valid scene; one sentence names the file, the table and the key.
     """
     document = _load(path)
     document.pop("camera", None)
@@ -55,9 +62,17 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def read_camera(path: str | Path) -> AbstractCamera:
-    """Read the camera of a TOML scene file, its table `[camera]`; `type` is "Camera" (default) or "OrthographicCamera".
+    """Read the camera of a TOML scene file, its table `[camera]`.
 
-    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    Args:
+        path: The TOML file; `type` in its table is "Camera" (default) or "OrthographicCamera".
+
+    Returns:
+        The camera.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file has no valid camera; one sentence names the file, the table and the key.
     """
     document = _load(path)
     if "camera" not in document:
@@ -66,9 +81,18 @@ def read_camera(path: str | Path) -> AbstractCamera:
 
 
 def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> None:
-    """Write a scene, and a camera where one is given, as TOML that `read_scene` and `read_camera` read back exactly.
+    """Write a scene, and optionally a camera, as TOML that `read_scene` and `read_camera` read back exactly.
 
-    Raises ValueError for a scene that has no such form: a G-buffer's points are no text.
+    Args:
+        path: The TOML file.
+        scene: The scene, without G-buffers.
+        camera: The camera; none is written by default.
+
+    Raises:
+        ValueError: The scene cannot be written as TOML, for example because it contains a G-buffer.
+        FileNotFoundError: The folder does not exist.
+        PermissionError: The folder is not writable.
+        IsADirectoryError: `path` is a folder.
     """
     import tomli_w
 
@@ -128,7 +152,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
 
 
 def _value(key: str, value: Any, where: str) -> Any:
-    """Make what stands under a key: a module, several, or a plain value."""
+    """Make the value of a key: a module, several, or a plain value."""
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
         if not isinstance(value, bool | int | float | str | list):
             got = "a table" if isinstance(value, dict) else f"{value}"
@@ -155,7 +179,7 @@ def _value(key: str, value: Any, where: str) -> Any:
 
 
 def _check_default(table: dict[str, Any], types: dict[str, type], where: str) -> None:
-    """Say which type is meant where a table names none, and its keys are those of another than the default."""
+    """Name the intended type if a table names none and its keys are those of a type other than the default."""
     keys = {name: {field.name for field in dataclasses.fields(cls)} for name, cls in types.items()}
     default, *others = keys
     strange = [key for key in table if key not in keys[default]]
