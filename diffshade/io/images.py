@@ -169,7 +169,7 @@ def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
-# What an array and a file may be
+# Valid arrays and files
 
 
 def _is_srgb(path: Path, dtype: np.dtype, asked: bool | None) -> bool:
@@ -204,7 +204,7 @@ def check_exists(path: Path, *, folder: bool = False) -> None:
 
 
 def decoded(path: Path, image: np.ndarray, stored: np.dtype, srgb: bool | None) -> np.ndarray:
-    """Return linear radiance, with the sRGB curve decoded if the file, which stores numbers of type `stored`, has one."""
+    """Return linear radiance: decode the sRGB curve if the file, with numbers of type `stored`, has one."""
     return _on_colours(srgb_decode, image) if _is_srgb(path, stored, srgb) else image
 
 
@@ -213,12 +213,12 @@ def _read(path: Path) -> np.ndarray:
     check_exists(path)
     known = format_of(path)
     try:
-        stored = known.decode(path.absolute(), path.read_bytes())  # imageio takes a leading ~ for a home
+        stored = known.decode(path.absolute(), path.read_bytes())  # imageio reads a leading ~ as a home folder
     except (ImportError, MemoryError, PermissionError):
         raise
     except UnsupportedError as error:
         raise ValueError(f"cannot read {path}: it {error}") from None
-    except Exception:  # a decoder raises anything, from SyntaxError to struct.error, for a file that is not sound
+    except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
         message = f"it is no {known.name}, or is empty, truncated or damaged. Make or copy the file again."
         raise OSError(f"cannot read {path}: {message}") from None
     return _with_channels(stored, f"cannot read {path}: it")
@@ -237,7 +237,7 @@ def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
 
 
 def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
-    """Return the type of number that a file's format stores in a number of bits; refuse a number it does not support."""
+    """Return the number type of a file's format for a number of bits; refuse what it does not support."""
     name, _, types = format_of(path)
     dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
     if bits is not None and bits not in dtypes:

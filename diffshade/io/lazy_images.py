@@ -17,8 +17,8 @@ from jaxtyping import Float
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
 from .images import as_fractions, check_exists, decoded
 
-TILE = 1 << 16  # pixels that are read at once
-BAND = 1 << 31  # bytes of the pieces that a file is stored in, across the image
+TILE = 1 << 16  # pixels read at a time
+BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
 Rows = Callable[[int, int], Any]
 
 
@@ -149,7 +149,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
         if isinstance(error, UnsupportedError):
             raise ValueError(f"cannot open {path}: it {error}") from None
         raise
-    except Exception:  # as a decoder, a reader raises anything for a file that is not sound
+    except Exception:  # like a decoder, a reader raises anything for a damaged file
         message = "it is empty, truncated, damaged or no image. Make or copy the file again."
         raise OSError(f"cannot open {path}: {message}") from None
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
@@ -162,7 +162,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
         except MemoryError:
             raise
-        except Exception as error:  # as above: pixels are damaged, or packed in a way that takes another package
+        except Exception as error:  # as above: pixels are damaged, or their compression needs another package
             said = " ".join(f"{error}".split())
             raise OSError(f"cannot read {path}: {said}. Make it again, without compression or predictor.") from None
         fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
@@ -183,7 +183,7 @@ def _open_npy(path: Path) -> Opened:
 
 def _mapped(path: Path, whole: np.memmap) -> Opened:
     """Map rows alone, and let go of them: pages of a map of the whole stay in memory once they are touched."""
-    shape, dtype, offset = whole.shape, whole.dtype, whole.offset  # of a map, this is where its numbers begin
+    shape, dtype, offset = whole.shape, whole.dtype, whole.offset  # offset is where the numbers begin in the file
     if not whole.flags.c_contiguous:
         return (lambda first, last: np.array(whole[first:last])), shape, dtype
     width = int(np.prod(shape[1:])) * dtype.itemsize
@@ -208,7 +208,7 @@ def _open_tiff(path: Path) -> Opened:
                 "or RGBA, the channels of a pixel side by side."
             )
         shape, dtype, plain = series.shape, series.dtype, page.is_memmappable
-        if not plain:  # of a strip or tile that is empty, every pixel is 0
+        if not plain:  # in an empty strip or tile every pixel is 0
             piece = math.prod(page.chunks) * dtype.itemsize
             check_holds(piece, max(page.databytecounts), TIFF_EXPANSION.get(page.compression, ANY_EXPANSION))
     if plain:
@@ -217,7 +217,7 @@ def _open_tiff(path: Path) -> Opened:
 
     store = tifffile.imread(path, aszarr=True)
     array: Any = zarr.open(store, mode="r")
-    rows = _by_bands(array if isinstance(array, zarr.Array) else array["0"])  # of a pyramid, the finest picture
+    rows = _by_bands(array if isinstance(array, zarr.Array) else array["0"])  # for a pyramid, the finest image
     weakref.finalize(rows, store.close)
     return rows, shape, dtype
 

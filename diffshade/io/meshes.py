@@ -49,7 +49,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         ) from None
     try:
         mesh: Any = trimesh.load_mesh(path, skip_materials=True)
-    except Exception as error:  # each of trimesh's readers raises its own
+    except Exception as error:  # each of trimesh's readers raises its own kind
         said = " ".join(f"{error}".split())
         raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
     if not len(getattr(mesh, "faces", ())):

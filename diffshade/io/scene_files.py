@@ -24,7 +24,7 @@ from ..model.scenes import Object, Scene
 from ..model.surfaces import Box, Plane, Sphere
 from .files import replacing
 
-# What a table may be, by the key that holds it; where there is a choice, `type` makes it, the first by default.
+# The classes of a table by its key; where there is a choice, `type` names one, the first by default.
 _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "camera": (Camera, OrthographicCamera),
     "objects": (Object,),
@@ -117,7 +117,7 @@ def _load(path: str | Path) -> dict[str, Any]:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
         raise ValueError(f"{path} is no scene: its lists are nested too deeply. Write them flat.") from None
-    except ValueError as error:  # of TOML, of UTF-8, or of a number with too many digits
+    except ValueError as error:  # invalid TOML, invalid UTF-8, or a number with too many digits
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
     _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
     return document
@@ -161,7 +161,7 @@ def _value(key: str, value: Any, where: str) -> Any:
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
     types = {cls.__name__: cls for cls in _TYPES[key]}
-    if key == "material" and isinstance(value, str) and value != "Material":  # a named material is meant
+    if key == "material" and isinstance(value, str) and value != "Material":  # probably the name of a material
         named = value if value in material_names() else "emerald"
         raise ValueError(
             f"{where} must be a table of coefficients; got '{value}'. Write them out, as write_scene does those of "
@@ -194,7 +194,7 @@ def _table(module: eqx.Module) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
-        if value is not None and not (isinstance(value, str) and not value):  # what is left out
+        if value is not None and not (isinstance(value, str) and not value):  # fields that are not given are left out
             table[field.name] = _plain(field.name, value)
     return table
 

@@ -1,4 +1,4 @@
-"""Attenuation: how light fades with distance (E2), off a spot's axis (E3), and on its way through the air (E14)."""
+"""Attenuation: how light fades with distance (E2), away from a spot's axis (E3), and in the air (E14)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete, parameter
 from .vectors import Vec3
 
-NEAREST = 1e-6  # scene units; below it the distance counts as this, so that 1/d^2 stays finite
+NEAREST = 1e-6  # scene units; smaller distances count as this one, so that 1/d^2 stays finite
 
 FADE = parameter("attenuation", lower=0, start=0.0, gauge=1)
 
@@ -87,7 +87,7 @@ def angular_attenuation(
     """
     edge = jnp.maximum(_cos_degrees(cutoff), 0.0)
     width = _cos_degrees(cutoff - softness) - edge
-    soft = width > 0  # not of a softness so small that rounding takes it away
+    soft = width > 0  # false where softness is so small that rounding removes it
     lit = cos_phi >= edge
     inside = cos_phi > 0
     at_90_degrees = jnp.where(exponent == 0, 1.0, 0.0)

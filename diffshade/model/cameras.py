@@ -165,14 +165,14 @@ class Camera(AbstractCamera):
         Raises:
             ValueError: K is not a 3 x 3 matrix of finite numbers, has skew, a focal length that is not above 0 or a
                 last row other than (0, 0, 1); or another value is out of the range that `Camera` states.
-            TypeError: The pose is not vectors of numbers.
+            TypeError: `eye`, `target` or `up` is not a vector of numbers.
         """
         matrix = as_array(K)
         check_intrinsics(matrix)
         xp = np if isinstance(matrix, np.ndarray) else jnp
         f_x, f_y = matrix[0, 0], matrix[1, 1]
         shape = as_shape(shape)
-        height = shape[0] if isinstance(shape, tuple) and shape else 1  # a shape that is none is refused below
+        height = shape[0] if isinstance(shape, tuple) and shape else 1  # an invalid shape is refused below
         return cls(
             eye,  # pyright: ignore[reportArgumentType]
             target=target,

@@ -69,7 +69,7 @@ class Dielectric(AbstractFresnel):
         partial = g2 > 0
         g = safe_sqrt(g2)
 
-        def squared(a: Array, b: Array) -> Array:  # of (a - b)/(a + b)
+        def squared(a: Array, b: Array) -> Array:  # ((a - b)/(a + b))^2
             some = a + b > 0
             ratio = jnp.where(some, a - b, 0.0) / jnp.where(some, a + b, 1.0)
             return ratio * ratio

@@ -93,7 +93,7 @@ class GBuffer(AbstractSurface):
 
 _sound: dict[
     tuple[int, ...], list[weakref.ref]
-] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
+] = {}  # arrays that were checked and cannot change: a check takes 25 ns per pixel
 
 
 def _owner(array: Array) -> Array:

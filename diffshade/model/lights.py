@@ -1,4 +1,4 @@
-"""Lights: what arrives at a point. A light knows no material."""
+"""Lights: the light that arrives at a point. Lights do not depend on materials."""
 
 import abc
 from typing import Any, NamedTuple

@@ -29,12 +29,12 @@ from .fresnel import AbstractFresnel, Dielectric, NoFresnel
 from .patterns import AbstractPattern, colour_at
 from .vectors import Vec3, dot, halfway, reflect
 
-EXPONENT_RANGE = (0.1, 1e4)  # of n_s in a fit
+EXPONENT_RANGE = (0.1, 1e4)  # range of n_s in a fit
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
 EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
 EXPONENT = parameter("exponent", lower=0, logarithmic=True, start=10.0, fit_range=EXPONENT_RANGE)
 TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
-# reach: a little more than half the distance between the values of eta that a search tries
+# reach: slightly more than half the distance between the values of eta that a search tries
 INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, reach=0.06)
 
 

@@ -1,4 +1,4 @@
-"""Measured lights: a lamp whose intensity over angle was measured, as lamp makers publish it."""
+"""Measured lights: lamps with a measured intensity over angle, as lamp makers publish it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .attenuation import RadialAttenuation
 from .lights import AbstractEmitter, Path, along_one_line, check_direction
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
-BESIDE = 1e-3  # degrees beyond the last angle that still count as there: rounding, not darkness
+BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
 
 
 def as_angles(value: Numbers) -> Any:
@@ -115,7 +115,7 @@ class Profile(Checked):
     def _one_at_the_poles(self) -> Float[Array, "h v"]:
         """Return the values with one number at each pole; without it the slope around the pole would be unbounded."""
         vertical, values = jnp.asarray(self.vertical), jnp.asarray(self.values)
-        once = values if values.shape[0] == 1 else values[:-1]  # 360 degrees is 0 degrees again
+        once = values if values.shape[0] == 1 else values[:-1]  # 360 degrees repeats 0 degrees
         pole = (vertical == 0.0) | (vertical == 180.0)
         return jnp.where(pole[None], jnp.mean(once, 0, keepdims=True), values)
 

@@ -1,4 +1,4 @@
-"""Named materials: the 24 of the OpenGL teapots, by the names they have there."""
+"""Named materials: the 24 materials of the OpenGL teapots, by their names there."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from .surfaces import AbstractSurface
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
-MANY = 6  # transparent objects, over which the compiler takes longer than it saves
-MOST_PIXELS = 2**31  # with more XLA ends the process
+MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
+MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
 def render(

@@ -1,4 +1,4 @@
-"""Surfaces: where a ray meets a shape, and which way the shape faces there."""
+"""Surfaces: where a ray meets a shape, and the normal there."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, 
 from .cameras import Rays
 from .vectors import Vec3, dot, normalize, safe_sqrt, where
 
-GRAZING = 1e-12  # a cosine below it: the ray never meets the plane
+GRAZING = 1e-12  # with a smaller cosine the ray never meets the plane
 
 
 class Hit(eqx.Module):
