@@ -114,8 +114,8 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
     keep their precision.
 
     Formats: .npy and uncompressed .tif are mapped from disk. Other .tif files and .zarr (an array (H, W) or (H, W, C))
-    are read by their own tiles; the tiles across the image may take up to 2 GiB. These formats, and every .tif, need
-    `pip install 'diffshade[zarr]'`.
+    are read by their own tiles; one row of tiles across the image may take at most 2 GiB. The latter, and every .tif,
+    need `pip install 'diffshade[zarr]'`.
 
     Args:
         path: The image file, or the folder of a .zarr.

@@ -73,7 +73,7 @@ def angular_attenuation(
     """Angular attenuation of a spot at the angle phi from its axis (E3; Warn 1983, OpenGL 1.0).
 
     The value is cos^exponent phi where cos phi >= max(cos cutoff, 0), else 0; x^0 = 1 on the lit side. With `softness`
-    > 0 it is multiplied by smoothstep(cos cutoff, cos(cutoff - softness), cos phi), which makes the edge
+    above 0 it is multiplied by smoothstep(cos cutoff, cos(cutoff - softness), cos phi), which makes the edge
     differentiable. With softness 0 the edge is a jump, which contributes no derivative.
 
     Args:

@@ -145,8 +145,8 @@ class Camera(AbstractCamera):
     ) -> "Camera":
         """Make the camera of a calibration matrix K = [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]], in pixels.
 
-        A point that lies X to the right, Y above and Z in front of the eye appears at column c_x + f_x X/Z and row c_y
-        - f_y Y/Z, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB use other
+        A point that lies X to the right, Y above and Z in front of the eye appears at column `c_x + f_x X/Z` and row
+        `c_y - f_y Y/Z`, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB use other
         conventions: add .5 to both c of a K from OpenCV, whose first centre is (0, 0), and subtract .5 from those of
         MATLAB, (1, 1). Photographs must be free of lens distortion. The result is differentiable in K (Hartley and
         Zisserman 2004, "Multiple View Geometry", eq. 6.9).

@@ -151,7 +151,7 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
     Args:
         image: Colours of the map, 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path,
             srgb=False)`.
-        mask: True (or at least half) where the surface is; by default, where the map is not black.
+        mask: (H, W), True (or at least half) where the surface is; by default, where the map is not black.
 
     Returns:
         The G-buffer, without positions.
@@ -188,7 +188,7 @@ def height_map(
     Args:
         height: Height towards the viewer, scene units.
         camera: Camera that sees the relief; its shape is that of `height`.
-        mask: True (or at least half) where the surface is; everywhere by default.
+        mask: (H, W), True (or at least half) where the surface is; everywhere by default.
 
     Returns:
         The G-buffer, with positions.

@@ -87,8 +87,8 @@ class PointLight(AbstractEmitter):
 
     $$ l = (position - p) / d, \qquad f_{rad}(d) I_l $$
 
-    are the direction to the light from a point p at distance d, and the intensity that arrives there. At the light
-    itself (d = 0) it contributes nothing.
+    These are the direction to the light from a point p at distance d, and the intensity that arrives there. At the
+    light itself (d = 0) it contributes nothing.
 
     Args:
         position: Position of the light, scene units.
@@ -228,9 +228,9 @@ class AreaLight(AbstractLight):
 
     $$ \sum_i f_{rad}(d_i) f_{ang}(\phi_i) I_l / n_u n_v $$
 
-    arrives at a point. The emitters are at the centres of n_u by n_v cells and share the intensity equally. Each is a
-    `SpotLight` along edge_u x edge_v, attenuated with its own distance. As the number of samples grows, the light
-    converges to that of the continuous rectangle. Warn's flaps are not modelled.
+    This intensity arrives at a point. The emitters are at the centres of n_u by n_v cells and share the intensity
+    equally. Each is a `SpotLight` along edge_u x edge_v, attenuated with its own distance. As the number of samples
+    grows, the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
 
     Args:
         corner: One corner, scene units.

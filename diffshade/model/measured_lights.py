@@ -125,9 +125,9 @@ class MeasuredLight(AbstractEmitter):
 
     $$ f_{rad}(d) \, profile(\gamma, C) \, I_l $$
 
-    arrives at distance d. C grows counter-clockwise as seen along `direction` from behind the lamp (type C of LM-63,
-    C-planes of EULUMDAT). In a fit the intensity, position and direction can be free; `side` can be free only by its
-    own name.
+    This intensity arrives at distance d. C grows counter-clockwise as seen along `direction` from behind the lamp (type
+    C of LM-63, C-planes of EULUMDAT). In a fit the intensity, position and direction can be free; `side` can be free
+    only by its own name.
 
     Args:
         position: Position of the light, scene units.

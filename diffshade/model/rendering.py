@@ -31,9 +31,10 @@ def render(
 
     $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
 
-    at the nearest surface (E9). Transparent surfaces transmit what is behind them (E13), and each surface is fogged at
-    its own distance (E14). The program is compiled once for each structure and shape. It is differentiable in every
-    number of the scene and the camera except at silhouettes and gates, whose jumps have no gradient.
+    This is the radiance of the nearest surface (E9). Transparent surfaces transmit what is behind them (E13), and each
+    surface is fogged at its own distance (E14). The program is compiled once for each structure and shape. It is
+    differentiable in every number of the scene and the camera except at silhouettes and gates, whose jumps have no
+    gradient.
 
     XLA's CPU compiler may take minutes to compile a program of your own, such as a gradient, that renders several
     transparent objects. Disable fusion for it: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
@@ -48,7 +49,7 @@ def render(
 
     Raises:
         ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, or the image has
-            2^31 pixels or more.
+            2^31 or more pixels.
         RuntimeError: The installed jaxlib computes wrong sums.
     """
     check((scene, camera))

@@ -55,11 +55,12 @@ def as_tuple(value: Any) -> tuple:
 class Scene(Checked):
     """Objects, the lights that shine on them, and what surrounds them.
 
-    The nearest object is seen, and through one with k_t what is behind it. Where surfaces coincide, an opaque one is
-    seen; of two alike, the one that comes first in the list. The cost is linear in lights, pixels and opaque objects,
-    and quadratic in transparent ones. A GBuffer (a mesh or a map) cannot be in a scene with a `Sphere` or `Box` that
-    bends rays (k_t with an eta other than 1): it contains only what its camera's own rays see. A light reaches every
-    point that faces it, through any object: there are no shadows and no interreflection.
+    The camera sees the nearest object and, through an object with k_t, what is behind it. Where surfaces coincide, it
+    sees an opaque one; of two opaque or two transparent ones, the one that comes first in the list. The cost is linear
+    in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer (a mesh or a map) cannot be in a
+    scene with a `Sphere` or `Box` that bends rays (k_t with an eta other than 1): the GBuffer contains only what its
+    camera's own rays see. A light reaches every point that faces it, through any object: there are no shadows and no
+    interreflection.
 
     Args:
         objects: One object or several, in any order, with different names.
