@@ -24,7 +24,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, target)
     finally:
-        temporary.unlink(missing_ok=True)  # after the replacement there is nothing left to remove
+        temporary.unlink(missing_ok=True)  # after the replacement there is nothing to remove
 
 
 def writable(path: str | os.PathLike[str]) -> Path:

@@ -25,7 +25,7 @@ class Format(NamedTuple):
 
     name: str
     decode: Callable[[Path, bytes], np.ndarray]
-    dtypes: tuple[type, ...]  # what can be written, the default first
+    dtypes: tuple[type, ...]  # types that can be written, the default first
 
 
 def format_of(path: Path) -> Format:
@@ -49,7 +49,7 @@ def _decode_png(path: Path, data: bytes) -> np.ndarray:
     if depth < 16:
         return _decode_with_pillow("PNG", path, data)
     pixels = _decode_with_opencv(path)
-    return pixels[..., [0, 3]] if colour_type == 4 else pixels  # grey + alpha, which OpenCV gives as RGBA
+    return pixels[..., [0, 3]] if colour_type == 4 else pixels  # grey + alpha, which OpenCV returns as RGBA
 
 
 def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
@@ -57,7 +57,7 @@ def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
     bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
     if bits <= 8:
         return _decode_with_pillow("TIFF", path, data)
-    # OpenCV gives wrong pixels for other layouts, without a word.
+    # OpenCV silently returns wrong pixels for other layouts.
     if (bits, number) in ((16, 1), (32, 3)) and channels in (1, 3, 4) and photometric in (1, 2) and planar == 1:
         return _decode_with_opencv(path)
     raise UnsupportedError(
@@ -83,7 +83,7 @@ def _decode_exr(path: Path, data: bytes) -> np.ndarray:
 def _decode_npy(path: Path, data: bytes) -> np.ndarray:
     if data.startswith(b"\x93NUMPY") and b"'descr': '|O'" in data[:128]:
         raise UnsupportedError("holds Python objects. Save an array of numbers.")
-    # A map is refused, before memory is taken, where the file is too short for the shape it declares.
+    # If the file is too short for its declared shape, mapping fails before memory is allocated.
     return np.lib.format.open_memmap(path, "r", max_header_size=NPY_HEADER)
 
 
@@ -107,7 +107,7 @@ def _decode_with_opencv(path: Path) -> np.ndarray:
     import imageio.v3 as iio
 
     with _quiet_opencv():
-        return iio.imread(path, plugin="opencv", index=0, flags=-1)  # without the flag it gives 8 bits
+        return iio.imread(path, plugin="opencv", index=0, flags=-1)  # without the flag it returns 8 bits
 
 
 @contextmanager
@@ -115,7 +115,7 @@ def _quiet_opencv() -> Iterator[None]:
     """Keep OpenCV from printing what it thinks of a TIFF's tags. Its log level is the process's, hence the lock."""
     import cv2
 
-    log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5 has it there, OpenCV 4 at the top
+    log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5 has it there, OpenCV 4 at top level
     with _OPENCV_LOG:
         level = log.getLogLevel()
         log.setLogLevel(0)

@@ -1,4 +1,4 @@
-"""Image headers: what a file declares, held against its bytes before a decoder believes it.
+"""Image headers: what a file declares is checked against its bytes before it is decoded.
 
 A decoder takes memory for the pixels a header declares, and some accept files that are cut off, or print what they
 think of them. So no file is decoded whose bytes could not become that many pixels: a byte of PNG or of deflated TIFF
@@ -8,14 +8,14 @@ gives at most 1032, as deflate does. Each check raises some error for a file tha
 import struct
 import zlib
 
-DEFLATE = 1032  # bytes that one byte of it can become: 258 for 2 bits (RFC 1951, section 3.2.5)
-NPY_HEADER = 1000  # bytes, of which an array of numbers takes 120; a longer one could exhaust Python's parser
-ANY_EXPANSION = 2**16  # of codecs for which no such number is known
-# The same of TIFF's Compression, and OpenEXR's: none, RLE, ZIPS, ZIP, PIZ, PXR24 (which drops a byte of 4), B44, B44A.
+DEFLATE = 1032  # largest expansion, in bytes per byte: 258 for 2 bits (RFC 1951, section 3.2.5)
+NPY_HEADER = 1000  # bytes; an array of numbers takes 120, and a longer header could exhaust Python's parser
+ANY_EXPANSION = 2**16  # for codecs whose largest expansion is not known
+# The same for TIFF's Compression, and OpenEXR's: none, RLE, ZIPS, ZIP, PIZ, PXR24 (which drops a byte of 4), B44, B44A.
 TIFF_EXPANSION = {1: 1, 5: 2800, 7: 1536, 8: DEFLATE, 32773: 64, 32946: DEFLATE}
 _EXR = {0: 1, 1: 64, 2: DEFLATE, 3: DEFLATE, 4: DEFLATE, 5: 2 * DEFLATE, 6: 16, 7: 16}
-_PIXELS = {"JPEG": 512, "TGA": 64}  # a byte: a bit a block of 64; 2 bytes a run of 128
-# The tags of a TIFF that say where its pixels are and what they are.
+_PIXELS = {"JPEG": 512, "TGA": 64}  # pixels per byte: one bit per block of 64; 2 bytes per run of 128
+# The TIFF tags that give the position and format of the pixels.
 _TAGS = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 322, 323, 324, 325, 339)
 
 
@@ -61,7 +61,7 @@ def check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
     for entry in range(directory + 2, end, 12):
         tag, kind, count, place = struct.unpack_from(f"{order}HHII", data, entry)
         if tag in _TAGS:
-            if tag in tags:  # of two, decoders do not believe the same
+            if tag in tags:  # if a tag occurs twice, decoders disagree on which counts
                 raise ValueError
             numbers = struct.Struct(f"{order}{count}{ {3: 'H', 4: 'I'}[kind] }")
             tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
@@ -82,7 +82,7 @@ def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:
         if offset + size > len(data):
             raise ValueError
         if compression in (8, 32946):
-            _check_inflates(data[offset : offset + size])  # OpenCV ignores the checksum and gives what it can
+            _check_inflates(data[offset : offset + size])  # OpenCV ignores the checksum and returns what it can
     bits = max(tags.get(258, (1,))) * tags.get(277, (1,))[0]
     most = TIFF_EXPANSION.get(compression, ANY_EXPANSION)
     check_holds(tags[256][0] * tags[257][0] * bits // 8, sum(sizes), most)

@@ -17,17 +17,27 @@ _LOGGER = logging.getLogger("diffshade")
 
 
 def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Float64[np.ndarray, "h w c"]:
-    """Read an image as linear radiance, shape (H, W, C), row 0 on top.
+    """Read an image as linear radiance, row 0 on top.
 
-    C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha), as the file has it. Integers are divided by their full
-    range (255, 65535) and lie in [0, 1]; floats are given as they are, whatever their range.
+    C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha), as in the file. Integers are divided by their full range
+    (255, 65535) and are in [0, 1]; floats are returned unchanged, whatever their range.
 
     Formats: PNG (up to 16 bits, palette), JPEG (turned upright by its EXIF tag), TIFF (up to 16 bits, 32-bit float),
-    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). With `srgb` the colours, never alpha, are decoded from
-    the sRGB curve; the default is True for JPEG and 8-bit PNG, else False. Colour profiles are ignored.
+    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). Colour profiles are ignored.
 
-    Raises FileNotFoundError and IsADirectoryError; ValueError for a suffix, layout or type of number that is not
-    supported; OSError for a file that is empty, truncated, damaged or not what its suffix says.
+    Args:
+        path: The image file.
+        srgb: Whether the colours, never alpha, are decoded from the sRGB curve; by default True for JPEG and 8-bit PNG,
+            else False.
+
+    Returns:
+        The image, of shape (H, W, C).
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        IsADirectoryError: `path` is a folder.
+        ValueError: The suffix, layout or type of number is not supported.
+        OSError: The file is empty, truncated, damaged or not of the format of its suffix.
     """
     path = Path(path)
     stored = _read(path)
@@ -37,7 +47,19 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
 def read_as(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
     """Return the kind of an image file in a word or two, and whether `read_image` decodes it from the sRGB curve.
 
-    No more of it is read than its header. Raises FileNotFoundError, and ValueError and OSError as `read_image` does.
+    Only the header is read.
+
+    Args:
+        path: The image file.
+        srgb: As for `read_image`.
+
+    Returns:
+        The kind, and whether the sRGB curve is decoded.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: As `read_image` raises it.
+        OSError: As `read_image` raises it.
     """
     check_exists(path, folder=True)
     suffix = path.suffix.lower()
@@ -50,12 +72,22 @@ def read_as(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
 
 
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
-    """Read a mask, shape (H, W): True where alpha or, in a file without alpha, the mean of the channels is >= half.
+    """Read a mask: True where alpha or, in a file without alpha, the mean of the channels is at least half.
 
-    Half is half of the full range of integers (so 128 of 255 is inside and 127 is not) and .5 of floats; no sRGB curve
-    is applied. Formats are those of `read_image`.
+    Half is half of the full range of integers (128 of 255 is inside and 127 is not) and .5 for floats. No sRGB curve is
+    applied.
 
-    Raises as `read_image` does.
+    Args:
+        path: The image file, in one of the formats of `read_image`.
+
+    Returns:
+        The mask, of shape (H, W).
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        IsADirectoryError: `path` is a folder.
+        ValueError: As `read_image` raises it.
+        OSError: As `read_image` raises it.
     """
     path = Path(path)
     image = as_fractions(path, _read(path))
@@ -65,15 +97,25 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
 def write_image(
     path: str | os.PathLike[str], image: Numbers, *, srgb: bool | None = None, bits: int | None = None
 ) -> None:
-    """Write linear radiance, shape (H, W) or (H, W, C) with C as in `read_image`: the whole file or, on error, nothing.
+    """Write linear radiance to an image file: the whole file or, on error, nothing.
 
-    `bits` is 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16 (half) for EXR; 64
-    for .npy; the first is the default. With `srgb` the colours, never alpha, are encoded by the sRGB curve; the default
-    is the rule of `read_image`, so that a file reads back as it was written. Integer formats clip to [0, 1], and the
-    logger "diffshade" warns of how many pixels; float formats keep every value.
+    Integer formats clip to [0, 1], and the logger "diffshade" warns of the number of clipped pixels; float formats keep
+    every value.
 
-    Raises ValueError for a value that is not finite or too large for the format, and for a shape, suffix or number of
-    bits that is not supported; and what `diffshade.io.files.replacing` raises.
+    Args:
+        path: The image file; its suffix chooses the format, one of those of `read_image`.
+        image: Linear radiance of shape (H, W) or (H, W, C), with C as in `read_image`.
+        srgb: Whether the colours, never alpha, are encoded by the sRGB curve; by default the rule of `read_image`, so
+            that a file reads back as it was written.
+        bits: Bits per number: 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16
+            (half) for EXR; 64 for .npy. The first is the default.
+
+    Raises:
+        ValueError: A value is not finite or too large for the format, or the shape, suffix or number of bits is not
+            supported.
+        FileNotFoundError: The folder does not exist.
+        PermissionError: The folder is not writable.
+        IsADirectoryError: `path` is a folder.
     """
     path = Path(path)
     dtype = dtype_to_write(path, bits)
@@ -90,28 +132,44 @@ def write_image(
 
 
 def srgb_encode(linear: Numbers) -> Float64[np.ndarray, "..."]:
-    r"""Linear radiance to sRGB (IEC 61966-2-1:1999), any shape; [0, 1] to [0, 1], the curve going on outside.
+    r"""Encode linear radiance by the sRGB curve (IEC 61966-2-1:1999).
 
     $$ 12.92 x \text{ where } x \le 0.0031308, \text{ else } 1.055 x^{1 / 2.4} - 0.055 $$
 
-    Raises ValueError for what is no array of numbers.
+    The curve maps [0, 1] to [0, 1] and continues outside.
+
+    Args:
+        linear: Linear radiance, any shape.
+
+    Returns:
+        The sRGB values, of the same shape.
+
+    Raises:
+        ValueError: `linear` is not an array of numbers.
     """
     x = np.asarray(linear, np.float64)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
-    r"""From sRGB to linear radiance (IEC 61966-2-1:1999), any shape: the inverse of `srgb_encode`.
+    r"""Decode sRGB to linear radiance (IEC 61966-2-1:1999): the inverse of `srgb_encode`.
 
     $$ x / 12.92 \text{ where } x \le 0.04045, \text{ else } ((x + 0.055) / 1.055)^{2.4} $$
 
-    Raises ValueError for what is no array of numbers.
+    Args:
+        encoded: sRGB values, any shape.
+
+    Returns:
+        Linear radiance, of the same shape.
+
+    Raises:
+        ValueError: `encoded` is not an array of numbers.
     """
     x = np.asarray(encoded, np.float64)
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
-# What an array and a file may be
+# Valid arrays and files
 
 
 def _is_srgb(path: Path, dtype: np.dtype, asked: bool | None) -> bool:
@@ -138,7 +196,7 @@ def _with_channels(array: np.ndarray, subject: str) -> np.ndarray:
 
 
 def check_exists(path: Path, *, folder: bool = False) -> None:
-    """Refuse what is not there, and a folder where that is no image."""
+    """Refuse a file that does not exist and, unless `folder` is true, a folder."""
     if path.is_dir() and not folder:
         raise IsADirectoryError(f"cannot read {path}: it is a folder. Give the name of an image file.")
     if not path.exists():
@@ -146,7 +204,7 @@ def check_exists(path: Path, *, folder: bool = False) -> None:
 
 
 def decoded(path: Path, image: np.ndarray, stored: np.dtype, srgb: bool | None) -> np.ndarray:
-    """Return linear radiance: without the sRGB curve where the file, of numbers of the type `stored`, has one."""
+    """Return linear radiance: decode the sRGB curve if the file, with numbers of type `stored`, has one."""
     return _on_colours(srgb_decode, image) if _is_srgb(path, stored, srgb) else image
 
 
@@ -155,12 +213,12 @@ def _read(path: Path) -> np.ndarray:
     check_exists(path)
     known = format_of(path)
     try:
-        stored = known.decode(path.absolute(), path.read_bytes())  # imageio takes a leading ~ for a home
+        stored = known.decode(path.absolute(), path.read_bytes())  # imageio reads a leading ~ as a home folder
     except (ImportError, MemoryError, PermissionError):
         raise
     except UnsupportedError as error:
         raise ValueError(f"cannot read {path}: it {error}") from None
-    except Exception:  # a decoder raises anything, from SyntaxError to struct.error, for a file that is not sound
+    except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
         message = f"it is no {known.name}, or is empty, truncated or damaged. Make or copy the file again."
         raise OSError(f"cannot read {path}: {message}") from None
     return _with_channels(stored, f"cannot read {path}: it")
@@ -179,7 +237,7 @@ def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
 
 
 def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
-    """Return the type of number that a file's format holds in so many bits; refuse what it does not hold."""
+    """Return the number type of a file's format for a number of bits; refuse what it does not support."""
     name, _, types = format_of(path)
     dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
     if bits is not None and bits not in dtypes:

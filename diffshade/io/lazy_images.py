@@ -17,16 +17,22 @@ from jaxtyping import Float
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
 from .images import as_fractions, check_exists, decoded
 
-TILE = 1 << 16  # pixels that are read at once
-BAND = 1 << 31  # bytes of the pieces that a file is stored in, across the image
+TILE = 1 << 16  # pixels read at a time
+BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
 Rows = Callable[[int, int], Any]
 
 
 class LazyImage:
     """An image that is read by rows: `image[r0:r1]` is a NumPy array (r1 - r0, W, C) of floats, read anew each time.
 
-    What a `View` makes of any array of the user's own, which need have only `shape`, `dtype` and `array[r0:r1]` (h5py,
-    zarr, a generator of numbers); `open_image` opens files. Nothing but a slice of rows is ever read.
+    `open_image` opens files. `View` makes a lazy image of any array that has `shape`, `dtype` and `array[r0:r1]` (h5py,
+    zarr, a generator of numbers). Only slices of rows are read. Indexing raises TypeError for anything else, and
+    ValueError if the rows that were read are not floats of the expected shape.
+
+    Args:
+        rows: Function of the first row and the one after the last that returns these rows as floats.
+        shape: (H, W) or (H, W, C).
+        dtype: Type of the numbers.
     """
 
     def __init__(self, rows: Rows, shape: tuple[int, ...], dtype: Any):
@@ -52,16 +58,31 @@ class LazyImage:
         return found.reshape(shape)
 
     def colours(self) -> LazyImage:
-        """Return the image without its last channel, which is alpha."""
+        """Return the image without its last channel, which is alpha.
+
+        Returns:
+            The colours, also read by rows.
+        """
         shape = (*self.shape[:2], self.shape[2] - 1)
         return LazyImage(lambda first, last: self[first:last][..., :-1], shape, self.dtype)
 
     def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
-        """Read the image from top to bottom: the first row of each tile, and the tile."""
+        """Read the image from top to bottom, tile by tile.
+
+        Returns:
+            An iterator over the first row of each tile and the tile.
+        """
         return ((first, self[first:last]) for first, last in row_tiles(self.shape[0], self.shape[1]))
 
     def at(self, pixels: np.ndarray) -> Float[np.ndarray, "m c"]:
-        """Return the image at some of its pixels, where they are in the flattened image, reading few rows at once."""
+        """Return the image at some of its pixels, reading few rows at a time.
+
+        Args:
+            pixels: Indices into the flattened image.
+
+        Returns:
+            One row of channels per pixel, in the order of `pixels`.
+        """
         out = np.empty((len(pixels), self.shape[2]), self.dtype)
         row, column = np.divmod(pixels, self.shape[1])
         step = rows_of_a_tile(self.shape[1])
@@ -76,7 +97,7 @@ class LazyImage:
 
 
 def rows_of_a_tile(width: int) -> int:
-    """Return how many rows are read at once."""
+    """Return how many rows are read at a time."""
     return max(TILE // width, 1)
 
 
@@ -87,15 +108,29 @@ def row_tiles(height: int, width: int) -> list[tuple[int, int]]:
 
 
 def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> LazyImage:
-    """Open an image as linear radiance without reading it, shape (H, W, C); `View` takes it for its image.
+    """Open an image as linear radiance without reading it; `View` accepts it as its image.
 
-    Its rows, `image[r0:r1]`, are what `read_image` gives, with the same rules for integers and `srgb`; floats keep
-    their precision. Formats: .npy and uncompressed .tif, mapped from disk; other .tif and .zarr (an array (H, W) or
-    (H, W, C)), read by their own tiles, of which those across the image may take 2 GiB, for which it takes
-    `pip install 'diffshade[zarr]'` (a .tif always needs it).
+    Its rows, `image[r0:r1]`, are those that `read_image` returns, with the same rules for integers and `srgb`; floats
+    keep their precision.
 
-    Raises FileNotFoundError; ValueError for a suffix, layout or type of number that is not supported; OSError for a
-    file that is damaged, when it is opened or when its rows are read; ImportError without the packages.
+    Formats: .npy and uncompressed .tif are mapped from disk. Other .tif files and .zarr (an array (H, W) or (H, W, C))
+    are read by their own tiles; one row of tiles across the image may take at most 2 GiB. The latter, and every .tif,
+    need `pip install 'diffshade[zarr]'`.
+
+    Args:
+        path: The image file, or the folder of a .zarr.
+        srgb: Whether the colours, never alpha, are decoded from the sRGB curve; by default False, since `read_image`
+            decodes only JPEG and 8-bit PNG.
+
+    Returns:
+        The image, of shape (H, W, C).
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        IsADirectoryError: `path` is a folder that is not a .zarr.
+        ValueError: The suffix, layout or type of number is not supported.
+        OSError: The file is damaged; raised when it is opened or when its rows are read.
+        ImportError: A package is not installed.
     """
     path = Path(path)
     check_exists(path, folder=path.suffix.lower() == ".zarr")
@@ -114,7 +149,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
         if isinstance(error, UnsupportedError):
             raise ValueError(f"cannot open {path}: it {error}") from None
         raise
-    except Exception:  # as a decoder, a reader raises anything for a file that is not sound
+    except Exception:  # like a decoder, a reader raises anything for a damaged file
         message = "it is empty, truncated, damaged or no image. Make or copy the file again."
         raise OSError(f"cannot open {path}: {message}") from None
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
@@ -127,7 +162,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
         except MemoryError:
             raise
-        except Exception as error:  # as above: pixels are damaged, or packed in a way that takes another package
+        except Exception as error:  # as above: pixels are damaged, or their compression needs another package
             said = " ".join(f"{error}".split())
             raise OSError(f"cannot read {path}: {said}. Make it again, without compression or predictor.") from None
         fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
@@ -148,7 +183,7 @@ def _open_npy(path: Path) -> Opened:
 
 def _mapped(path: Path, whole: np.memmap) -> Opened:
     """Map rows alone, and let go of them: pages of a map of the whole stay in memory once they are touched."""
-    shape, dtype, offset = whole.shape, whole.dtype, whole.offset  # of a map, this is where its numbers begin
+    shape, dtype, offset = whole.shape, whole.dtype, whole.offset  # offset is where the numbers begin in the file
     if not whole.flags.c_contiguous:
         return (lambda first, last: np.array(whole[first:last])), shape, dtype
     width = int(np.prod(shape[1:])) * dtype.itemsize
@@ -173,7 +208,7 @@ def _open_tiff(path: Path) -> Opened:
                 "or RGBA, the channels of a pixel side by side."
             )
         shape, dtype, plain = series.shape, series.dtype, page.is_memmappable
-        if not plain:  # of a strip or tile that is empty, every pixel is 0
+        if not plain:  # in an empty strip or tile every pixel is 0
             piece = math.prod(page.chunks) * dtype.itemsize
             check_holds(piece, max(page.databytecounts), TIFF_EXPANSION.get(page.compression, ANY_EXPANSION))
     if plain:
@@ -182,7 +217,7 @@ def _open_tiff(path: Path) -> Opened:
 
     store = tifffile.imread(path, aszarr=True)
     array: Any = zarr.open(store, mode="r")
-    rows = _by_bands(array if isinstance(array, zarr.Array) else array["0"])  # of a pyramid, the finest picture
+    rows = _by_bands(array if isinstance(array, zarr.Array) else array["0"])  # for a pyramid, the finest image
     weakref.finalize(rows, store.close)
     return rows, shape, dtype
 

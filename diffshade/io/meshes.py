@@ -16,11 +16,25 @@ from ..model.gbuffers import GBuffer
 
 
 def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer:
-    """Return what a camera sees of the triangle mesh in a file (OBJ, PLY, STL, GLB, ...): nearest points and normals.
+    """Return what a camera sees of the triangle mesh in a file: the nearest points and their normals.
 
-    `smooth`: normals interpolated between the vertices' (Phong shading), else those of the triangles. Rays are cast by
-    Embree in float32, so that positions are right to about 1e-6 of their size. Needs trimesh and embreex
-    (`pip install 'diffshade[mesh]'`). Raises FileNotFoundError, ImportError, or ValueError where there is no triangle.
+    Rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size. Needs trimesh and
+    embreex (`pip install 'diffshade[mesh]'`).
+
+    Args:
+        path: The mesh file (OBJ, PLY, STL, GLB, ...).
+        camera: Camera that sees the mesh.
+        smooth: With True, the default, normals are interpolated between those of the vertices (Phong shading); with
+            False they are those of the triangles.
+
+    Returns:
+        The G-buffer, of the camera's shape.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ImportError: trimesh or embreex is not installed.
+        ValueError: trimesh cannot read the file, or the file has no triangles or has invalid corners.
+        TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
     path = Path(path)
@@ -35,7 +49,7 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         ) from None
     try:
         mesh: Any = trimesh.load_mesh(path, skip_materials=True)
-    except Exception as error:  # each of trimesh's readers raises its own
+    except Exception as error:  # each of trimesh's readers raises its own kind
         said = " ".join(f"{error}".split())
         raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
     if not len(getattr(mesh, "faces", ())):

@@ -24,7 +24,7 @@ from ..model.scenes import Object, Scene
 from ..model.surfaces import Box, Plane, Sphere
 from .files import replacing
 
-# What a table may be, by the key that holds it; where there is a choice, `type` makes it, the first by default.
+# The classes of a table by its key; where there is a choice, `type` names one, the first by default.
 _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "camera": (Camera, OrthographicCamera),
     "objects": (Object,),
@@ -44,10 +44,17 @@ _SEVERAL = ("objects", "lights")
 def read_scene(path: str | Path) -> Scene:
     """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
 
-    Names are those of the classes and their fields; where a class is one of several, `type` names it.
+    Names are those of the classes and their fields; where there is a choice of classes, `type` names one.
 
+    Args:
+        path: The TOML file; its table `[camera]` is ignored.
 
-    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    Returns:
+        The scene.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is not a valid scene; one sentence names the file, the table and the key.
     """
     document = _load(path)
     document.pop("camera", None)
@@ -55,9 +62,17 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def read_camera(path: str | Path) -> AbstractCamera:
-    """Read the camera of a TOML scene file, its table `[camera]`; `type` is "Camera" (default) or "OrthographicCamera".
+    """Read the camera of a TOML scene file, its table `[camera]`.
 
-    Raises FileNotFoundError, or ValueError in one sentence that names the file, the table and the key.
+    Args:
+        path: The TOML file; `type` in its table is "Camera" (default) or "OrthographicCamera".
+
+    Returns:
+        The camera.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file has no valid camera; one sentence names the file, the table and the key.
     """
     document = _load(path)
     if "camera" not in document:
@@ -66,9 +81,18 @@ def read_camera(path: str | Path) -> AbstractCamera:
 
 
 def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> None:
-    """Write a scene, and a camera where one is given, as TOML that `read_scene` and `read_camera` read back exactly.
+    """Write a scene, and optionally a camera, as TOML that `read_scene` and `read_camera` read back exactly.
 
-    Raises ValueError for a scene that has no such form: a G-buffer's points are no text.
+    Args:
+        path: The TOML file.
+        scene: The scene, without G-buffers.
+        camera: The camera; none is written by default.
+
+    Raises:
+        ValueError: The scene cannot be written as TOML, for example because it contains a G-buffer.
+        FileNotFoundError: The folder does not exist.
+        PermissionError: The folder is not writable.
+        IsADirectoryError: `path` is a folder.
     """
     import tomli_w
 
@@ -93,7 +117,7 @@ def _load(path: str | Path) -> dict[str, Any]:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
         raise ValueError(f"{path} is no scene: its lists are nested too deeply. Write them flat.") from None
-    except ValueError as error:  # of TOML, of UTF-8, or of a number with too many digits
+    except ValueError as error:  # invalid TOML, invalid UTF-8, or a number with too many digits
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
     _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
     return document
@@ -128,7 +152,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
 
 
 def _value(key: str, value: Any, where: str) -> Any:
-    """Make what stands under a key: a module, several, or a plain value."""
+    """Make the value of a key: a module, several, or a plain value."""
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
         if not isinstance(value, bool | int | float | str | list):
             got = "a table" if isinstance(value, dict) else f"{value}"
@@ -137,7 +161,7 @@ def _value(key: str, value: Any, where: str) -> Any:
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
     types = {cls.__name__: cls for cls in _TYPES[key]}
-    if key == "material" and isinstance(value, str) and value != "Material":  # a named material is meant
+    if key == "material" and isinstance(value, str) and value != "Material":  # probably the name of a material
         named = value if value in material_names() else "emerald"
         raise ValueError(
             f"{where} must be a table of coefficients; got '{value}'. Write them out, as write_scene does those of "
@@ -155,7 +179,7 @@ def _value(key: str, value: Any, where: str) -> Any:
 
 
 def _check_default(table: dict[str, Any], types: dict[str, type], where: str) -> None:
-    """Say which type is meant where a table names none, and its keys are those of another than the default."""
+    """Name the intended type if a table names none and its keys are those of a type other than the default."""
     keys = {name: {field.name for field in dataclasses.fields(cls)} for name, cls in types.items()}
     default, *others = keys
     strange = [key for key in table if key not in keys[default]]
@@ -170,7 +194,7 @@ def _table(module: eqx.Module) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
-        if value is not None and not (isinstance(value, str) and not value):  # what is left out
+        if value is not None and not (isinstance(value, str) and not value):  # fields that are not given are left out
             table[field.name] = _plain(field.name, value)
     return table
 

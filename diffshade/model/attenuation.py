@@ -1,4 +1,4 @@
-"""Attenuation: how light fades with distance (E2), off a spot's axis (E3), and on its way through the air (E14)."""
+"""Attenuation: how light fades with distance (E2), away from a spot's axis (E3), and in the air (E14)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete, parameter
 from .vectors import Vec3
 
-NEAREST = 1e-6  # scene units; below it the distance counts as this, so that 1/d^2 stays finite
+NEAREST = 1e-6  # scene units; smaller distances count as this one, so that 1/d^2 stays finite
 
 FADE = parameter("attenuation", lower=0, start=0.0, gauge=1)
 
@@ -22,9 +22,19 @@ class RadialAttenuation(Checked):
 
     $$ f_{rad}(d) = 1 / (a_0 + a_1 d + a_2 d^2) $$
 
-    `constant`, `linear`, `quadratic`: a_0, a_1 and a_2, at least 0, for d in scene units. (1, 0, 0) is none, (0, 1, 0)
-    is 1/d and (0, 0, 1) is 1/d^2; all three zero is an error. With `clamp=True`, min(1, f_rad). d is at least 1e-6; the
-    derivative with respect to d is 0 below that, and every derivative is 0 where f_rad is clamped.
+    (1, 0, 0) means no attenuation, (0, 1, 0) is 1/d and (0, 0, 1) is 1/d^2. The distance d is in scene units and counts
+    as at least 1e-6. The derivative with respect to d is 0 below 1e-6, and every derivative is 0 where f_rad is
+    clamped.
+
+    Args:
+        constant: a_0, at least 0; 1 by default.
+        linear: a_1, per scene unit, at least 0; 0 by default.
+        quadratic: a_2, per squared scene unit, at least 0; 0 by default.
+        clamp: Whether to use min(1, f_rad); False by default.
+
+    Raises:
+        ValueError: A coefficient is below 0 or not finite, or all three are 0.
+        TypeError: A coefficient is not a number.
     """
 
     constant: Scalar = eqx.field(
@@ -44,7 +54,14 @@ class RadialAttenuation(Checked):
             )
 
     def __call__(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return f_rad at distance d (scene units, at least 0)."""
+        """Return f_rad at distance d.
+
+        Args:
+            d: Distance from the light, scene units, at least 0.
+
+        Returns:
+            f_rad, with the shape of d.
+        """
         d = jnp.where(d > NEAREST, d, NEAREST)
         f = 1.0 / (self.constant + d * (self.linear + d * self.quadratic))
         return jnp.where(f < 1.0, f, 1.0) if self.clamp else f
@@ -53,16 +70,24 @@ class RadialAttenuation(Checked):
 def angular_attenuation(
     cos_phi: Float[Array, "..."], cutoff: Scalar, exponent: Scalar, softness: Scalar
 ) -> Float[Array, "..."]:
-    """Angular attenuation of a spot at the angle phi off its axis (E3; Warn 1983, OpenGL 1.0).
+    """Angular attenuation of a spot at the angle phi from its axis (E3; Warn 1983, OpenGL 1.0).
 
-    cos^exponent phi where cos phi >= max(cos cutoff, 0), else 0; x^0 = 1 on the lit side. With `softness` > 0, times
-    smoothstep(cos cutoff, cos(cutoff - softness), cos phi), which makes the edge differentiable. `cutoff` (the half
-    angle) and `softness` are in degrees, 0 <= softness <= cutoff <= 90. With softness 0 the edge is a jump, which no
-    derivative sees.
+    The value is cos^exponent phi where cos phi >= max(cos cutoff, 0), else 0; x^0 = 1 on the lit side. With `softness`
+    above 0 it is multiplied by smoothstep(cos cutoff, cos(cutoff - softness), cos phi), which makes the edge
+    differentiable. With softness 0 the edge is a jump, which contributes no derivative.
+
+    Args:
+        cos_phi: Cosine of the angle from the axis.
+        cutoff: Half angle of the cone, degrees, 0 to 90.
+        exponent: Exponent of the cosine, at least 0.
+        softness: Width of the smooth edge, degrees, 0 to `cutoff`.
+
+    Returns:
+        f_ang, with the shape of `cos_phi`.
     """
     edge = jnp.maximum(_cos_degrees(cutoff), 0.0)
     width = _cos_degrees(cutoff - softness) - edge
-    soft = width > 0  # not of a softness so small that rounding takes it away
+    soft = width > 0  # false where softness is so small that rounding removes it
     lit = cos_phi >= edge
     inside = cos_phi > 0
     at_90_degrees = jnp.where(exponent == 0, 1.0, 0.0)
@@ -78,9 +103,9 @@ def _cos_degrees(angle: Scalar) -> Scalar:
 
 
 class AbstractAtmosphere(Checked):
-    """What is between the surfaces and the eye: a radiance I becomes s I + (1 - s) I_dc (E14).
+    """The medium between the surfaces and the eye: a radiance I becomes s I + (1 - s) I_dc (E14).
 
-    s is a function of the distance z: along the camera's view axis, or along the ray where `radial` is true.
+    s is a function of the distance z: along the camera's view axis, or along the ray if `radial` is true.
     """
 
     I_dc: eqx.AbstractVar[Colour]
@@ -88,22 +113,48 @@ class AbstractAtmosphere(Checked):
 
     @abc.abstractmethod
     def visibility(self, z: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return s at the distance z."""
+        """Return s at the distance z.
+
+        Args:
+            z: Distance from the eye, scene units.
+
+        Returns:
+            s, with the shape of z.
+        """
 
     def __call__(self, radiance: Vec3, z: Float[Array, "..."]) -> Vec3:
-        """Return s I + (1 - s) I_dc."""
+        """Return s I + (1 - s) I_dc.
+
+        Args:
+            radiance: I, the radiance of the surface.
+            z: Distance of the surface from the eye, scene units.
+
+        Returns:
+            The radiance that reaches the eye.
+        """
         s = self.visibility(z)
         return radiance * s + Vec3.of(self.I_dc) * (1.0 - s)
 
 
 class DepthCueing(AbstractAtmosphere):
-    r"""Linear depth cueing (E14; Foley et al. 1990, 16.1.3): s falls from s_f at z_f to s_b at z_b, constant beyond.
+    r"""Linear depth cueing: s falls from s_f at z_f to s_b at z_b (E14; Foley et al. 1990, 16.1.3).
 
     $$ I' = s I + (1 - s) I_{dc}, \qquad s = s_b + (s_f - s_b)(z_b - z) / (z_b - z_f) $$
 
-    z is the distance along the camera's view axis or, with `radial=True`, along the ray. `s_f`, `s_b`: 0 to 1. `z_f` <
-    `z_b`: distances in scene units. `I_dc`: the colour that depth fades to, RGB or grey. At z_f and z_b the derivative
-    is that of the constant side.
+    s is constant beyond these distances. z is the distance along the camera's view axis or, with `radial=True`, along
+    the ray. At z_f and z_b the derivative is that of the constant side.
+
+    Args:
+        z_f: Front distance, scene units, less than `z_b`.
+        z_b: Back distance, scene units.
+        s_f: s up to z_f, 0 to 1; 1 by default.
+        s_b: s from z_b on, 0 to 1; 0 by default.
+        I_dc: Colour that distant surfaces fade to, RGB or grey, at least 0; 0 (black) by default.
+        radial: Whether z is measured along the ray; False by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, or z_f is not less than z_b.
+        TypeError: A value is not a number or colour.
     """
 
     z_f: Scalar = eqx.field(converter=as_scalar)
@@ -132,8 +183,17 @@ class Fog(AbstractAtmosphere):
 
     $$ I' = s I + (1 - s) I_{dc}, \qquad s = e^{-\rho z} \text{ or } e^{-(\rho z)^2} $$
 
-    z is the distance along the camera's view axis or, with `radial=True`, along the ray; s is 1 for z <= 0. `density`:
-    rho, at least 0, per scene unit. `I_dc`: the fog's colour, RGB or grey.
+    z is the distance along the camera's view axis or, with `radial=True`, along the ray; s is 1 for z <= 0.
+
+    Args:
+        density: rho, per scene unit, at least 0.
+        I_dc: Colour of the fog, RGB or grey, at least 0; 0 (black) by default.
+        squared: Whether rho z is squared in the exponent; False by default.
+        radial: Whether z is measured along the ray; False by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range.
+        TypeError: A value is not a number or colour.
     """
 
     density: Scalar = eqx.field(converter=as_scalar, metadata={"lower": 0})

@@ -69,7 +69,7 @@ class Projection(eqx.Module):
 
 
 class AbstractCamera(Checked):
-    """Where a picture is taken from. `shape` is (height, width) in pixels; row 0 is on top."""
+    """The position and projection of a camera. `shape` is (height, width) in pixels; row 0 is on top."""
 
     eye: eqx.AbstractVar[Vector]
     target: eqx.AbstractVar[Vector]
@@ -79,11 +79,15 @@ class AbstractCamera(Checked):
 
     @abc.abstractmethod
     def projection(self) -> Projection:
-        """Return the camera's rays as affine functions of column and row."""
+        """Return the camera's rays as affine functions of column and row.
+
+        Returns:
+            The projection, which has the same structure for every kind of camera.
+        """
 
 
 def as_shape(value: Sequence[int]) -> Any:
-    """Make (height, width); what is not two whole numbers is handed on for the check to refuse."""
+    """Make (height, width); a value that is not two whole numbers is returned unchanged for the check to refuse."""
     try:
         height, width = value
         return (int(height), int(width)) if (height, width) == (int(height), int(width)) else value
@@ -92,16 +96,31 @@ def as_shape(value: Sequence[int]) -> Any:
 
 
 class Camera(AbstractCamera):
-    r"""A perspective (pinhole) camera at `eye`, looking at `target`: the ray of the pixel in row i, column j of H by W.
+    r"""A perspective (pinhole) camera at `eye`, looking at `target`.
+
+    The ray of the pixel in row i, column j of an image of H by W pixels has the direction
 
     $$ forward + 2 \tan(fov/2) [aspect (j + 1/2 - c_x) \, right + (c_y - i - 1/2) \, up] / H $$
 
-    `fov`: full vertical angle, degrees, above 0 and below 180. `shape`: (height, width) in pixels. `up`: which way is
-    up, not along the line of sight. `local_viewer=True`: v points to `eye` from each point; `False`: one v, the
-    backward axis, everywhere (E8). `principal_point`: (c_x, c_y), where the line of sight meets the picture, column and
-    row in pixels whose centres lie at +.5; by default the middle. `aspect`: the width of a pixel over its height; by
-    default 1. Of a calibrated camera they come from `Camera.from_intrinsics`; `fov` is then 2 atan(H / (2 f_y)),
-    wherever the principal point is.
+    `Camera.from_intrinsics` makes a calibrated camera; its `fov` is 2 atan(H / (2 f_y)), wherever the principal point
+    is.
+
+    Args:
+        eye: Position of the camera, scene units.
+        target: Point that the camera looks at, scene units, different from `eye`; the origin by default.
+        up: Upward direction, not along the line of sight; (0, 1, 0) by default.
+        fov: Full vertical angle, degrees, above 0 and below 180; 40 by default.
+        shape: (height, width) in pixels, whole numbers above 0; (256, 256) by default.
+        local_viewer: With True, the default, v points from each point to `eye`; with False, v is the backward axis
+            everywhere (E8).
+        principal_point: (c_x, c_y), where the line of sight meets the image: column and row in pixels, with pixel
+            centres at +.5; the middle of the image by default.
+        aspect: Width of a pixel divided by its height, above 0; 1 by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, `eye` equals `target`, or `up` is
+            along the line of sight.
+        TypeError: A value is not a number, pair or vector of numbers.
     """
 
     eye: Vector = eqx.field(converter=as_vector)
@@ -126,19 +145,34 @@ class Camera(AbstractCamera):
     ) -> "Camera":
         """Make the camera of a calibration matrix K = [[f_x, 0, c_x], [0, f_y, c_y], [0, 0, 1]], in pixels.
 
-        A point that lies X to the right, Y above and Z in front of the eye is seen at column c_x + f_x X/Z and row
-        c_y - f_y Y/Z, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB count otherwise:
-        add .5 to both c of a K of OpenCV, whose first centre is (0, 0), and take .5 from those of MATLAB, (1, 1).
-        `shape`: (height, width) of the photographs, of the size they had when K was found. `eye`, `target`, `up`: the
-        pose; by default the camera is the origin and looks along -z. Photographs must be free of lens distortion.
-        Differentiable in K (Hartley and Zisserman 2004, "Multiple View Geometry", eq. 6.9). Raises ValueError.
+        A point that lies X to the right, Y above and Z in front of the eye appears at column `c_x + f_x X/Z` and row
+        `c_y - f_y Y/Z`, where the centre of the first pixel is (.5, .5), as in COLMAP. OpenCV and MATLAB use other
+        conventions: add .5 to both c of a K from OpenCV, whose first centre is (0, 0), and subtract .5 from those of
+        MATLAB, (1, 1). Photographs must be free of lens distortion. The result is differentiable in K (Hartley and
+        Zisserman 2004, "Multiple View Geometry", eq. 6.9).
+
+        Args:
+            K: Calibration matrix without skew, pixels; f_x and f_y above 0.
+            shape: (height, width) of the photographs in pixels, at the size for which K was determined.
+            eye: Position of the camera, scene units; the origin by default.
+            target: Point that the camera looks at, scene units; (0, 0, -1) by default.
+            up: Upward direction; (0, 1, 0) by default.
+            local_viewer: Whether v points from each point to `eye` (E8), as for `Camera`; True by default.
+
+        Returns:
+            The camera. With the default pose it is at the origin and looks along -z.
+
+        Raises:
+            ValueError: K is not a 3 x 3 matrix of finite numbers, has skew, a focal length that is not above 0 or a
+                last row other than (0, 0, 1); or another value is out of the range that `Camera` states.
+            TypeError: `eye`, `target` or `up` is not a vector of numbers.
         """
         matrix = as_array(K)
         check_intrinsics(matrix)
         xp = np if isinstance(matrix, np.ndarray) else jnp
         f_x, f_y = matrix[0, 0], matrix[1, 1]
         shape = as_shape(shape)
-        height = shape[0] if isinstance(shape, tuple) and shape else 1  # a shape that is none is refused below
+        height = shape[0] if isinstance(shape, tuple) and shape else 1  # an invalid shape is refused below
         return cls(
             eye,  # pyright: ignore[reportArgumentType]
             target=target,
@@ -160,7 +194,7 @@ class Camera(AbstractCamera):
             )
 
     def projection(self) -> Projection:
-        """Return rays from the eye, spread over the full vertical angle `fov`."""
+        """Return rays from the eye that cover the full vertical angle `fov`."""
         right, up, backward = axes(self)
         pixel = 2.0 * jnp.tan(jnp.deg2rad(self.fov) / 2.0) / self.shape[0]
         across = pixel if self.aspect is None else pixel * self.aspect
@@ -175,14 +209,25 @@ class Camera(AbstractCamera):
 
 
 class OrthographicCamera(AbstractCamera):
-    r"""A camera of parallel rays along the line from `eye` to `target`, `height` scene units from top to bottom.
+    r"""A camera of parallel rays along the line from `eye` to `target`.
+
+    The ray of the pixel in row i, column j of an image of H by W pixels starts at
 
     $$ eye + height [(2j + 1 - W) \, right + (H - 2i - 1) \, up] / 2H $$
 
-    is where the ray of the pixel in row i, column j of H by W starts.
+    Args:
+        eye: Position of the camera, scene units.
+        target: Point that the camera looks at, scene units, different from `eye`; the origin by default.
+        up: Upward direction, not along the line of sight; (0, 1, 0) by default.
+        height: Height of the image from top to bottom, scene units, above 0; 2.2 by default.
+        shape: (height, width) in pixels, whole numbers above 0; pixels are square; (256, 256) by default.
+        local_viewer: With True, the default, v points from each point to `eye`, although the rays are parallel; with
+            False, v is the backward axis everywhere (E8), as for a distant camera.
 
-    `shape`: (height, width) in pixels, square pixels. `local_viewer=True`: v points to `eye` from each point all the
-    same; `False`: one v, the backward axis, everywhere (E8), as for a far camera.
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, `eye` equals `target`, or `up` is
+            along the line of sight.
+        TypeError: A value is not a number or vector of numbers.
     """
 
     eye: Vector = eqx.field(converter=as_vector)
@@ -225,7 +270,7 @@ def axes(camera: AbstractCamera) -> tuple[Vec3, Vec3, Vec3]:
 
 
 def check_intrinsics(K: Any) -> None:
-    """Refuse what is no calibration matrix, or one with skew."""
+    """Refuse a value that is not a calibration matrix, or one with skew."""
     if getattr(K, "shape", None) != (3, 3):
         got = f"shape {K.shape}" if hasattr(K, "shape") else in_short(K)
         raise ValueError(
@@ -247,7 +292,7 @@ def check_intrinsics(K: Any) -> None:
 
 
 def check_camera(camera: AbstractCamera) -> None:
-    """Refuse a shape that is no picture and a line of sight that is none, or is along `up`."""
+    """Refuse an invalid image shape, an eye equal to the target, and a line of sight along `up`."""
     name, shape = type(camera).__name__, camera.shape
     if not (isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(s, int) and s > 0 for s in shape)):
         raise ValueError(

@@ -20,7 +20,7 @@ from .vectors import Vec3, dot
 
 
 def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
-    """Make a mask boolean: at least half is inside."""
+    """Make a mask boolean: values of at least half are inside."""
     mask = mask if isinstance(mask, jax.Array) else np.asarray(mask)
     return mask if mask.dtype == bool else mask >= 0.5
 
@@ -28,11 +28,18 @@ def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
 class GBuffer(AbstractSurface):
     """A surface as one camera sees it: any shape, from a normal map, a mesh or another renderer.
 
-    `normal`: (H, W, 3), unit to within 0.001, never flipped. `position`: (H, W, 3), scene units; needed by point and
-    spot lights, a local viewer and several objects, else it may be left out. `mask`: (H, W), True (or at least half)
-    where the surface is; without it, where the normal is not zero. Outside the mask the numbers are not looked at and
-    not kept. JAX arrays of float32, such as `intersect` gives, stay on their device; others are copied there for every
-    render. Only the camera's own rays can find it: it cannot stand in a scene with glass that bends them.
+    Outside the mask the numbers are neither checked nor kept. JAX arrays of float32, such as `intersect` returns, stay
+    on their device; other arrays are copied there for every render. Only the camera's own rays can hit a G-buffer: a
+    scene that contains one cannot contain glass that bends rays.
+
+    Args:
+        normal: Unit normals, of length 1 to within 0.001; they are never flipped.
+        position: Points of the surface, scene units; None by default. Lights with a position, a local viewer, several
+            objects, an atmosphere and patterns need it.
+        mask: True (or at least half) where the surface is; by default, where the normal is not zero.
+
+    Raises:
+        ValueError: The shapes do not match, or within the mask a normal is not unit or a position is not finite.
     """
 
     normal: Float[Array, "h w 3"]
@@ -71,14 +78,14 @@ class GBuffer(AbstractSurface):
         _remember(arrays)
 
     def extent(self) -> float:
-        """Return half the diagonal of the box that holds its points; 0 where their positions are not known."""
+        """Return half the diagonal of the points' bounding box, in scene units; 0 if the positions are not known."""
         inside = np.asarray(self.mask)
         if self.position is None or not inside.any():
             return 0.0
         return 0.5 * float(np.linalg.norm(np.ptp(np.asarray(self.position)[inside], axis=0)))
 
     def intersect(self, rays: Rays) -> Hit:
-        """Return the buffer's own points: the rays must be those of the camera that it was made for."""
+        """Return the buffer's own points: the rays must be those of the camera for which the buffer was made."""
         p = None if self.position is None else Vec3.of(self.position)
         distance = jnp.zeros(self.mask.shape) if p is None else dot(p - rays.origin, rays.direction)
         return Hit(distance, p, Vec3.of(self.normal), self.mask)
@@ -86,7 +93,7 @@ class GBuffer(AbstractSurface):
 
 _sound: dict[
     tuple[int, ...], list[weakref.ref]
-] = {}  # what was looked at and cannot change: a look takes 25 ns a pixel
+] = {}  # arrays that were checked and cannot change: a check takes 25 ns per pixel
 
 
 def _owner(array: Array) -> Array:
@@ -136,11 +143,22 @@ def _numbers_of(noun: str, image: Any) -> Float[np.ndarray, "..."]:
 
 
 def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
-    """Make the G-buffer of a normal map (Blinn 1978), whose colours are $(n + 1) / 2$; x right, y up, z to the viewer.
+    """Make the G-buffer of a normal map (Blinn 1978).
 
-    `image`: 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path, srgb=False)`. The normals are
-    made unit. `mask`: (H, W); by default where the map is not black. There are no positions: use directional lights and
-    a camera with `local_viewer=False` that looks along -z. Raises ValueError for a map that is no image of directions.
+    Its colours are $(n + 1) / 2$, with x right, y up and z to the viewer. The normals are normalised. The G-buffer has
+    no positions: use directional lights and a camera with `local_viewer=False` that looks along -z.
+
+    Args:
+        image: Colours of the map, 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path,
+            srgb=False)`.
+        mask: (H, W), True (or at least half) where the surface is; by default, where the map is not black.
+
+    Returns:
+        The G-buffer, without positions.
+
+    Raises:
+        ValueError: The image or the mask has a wrong shape, or the image does not hold unit normals.
+        TypeError: `image` is a path.
     """
     image = _numbers_of("normal map", image)
     if image.ndim != 3 or image.shape[2] != 3:
@@ -165,8 +183,19 @@ def height_map(
 
     $$ n \propto (-\partial z / \partial x, -\partial z / \partial y, 1) $$
 
-    `height`: scene units, towards the viewer. The normals are those of central differences, at the borders and beside
-    masked pixels of one-sided ones. Raises ValueError for a height map that is not of the camera's shape or not finite.
+    The normals come from central differences; at the borders and beside masked pixels, from one-sided differences.
+
+    Args:
+        height: Height towards the viewer, scene units.
+        camera: Camera that sees the relief; its shape is that of `height`.
+        mask: (H, W), True (or at least half) where the surface is; everywhere by default.
+
+    Returns:
+        The G-buffer, with positions.
+
+    Raises:
+        ValueError: `height` or `mask` does not have the camera's shape, or a height within the mask is not finite.
+        TypeError: `camera` is not an `OrthographicCamera`, or `height` is a path.
     """
     check_kind("camera", camera, OrthographicCamera, "OrthographicCamera(eye=(0, 0, 4), height=2.2)")
     height = _numbers_of("height map", height)

@@ -1,4 +1,4 @@
-"""Lights: what arrives at a point. A light knows no material."""
+"""Lights: the light that arrives at a point. Lights do not depend on materials."""
 
 import abc
 from typing import Any, NamedTuple
@@ -37,7 +37,7 @@ class Path(NamedTuple):
 
 
 def as_counts(value: Any) -> Any:
-    """Make (n_u, n_v); one number is both, and what is not two whole numbers is handed on for the check to refuse."""
+    """Make (n_u, n_v) of one number or two; any other value is returned unchanged for the check to refuse."""
     try:
         if np.asarray(value).dtype == bool:
             return value
@@ -48,33 +48,56 @@ def as_counts(value: Any) -> Any:
 
 
 class AbstractLight(Checked):
-    """What shines: one emitter or many."""
+    """A light source: one emitter or many."""
 
     @property
     @abc.abstractmethod
     def is_local(self) -> bool:
-        """Whether the light stands somewhere, so that it must know where the point is."""
+        """Whether the light has a position, so that it needs the position of the point it illuminates."""
 
 
 class AbstractEmitter(AbstractLight):
-    """A light that reaches a point from one direction: one function of that point."""
+    """A light that reaches each point from one direction."""
 
     @abc.abstractmethod
     def path(self, p: Vec3 | None) -> Path:
-        """Return how light reaches the point p; None, position unknown, is enough for a light that is not local."""
+        """Return how light reaches a point.
+
+        Args:
+            p: The point, scene units; None (position unknown) is enough for a light that is not local.
+
+        Returns:
+            Direction, distance and angular attenuation.
+        """
 
     @abc.abstractmethod
     def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return the unit direction l from the point p to the light, and the RGB intensity f_rad f_ang I_l there."""
+        """Return the direction and the intensity of the light that arrives at a point.
+
+        Args:
+            p: The point, scene units; None (position unknown) is enough for a light that is not local.
+
+        Returns:
+            The unit direction l from the point to the light, and the RGB intensity f_rad f_ang I_l there.
+        """
 
 
 class PointLight(AbstractEmitter):
-    r"""A light at a position that shines equally to all sides, attenuated with distance (E2).
+    r"""A light at a position that shines equally in all directions, attenuated with distance (E2).
 
     $$ l = (position - p) / d, \qquad f_{rad}(d) I_l $$
 
-    is where it is seen from the point p, at distance d, and what arrives there. `position`: scene units. `intensity`:
-    RGB or grey, at least 0, a plain multiplier. At the light itself (d = 0) it gives nothing.
+    These are the direction to the light from a point p at distance d, and the intensity that arrives there. At the
+    light itself (d = 0) it contributes nothing.
+
+    Args:
+        position: Position of the light, scene units.
+        intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
+        attenuation: Radial attenuation f_rad; none by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range.
+        TypeError: A value is of the wrong kind.
     """
 
     position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
@@ -103,11 +126,20 @@ class PointLight(AbstractEmitter):
 
 
 class DirectionalLight(AbstractEmitter):
-    """A light at infinity, so that l is the same everywhere and nothing fades.
+    """A light at infinity: l is the same everywhere and nothing fades.
 
     $$ l = -direction / |direction| $$
 
-    `direction`: the way its light travels, of any length but 0. It has no distance and so no attenuation (E2).
+    It has no distance and therefore no attenuation (E2).
+
+    Args:
+        direction: Direction in which the light travels, of any length except 0.
+        intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, or the direction is the zero
+            vector.
+        TypeError: A value is of the wrong kind.
     """
 
     direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
@@ -131,14 +163,26 @@ class DirectionalLight(AbstractEmitter):
 
 
 class SpotLight(AbstractEmitter):
-    r"""A point light that shines into a cone about `direction`, attenuated with distance (E2, E3; Warn 1983).
+    r"""A point light that shines into a cone around `direction`, attenuated with distance (E2, E3; Warn 1983).
 
     $$ f_{ang} = \cos^a \phi \; S(\cos\phi) \text{ where } \phi \le cutoff, \text{ else } 0 $$
 
-    `direction`: the way its light travels, phi off which a point is: $\cos\phi = -l \cdot direction$. `cutoff`: half
-    angle of the cone, 0 to 90 degrees. `exponent`: a, at least 0. S is 1 or, with softness, the smooth step from
-    cos(cutoff) to cos(cutoff - softness). `softness`: width in degrees of the smooth edge inside the cutoff, 0 (the
-    hard edge) to `cutoff`; the cutoff can be fitted only if it is above 0.
+    phi is the angle between the direction and the ray to the point: $\cos\phi = -l \cdot direction$. S is 1 or, with
+    softness, the smooth step from cos(cutoff) to cos(cutoff - softness).
+
+    Args:
+        position: Position of the light, scene units.
+        direction: Direction in which the light travels, of any length except 0.
+        intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
+        cutoff: Half angle of the cone, degrees, 0 to 90; 45 by default. It can be fitted only if `softness` is above 0.
+        exponent: a, at least 0; 0 by default.
+        attenuation: Radial attenuation f_rad; none by default.
+        softness: Width of the smooth edge inside the cutoff, degrees, 0 to `cutoff`; 0 (a hard edge) by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, or the direction is the zero
+            vector.
+        TypeError: A value is of the wrong kind.
     """
 
     position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
@@ -184,11 +228,24 @@ class AreaLight(AbstractLight):
 
     $$ \sum_i f_{rad}(d_i) f_{ang}(\phi_i) I_l / n_u n_v $$
 
-    arrives. `corner`, `edge_u`, `edge_v`: one corner and the two edges from it, scene units; edges that are not at
-    right angles span a parallelogram. `intensity`: of the whole, RGB or grey, shared equally by emitters at the centres
-    of `samples` = (n_u, n_v) cells. Each is a `SpotLight` along edge_u x edge_v with `cutoff` (half angle, 0 to 90
-    degrees) and `exponent`, and fades with its own distance. As the samples grow the light converges to that of the
-    continuous rectangle. Warn's flaps are not modelled.
+    This intensity arrives at a point. The emitters are at the centres of n_u by n_v cells and share the intensity
+    equally. Each is a `SpotLight` along edge_u x edge_v, attenuated with its own distance. As the number of samples
+    grows, the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
+
+    Args:
+        corner: One corner, scene units.
+        edge_u: First edge from the corner, scene units.
+        edge_v: Second edge from the corner, scene units, not along `edge_u`; edges that are not at right angles span a
+            parallelogram.
+        intensity: I_l of the whole light, RGB or grey, a plain multiplier, at least 0; 1 by default.
+        cutoff: Half angle of each emitter, degrees, 0 to 90; 90 by default.
+        exponent: Exponent of each emitter, at least 0; 1 by default.
+        attenuation: Radial attenuation f_rad; none by default.
+        samples: (n_u, n_v), whole numbers above 0, or one number for both; (8, 8) by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, or the edges are along one line.
+        TypeError: A value is of the wrong kind.
     """
 
     corner: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
@@ -219,7 +276,11 @@ class AreaLight(AbstractLight):
         return True
 
     def emitters(self) -> SpotLight:
-        """Return the emitters as a stack: a light whose leaves have a leading axis."""
+        """Return the emitters as a stack: a light whose leaves have a leading axis.
+
+        Returns:
+            The n_u n_v spots.
+        """
         n_u, n_v = self.samples
         u, v = np.divmod(np.arange(n_u * n_v), n_v)
         u, v = (u + 0.5) / n_u, (v + 0.5) / n_v

@@ -29,12 +29,12 @@ from .fresnel import AbstractFresnel, Dielectric, NoFresnel
 from .patterns import AbstractPattern, colour_at
 from .vectors import Vec3, dot, halfway, reflect
 
-EXPONENT_RANGE = (0.1, 1e4)  # of n_s in a fit
+EXPONENT_RANGE = (0.1, 1e4)  # range of n_s in a fit
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
 EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
 EXPONENT = parameter("exponent", lower=0, logarithmic=True, start=10.0, fit_range=EXPONENT_RANGE)
 TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
-# reach: a little more than half the distance between the values of eta that a search tries
+# reach: slightly more than half the distance between the values of eta that a search tries
 INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, reach=0.06)
 
 
@@ -43,11 +43,20 @@ class AbstractLobe(eqx.Module):
 
     @abc.abstractmethod
     def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
-        """Return the base of the highlight's power; all vectors are unit and point away from the surface."""
+        """Return the base of the highlight's power; all vectors are unit length and point away from the surface.
+
+        Args:
+            n: Normal of the surface.
+            l: Direction to the light.
+            v: Direction to the viewer.
+
+        Returns:
+            The cosine.
+        """
 
 
 class Phong(AbstractLobe):
-    r"""A highlight about the mirror direction r of the light (E5; Phong 1975).
+    r"""A highlight around the mirror direction r of the light (E5; Phong 1975).
 
     $$ W I_l (v \cdot r)_+^{n_s}, \qquad r = 2 (n \cdot l) n - l $$
     """
@@ -58,9 +67,11 @@ class Phong(AbstractLobe):
 
 
 class Blinn(AbstractLobe):
-    r"""A highlight about the halfway vector h (E6; Blinn 1977): about four times Phong's n_s looks alike.
+    r"""A highlight around the halfway vector h (E6; Blinn 1977).
 
     $$ W I_l (n \cdot h)_+^{n_s}, \qquad h = (l + v) / |l + v| $$
+
+    About four times Phong's n_s gives a similar highlight.
     """
 
     def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
@@ -69,7 +80,7 @@ class Blinn(AbstractLobe):
 
 
 class Coefficients(eqx.Module):
-    """What a material is at the points that rays hit: patterns have become colours there."""
+    """The coefficients of a material at the points that rays hit, where patterns have been evaluated to colours."""
 
     k_a: Vec3
     k_d: Vec3
@@ -81,19 +92,32 @@ class Coefficients(eqx.Module):
 
 
 class Material(Checked):
-    r"""The coefficients of a surface (E1, E4-E7, E9, E12, E13); one that is not given is 0: no such term.
+    r"""The coefficients of a surface (E1, E4-E7, E9, E12, E13).
 
     $$ I_{refl} = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
     $$ I = (1 - k_t) I_{refl} + k_t I_{trans}, \qquad \sin\theta_r = (\eta_i / \eta_r) \sin\theta_i $$
 
-    `k_a`, `k_d`, `k_s`, `k_e`: ambient, diffuse and specular reflection and emission, RGB or one number (grey), at
-    least 0. `n_s`: the specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one a channel.
-    `lobe`: `Phong()` or `Blinn()`. `fresnel`: how the highlight's weight W depends on the angle: `NoFresnel()`, where W
-    is k_s; `Schlick()`; or `Dielectric()`, where `eta` decides and k_s is 0. `k_t`: transmission, 0 to 1; None, the
-    default, is an opaque surface, behind which nothing is looked for. `eta`: index of refraction, 0.1 to 10; 1 or None
-    does not bend. A colour may be a pattern of the point, for example a `Chequer`, of colours in its range. Where n.l
-    <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources: Phong 1975, Blinn 1977,
-    Foley et al. 1990, 16.1 and 16.5.
+    A colour is RGB or one number (grey), or a pattern of the point, for example a `Chequer`, whose colours are in the
+    same range. Where n.l <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources:
+    Phong 1975, Blinn 1977, Foley et al. 1990, 16.1 and 16.5.
+
+    Args:
+        k_a: Ambient reflection, at least 0; 0 (no such term) by default.
+        k_d: Diffuse reflection, at least 0; 0 by default.
+        k_s: Specular reflection, at least 0; 0 by default.
+        n_s: Specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one per channel; 10 by
+            default.
+        lobe: `Phong()`, the default, or `Blinn()`.
+        fresnel: How the highlight's weight W depends on the angle: `NoFresnel()`, the default, where W is k_s;
+            `Schlick()`; or `Dielectric()`, where W follows from `eta` and k_s must be 0.
+        k_e: Emission, at least 0; 0 by default.
+        k_t: Transmission, 0 to 1. None, the default, is an opaque surface: nothing is traced behind it.
+        eta: Index of refraction, 0.1 to 10; with 1 or None, the default, rays are not bent.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range; or, with `Dielectric()`, k_s is
+            not 0 or eta is None.
+        TypeError: A value is of the wrong kind.
     """
 
     k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
@@ -116,10 +140,22 @@ class Material(Checked):
         k_s: Numbers = 0.0,
         **more: Any,
     ) -> Material:
-        """Return the material of Foley's form, $k_a O_d$, $k_d O_d$ and $k_s O_s$ a channel (E10; Foley et al. 1990).
+        """Return the material of Foley's form, $k_a O_d$, $k_d O_d$ and $k_s O_s$ per channel (E10; Foley et al. 1990).
 
-        `O_d`, `O_s`: the object's diffuse and specular colours, RGB or grey. `more`: n_s, lobe and the rest of
-        `Material`. Raises ValueError for what is no colour or below 0.
+        Args:
+            O_d: Diffuse colour of the object, RGB or grey, at least 0.
+            O_s: Specular colour of the object, RGB or grey, at least 0; 1 by default.
+            k_a: Ambient coefficient, at least 0; 0 by default.
+            k_d: Diffuse coefficient, at least 0; 0 by default.
+            k_s: Specular coefficient, at least 0; 0 by default.
+            **more: n_s, lobe and the other fields of `Material`.
+
+        Returns:
+            The material.
+
+        Raises:
+            ValueError: A value is not a colour or is below 0, or as `Material` raises it.
+            TypeError: A value is not numbers, or as `Material` raises it.
         """
         given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
         colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}
@@ -151,7 +187,14 @@ class Material(Checked):
         return tuple(colour for colour in colours if isinstance(colour, AbstractPattern))
 
     def at(self, p: Vec3 | None) -> Coefficients:
-        """Return the coefficients at the point p; where nothing is a pattern, p need not be known."""
+        """Return the coefficients at a point.
+
+        Args:
+            p: The point, scene units; None (position unknown) is enough if no coefficient is a pattern.
+
+        Returns:
+            The coefficients, with patterns evaluated to colours.
+        """
         k_a, k_d, k_s, k_e = (colour_at(k, p) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
         opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
         k_t = opaque if self.k_t is None else colour_at(self.k_t, p)

@@ -1,4 +1,4 @@
-"""Measured lights: a lamp whose intensity over angle was measured, as lamp makers publish it."""
+"""Measured lights: lamps with a measured intensity over angle, as lamp makers publish it."""
 
 from __future__ import annotations
 
@@ -27,22 +27,30 @@ from .attenuation import RadialAttenuation
 from .lights import AbstractEmitter, Path, along_one_line, check_direction
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
-BESIDE = 1e-3  # degrees beyond the last angle that still count as there: rounding, not darkness
+BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
 
 
 def as_angles(value: Numbers) -> Any:
-    """Make a list of angles; what is none is handed on for the check to refuse."""
+    """Make an array of angles; any other value is returned unchanged for the check to refuse."""
     return as_array(value)
 
 
 class Profile(Checked):
-    """Relative intensity over gamma off a lamp's axis and C about it, linear between a table's (LM-63, EULUMDAT).
+    """Relative intensity over the angle gamma from a lamp's axis and the angle C around it (LM-63, EULUMDAT).
 
-    `vertical`: the angles gamma in degrees, (V,), increasing, 0 to 180 at most; beyond them it is dark. `horizontal`:
-    the angles C in degrees, (H,), from 0 to 360 with both ends, or one alone, (1,), for a lamp that is the same all
-    around. `values`: (H, V), at least 0. At gamma = 0 and 180, where all planes meet, their mean is taken. At each
-    angle of the table the derivative jumps; there it is that of the side of the larger angle, and 0 at the poles. The
-    ends of `vertical` are gates, whose jump no derivative sees.
+    The intensity is linear between the entries of the table. At gamma = 0 and 180, where all planes meet, their mean is
+    used. At each angle of the table the derivative jumps; there it is that of the side of the larger angle, and 0 at
+    the poles. At the ends of `vertical` the intensity jumps to 0, which contributes no derivative.
+
+    Args:
+        vertical: Angles gamma, degrees, two or more, increasing, within 0 to 180; beyond them it is dark.
+        horizontal: Angles C, degrees, increasing from 0 to 360 with both ends, or a single angle for a lamp that is the
+            same all around.
+        values: Relative intensities, at least 0; one row per horizontal angle.
+
+    Raises:
+        ValueError: The angles are not increasing or are out of their range, or the values have another shape, are not
+            finite or are below 0.
     """
 
     vertical: Float[Array, " v"] = eqx.field(converter=as_angles)
@@ -84,7 +92,15 @@ class Profile(Checked):
             )
 
     def __call__(self, gamma: Float[Array, "..."], C: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return the relative intensity at gamma (degrees, 0 to 180) and C (degrees, 0 to 360)."""
+        """Return the relative intensity in a direction.
+
+        Args:
+            gamma: Angle from the axis, degrees, 0 to 180.
+            C: Angle around the axis, degrees, 0 to 360.
+
+        Returns:
+            The relative intensity.
+        """
         vertical, values = jnp.asarray(self.vertical), self._one_at_the_poles()
         i, t = _between(vertical, gamma)
         if values.shape[0] == 1:
@@ -97,22 +113,35 @@ class Profile(Checked):
         return jnp.where((gamma >= vertical[0] - BESIDE) & (gamma <= vertical[-1] + BESIDE), found, 0.0)
 
     def _one_at_the_poles(self) -> Float[Array, "h v"]:
-        """Return the values with one number at each pole: without it the slope around it would pass all bounds."""
+        """Return the values with one number at each pole; without it the slope around the pole would be unbounded."""
         vertical, values = jnp.asarray(self.vertical), jnp.asarray(self.values)
-        once = values if values.shape[0] == 1 else values[:-1]  # 360 degrees is 0 degrees again
+        once = values if values.shape[0] == 1 else values[:-1]  # 360 degrees repeats 0 degrees
         pole = (vertical == 0.0) | (vertical == 180.0)
         return jnp.where(pole[None], jnp.mean(once, 0, keepdims=True), values)
 
 
 class MeasuredLight(AbstractEmitter):
-    r"""A point light with a measured beam, `profile`, about `direction`, attenuated with distance (E2).
+    r"""A point light with a measured beam, `profile`, around `direction`, attenuated with distance (E2).
 
     $$ f_{rad}(d) \, profile(\gamma, C) \, I_l $$
 
-    arrives at distance d. `position`: scene units. `intensity`: RGB or grey, at least 0. `direction`: where gamma = 0
-    points, the way its light travels. `side`: a vector on the side of C = 0; what of it is along `direction` does not
-    count. C grows counter-clockwise for one who looks along `direction` from behind the lamp (type C of LM-63, C-planes
-    of EULUMDAT). In a fit the intensity, position and direction can be free, and `side` by its own name.
+    This intensity arrives at distance d. C grows counter-clockwise as seen along `direction` from behind the lamp (type
+    C of LM-63, C-planes of EULUMDAT). In a fit the intensity, position and direction can be free; `side` can be free
+    only by its own name.
+
+    Args:
+        position: Position of the light, scene units.
+        direction: Direction of gamma = 0, in which the light travels, of any length except 0.
+        profile: Relative intensity over angle.
+        intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
+        attenuation: Radial attenuation f_rad; none by default.
+        side: Vector on the side of C = 0, not along `direction`; its component along `direction` is ignored; (1, 0, 0)
+            by default.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range; the direction is the zero vector;
+            or `side` is along it.
+        TypeError: A value is of the wrong kind.
     """
 
     position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
@@ -140,7 +169,7 @@ class MeasuredLight(AbstractEmitter):
         return True
 
     def path(self, p: Vec3 | None) -> Path:
-        """Return l = (position - p)/d, d and profile(gamma, C) of the way from the lamp to p."""
+        """Return l = (position - p)/d, d and profile(gamma, C) in the direction from the lamp to p."""
         assert p is not None
         to_light = Vec3.of(self.position) - p
         l = normalize(to_light)
@@ -164,7 +193,7 @@ class MeasuredLight(AbstractEmitter):
 
 
 def _between(angles: Float[Array, " n"], x: Float[Array, "..."]) -> tuple[Array, Float[Array, "..."]]:
-    """Return the interval of a table that x lies in, and how far along it, 0 to 1."""
+    """Return the interval of a table that contains x, and the position of x within it, 0 to 1."""
     i = jnp.clip(jnp.searchsorted(angles, x, side="right") - 1, 0, angles.shape[0] - 2)
     t = (x - angles[i]) / (angles[i + 1] - angles[i])
     return i, jnp.where(t > 0.0, jnp.where(t < 1.0, t, 1.0), 0.0)

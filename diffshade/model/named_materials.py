@@ -1,4 +1,4 @@
-"""Named materials: the 24 of the OpenGL teapots, by the names they have there."""
+"""Named materials: the 24 materials of the OpenGL teapots, by their names there."""
 
 from __future__ import annotations
 
@@ -14,8 +14,17 @@ from .materials import Blinn, Material
 def material(name: str) -> Material:
     """Return the material of a name, for example "emerald" or "black_rubber"; its highlight is Blinn's.
 
-    From teapots.c of the OpenGL Programming Guide (SGI 1993); n_s is 128 times its shininess. Raises ValueError for an
-    unknown name; `material_names()` lists them.
+    The coefficients are those of teapots.c in the OpenGL Programming Guide (SGI 1993); n_s is 128 times its shininess.
+
+    Args:
+        name: Name of the material; `material_names()` lists them.
+
+    Returns:
+        The material.
+
+    Raises:
+        ValueError: The name is unknown.
+        TypeError: The name is not a string.
     """
     known = _table()
     if not isinstance(name, str):
@@ -27,7 +36,11 @@ def material(name: str) -> Material:
 
 
 def material_names() -> tuple[str, ...]:
-    """Return the names of the materials that `material` knows, in the order of the table."""
+    """Return the names that `material` accepts.
+
+    Returns:
+        The names, in the order of the table.
+    """
     return tuple(_table())
 
 

@@ -28,7 +28,14 @@ class AbstractPattern(Checked):
 
     @abc.abstractmethod
     def __call__(self, p: Vec3) -> Vec3:
-        """Return the colour at p."""
+        """Return the colour at a point.
+
+        Args:
+            p: The point, scene units.
+
+        Returns:
+            The colour.
+        """
 
 
 class Chequer(AbstractPattern):
@@ -36,9 +43,21 @@ class Chequer(AbstractPattern):
 
     $$ w = \sin(2\pi \, p \cdot u / period) \sin(2\pi \, p \cdot v / period) $$
 
-    A period is two squares, in scene units. With `smooth=True` the colour is $b + (a - b)(1 + w) / 2$, which has a
-    derivative everywhere; at the edges of the hard squares there is a jump, which no derivative sees. `u` and `v`: the
-    directions in which to count, the x and the y axis by default; (1, 0, 0) and (0, 0, 1) for a floor.
+    With `smooth=True` the colour is $b + (a - b)(1 + w) / 2$, which is differentiable everywhere. At the edges of the
+    hard squares there is a jump, which contributes no derivative.
+
+    Args:
+        a: Colour where w > 0, RGB or grey, at least 0, and in the range of the coefficient that it replaces.
+        b: Colour elsewhere, as `a`.
+        period: Length of two squares, scene units, above 0; 1 by default.
+        smooth: Whether the colour changes smoothly; False by default.
+        u: First direction along which squares are counted, not the zero vector; the x axis by default.
+        v: Second direction, not the zero vector; the y axis by default. For a floor use (1, 0, 0) and (0, 0, 1).
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range, or a direction is the zero
+            vector.
+        TypeError: A value is not a number, colour or vector.
     """
 
     a: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})

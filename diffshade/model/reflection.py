@@ -26,7 +26,7 @@ def reflectance(k: Coefficients, lobe: AbstractLobe, fresnel: AbstractFresnel, n
     cosine = jnp.where(lit, lobe.cosine(n, l, v), 0.0)
 
     W = fresnel.weight(k.k_s, k.eta, diffuse)
-    if isinstance(k.n_s, Vec3):  # one exponent a channel
+    if isinstance(k.n_s, Vec3):  # one exponent per channel
         specular = W * Vec3(*(positive_power(cosine, n_s) for n_s in (k.n_s.x, k.n_s.y, k.n_s.z)))
     else:
         specular = W * positive_power(cosine, k.n_s)

@@ -20,26 +20,37 @@ from .surfaces import AbstractSurface
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
-MANY = 6  # transparent objects, over which the compiler takes longer than it saves
-MOST_PIXELS = 2**31  # with more XLA ends the process
+MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
+MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
 def render(
     scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
 ) -> Float[Array, "height width 3"]:
-    r"""Render a scene: linear radiance, unclamped, row 0 on top, one sample at each pixel's centre.
+    r"""Render a scene as linear radiance, unclamped, row 0 on top, with one sample at the centre of each pixel.
 
     $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
 
-    at the nearest surface (E9), of which what is transparent lets through what is behind it (E13), each fogged at its
-    own distance (E14). `lit`: the indices of the lights that are on; all of them by default. Ambient light is never
-    switched. Compiled once for each structure and shape; differentiable in every number of the scene and the camera
-    except at silhouettes and gates, whose jumps have no gradient. float32, or float64 where `jax_enable_x64` is on.
+    This is the radiance of the nearest surface (E9). Transparent surfaces transmit what is behind them (E13), and each
+    surface is fogged at its own distance (E14). The program is compiled once for each structure and shape. It is
+    differentiable in every number of the scene and the camera except at silhouettes and gates, whose jumps have no
+    gradient.
 
-    XLA's CPU compiler may take minutes over a program of your own, such as a gradient, in which several transparent
-    objects are rendered. Let it leave fusion out: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
+    XLA's CPU compiler may take minutes to compile a program of your own, such as a gradient, that renders several
+    transparent objects. Disable fusion for it: `jax.jit(f, compiler_options={"xla_disable_hlo_passes": "fusion"})`.
 
-    Raises ValueError for a scene, camera or GBuffer that does not fit together.
+    Args:
+        scene: Objects and lights.
+        camera: Camera, whose shape is that of the image.
+        lit: Indices of the lights that are on, from 0; all of them by default. Ambient light is always on.
+
+    Returns:
+        The image, in float32, or float64 if `jax_enable_x64` is on.
+
+    Raises:
+        ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, or the image has
+            2^31 or more pixels.
+        RuntimeError: The installed jaxlib computes wrong sums.
     """
     check((scene, camera))
     check_shapes(scene, camera)
@@ -58,9 +69,20 @@ def render(
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
     """Shade a G-buffer with the material of the scene's only object, whatever that object's own shape (E9).
 
-    Otherwise as `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer, material)`.
+    Everything else is as in `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer,
+    material)`.
 
-    Raises ValueError for a scene of several objects, and as `render` does.
+    Args:
+        scene: A scene of one object, whose material and lights are used.
+        gbuffer: The surface that is shaded in place of the object's own.
+        camera: Camera, of the shape of the G-buffer.
+
+    Returns:
+        The image, as `render` returns it.
+
+    Raises:
+        ValueError: The scene has several objects, or as `render` raises it.
+        RuntimeError: As `render` raises it.
     """
     if len(scene.objects) != 1:
         raise ValueError(
@@ -73,8 +95,16 @@ def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array
 def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     """Return what a camera sees of a scene's surfaces: position, normal and mask of the nearest object's points.
 
-    Arrays (H, W, 3) and (H, W), lengths in scene units; the normals are unit and on the viewer's side. Raises
-    ValueError for a scene, camera or GBuffer that does not fit together.
+    Args:
+        scene: Objects; its lights are not used.
+        camera: Camera, whose shape is that of the G-buffer.
+
+    Returns:
+        The G-buffer, with lengths in scene units and unit normals on the viewer's side.
+
+    Raises:
+        ValueError: The scene, camera or GBuffer do not fit together.
+        RuntimeError: The installed jaxlib computes wrong sums.
     """
     check((scene, camera))
     check_shapes(scene, camera)
@@ -112,7 +142,7 @@ _render_unfused = jax.jit(_image, compiler_options=UNFUSED)
 
 
 def _takes_long(scene: StackedScene, camera: AbstractCamera) -> bool:
-    """Whether to compile without fusion; within a program of the caller's that is not for this one to say."""
+    """Whether to compile without fusion; within a program of the caller's, that choice is the caller's."""
     if sum(item.material.k_t is not None for item in scene.objects) < MANY:
         return False
     return jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((scene, camera)))

@@ -22,10 +22,18 @@ from .surfaces import AbstractSolid, AbstractSurface
 
 
 class Object(Checked):
-    """A surface and what it is made of: `surface`, a shape or a `GBuffer`, and `material`.
+    """A surface and its material.
 
-    `name`: a word of your own, which then stands in the names of its parameters: `objects.ball.material.k_d`, or
-    `ball.material.k_d`, instead of `objects.0.material.k_d`.
+    Args:
+        surface: A shape or a `GBuffer`.
+        material: Material of the surface; by default `Material()`, whose coefficients are 0.
+        name: One word of letters, digits and _ that appears in the names of the object's parameters:
+            `objects.ball.material.k_d`, or `ball.material.k_d`, instead of `objects.0.material.k_d`. No name by
+            default.
+
+    Raises:
+        ValueError: The name is not one word.
+        TypeError: The surface or the material is of the wrong kind.
     """
 
     surface: AbstractSurface
@@ -47,14 +55,25 @@ def as_tuple(value: Any) -> tuple:
 class Scene(Checked):
     """Objects, the lights that shine on them, and what surrounds them.
 
-    `objects`: one or several, in any order; the nearest is seen, and through one with k_t what is behind it. Of
-    surfaces that coincide an opaque one is seen, and of two alike the one that comes first in the list. The cost is
-    linear in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer, a mesh or a map cannot
-    stand in a scene with a `Sphere` or `Box` that bends rays, k_t with an eta other than 1: it knows only what its
-    camera's own rays see. `lights`: any number of any kind. A light reaches every point that faces it, through any
-    object: there are no shadows and no interreflection. `ambient`: I_a, RGB or grey, at least 0, never attenuated (E1).
-    `background`: what a ray that meets nothing sees, never fogged. `atmosphere`: `DepthCueing` or `Fog` (E14); by
-    default none.
+    The camera sees the nearest object and, through an object with k_t, what is behind it. Where surfaces coincide, it
+    sees an opaque one; of two opaque or two transparent ones, the one that comes first in the list. The cost is linear
+    in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer (a mesh or a map) cannot be in a
+    scene with a `Sphere` or `Box` that bends rays (k_t with an eta other than 1): the GBuffer contains only what its
+    camera's own rays see. A light reaches every point that faces it, through any object: there are no shadows and no
+    interreflection.
+
+    Args:
+        objects: One object or several, in any order, with different names.
+        lights: Any number of lights of any kind; none by default.
+        ambient: I_a, RGB or grey, at least 0, never attenuated (E1); 1 by default.
+        background: What a ray that meets nothing sees, RGB or grey, at least 0, never fogged; 0 (black) by default.
+        atmosphere: `DepthCueing` or `Fog` (E14); None by default.
+
+    Raises:
+        ValueError: A colour has the wrong shape, is not finite or is below 0; there is no object; two objects have the
+            same name; or a GBuffer cannot be in the scene: it has no positions beside other objects, or glass bends
+            rays.
+        TypeError: An object, a light, a colour or the atmosphere is of the wrong kind.
     """
 
     objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
@@ -98,7 +117,7 @@ class Scene(Checked):
 
 
 def bends(item: Object) -> bool:
-    """Whether rays pass through an object, and may be bent there."""
+    """Whether an object transmits rays and may bend them."""
     material = item.material
     return isinstance(item.surface, AbstractSolid) and material.k_t is not None and material.eta is not None
 

@@ -1,4 +1,4 @@
-"""Surfaces: where a ray meets a shape, and which way the shape faces there."""
+"""Surfaces: where a ray meets a shape, and the normal there."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, 
 from .cameras import Rays
 from .vectors import Vec3, dot, normalize, safe_sqrt, where
 
-GRAZING = 1e-12  # a cosine below it: the ray never meets the plane
+GRAZING = 1e-12  # with a smaller cosine the ray never meets the plane
 
 
 class Hit(eqx.Module):
     """Where rays meet a surface: distance along the ray, point, unit normal, and whether they meet it at all.
 
-    Outside `inside` the numbers are finite and mean nothing. `p` is None where the surface does not know it.
+    Where `inside` is False the numbers are finite but have no meaning. `p` is None if the surface has no positions.
     """
 
     distance: Float[Array, "..."]
@@ -29,46 +29,79 @@ class Hit(eqx.Module):
 
 
 class AbstractSurface(Checked):
-    """A shape that rays meet."""
+    """A shape that rays can meet."""
 
     @abc.abstractmethod
     def intersect(self, rays: Rays) -> Hit:
-        """Return the first hit in front of each ray's origin."""
+        """Return the first hit in front of each ray's origin.
+
+        Args:
+            rays: Rays with unit directions.
+
+        Returns:
+            The hits, one per ray.
+        """
 
     def extent(self) -> float:
-        """Return about how far the surface reaches from its middle, in scene units; 0 where it has no such length."""
+        """Return the approximate distance from the middle of the surface to its edge.
+
+        Returns:
+            The distance in scene units; 0 for a surface without such a length.
+        """
         return 0.0
 
 
 class AbstractSolid(AbstractSurface):
-    """A convex shape with an inside, through which rays can pass."""
+    """A convex shape with an interior through which rays can pass."""
 
     @abc.abstractmethod
     def leave(self, rays: Rays) -> Hit:
-        """Return the last hit of each ray, where it leaves the solid, with the outward normal."""
+        """Return the last hit of each ray, where it leaves the solid, with the outward normal.
+
+        Args:
+            rays: Rays with unit directions.
+
+        Returns:
+            The hits, one per ray.
+        """
 
     @abc.abstractmethod
     def holds(self, rays: Rays) -> Bool[Array, "..."]:
-        """Return whether the origin of a ray that hits the solid is within it: then the first hit is the last."""
+        """Return whether the origin of a ray that hits the solid is inside it; then the first hit is the last.
+
+        Args:
+            rays: Rays with unit directions.
+
+        Returns:
+            True for each ray that starts inside.
+        """
 
 
 def touching(t: Array, size: Array) -> Array:
-    """Return how near to a solid a ray's origin lies on it: such a ray enters it there or does not meet it.
+    """Return the distance from a solid within which a ray's origin counts as on it: the ray enters there or misses.
 
-    Rays go on from points on surfaces, and solids stand on each other. What is decided there must not hang on a
-    rounding: compiled code may compute it more than once, for x of a point and for y, and round each in another way.
+    Rays continue from points on surfaces, and solids touch each other. The decision there must not depend on rounding:
+    compiled code may compute a value more than once, for x of a point and for y, and round it differently each time.
     """
     return 4.0 * np.sqrt(float(jnp.finfo(t.dtype).eps)) * size
 
 
 class Sphere(AbstractSolid):
-    """A sphere; normals point outward, or to the viewer's side when seen from inside. Lengths are scene units.
+    """A sphere; normals point outward, or to the viewer's side when seen from inside.
 
     $$ |o + t d - center|^2 = {radius}^2 $$
 
-    for the smallest t > 0 is where a ray from o along d meets it. The derivative of a hit grows without bound at the
-    silhouette. A ray that misses gets the sphere's nearest point, which is smooth across the silhouette's edge;
-    `inside` is False there.
+    A ray from o along d meets it at the smallest t > 0. The derivative of a hit grows without bound at the silhouette.
+    A ray that misses gets the sphere's nearest point, which is smooth across the edge of the silhouette; `inside` is
+    False there.
+
+    Args:
+        center: Centre, scene units; the origin by default.
+        radius: Radius, scene units, above 0; 1 by default.
+
+    Raises:
+        ValueError: A value has the wrong shape or is not finite, or the radius is not above 0.
+        TypeError: A value is not a number or vector of numbers.
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
@@ -118,11 +151,19 @@ class Sphere(AbstractSolid):
 
 
 class Plane(AbstractSurface):
-    r"""An infinite plane through `point`; its normal is that of the side the viewer is on.
+    r"""An infinite plane through `point`; its normal is on the viewer's side.
 
     $$ (o + t d - point) \cdot normal = 0 $$
 
-    for a t > 0 is where a ray from o along d meets it. `normal`: of any length but 0. A ray along the plane misses it.
+    A ray from o along d meets it at a t > 0. A ray along the plane misses it.
+
+    Args:
+        point: A point of the plane, scene units; the origin by default.
+        normal: Normal, of any length except 0; (0, 1, 0) by default.
+
+    Raises:
+        ValueError: A value has the wrong shape or is not finite, or the normal is the zero vector.
+        TypeError: A value is not a vector of numbers.
     """
 
     point: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
@@ -143,11 +184,20 @@ class Plane(AbstractSurface):
 
 
 class Box(AbstractSolid):
-    """A box about `center`; normals point outward, or to the viewer's side when seen from inside.
+    """A box around `center`; normals point outward, or to the viewer's side when seen from inside.
 
-    A ray is within it from the last of the near to the first of the far planes (Kay and Kajiya 1986). `size`: width,
-    height and depth, scene units, above 0. `rotation`: degrees about the x, then the y, then the z axis, right-handed,
-    about the centre. At an edge the derivative is that of one of its faces.
+    A ray is inside it from the last of the near planes to the first of the far planes (Kay and Kajiya 1986). At an edge
+    the derivative is that of one of the adjacent faces.
+
+    Args:
+        center: Centre, scene units; the origin by default.
+        size: Width, height and depth, scene units, above 0; (1, 1, 1) by default.
+        rotation: Degrees about the x, then the y, then the z axis, right-handed, about the centre; (0, 0, 0) by
+            default.
+
+    Raises:
+        ValueError: A value has the wrong shape or is not finite, or a size is not above 0.
+        TypeError: A value is not a vector of numbers.
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
@@ -163,7 +213,7 @@ class Box(AbstractSolid):
         return 0.5 * float(np.linalg.norm(self.size))
 
     def intersect(self, rays: Rays) -> Hit:
-        """Return where a ray has crossed the first plane of each pair of faces; from inside, where it leaves."""
+        """Return where a ray has crossed the first plane of each pair of faces or, from inside, where it leaves."""
         (near, entering), (far, leaving) = self._slabs(rays)
         within = self.holds(rays)
         t = jnp.where(within, far, near)
@@ -200,7 +250,7 @@ class Box(AbstractSolid):
 
 
 def rotation_axes(degrees: Vector) -> tuple[Vec3, Vec3, Vec3]:
-    """Return where the x, y and z axes go when turned about the x, then the y, then the z axis (right-handed)."""
+    """Return the x, y and z axes after a right-handed rotation about the x, then the y, then the z axis."""
     (a, b, c) = (jnp.deg2rad(degrees[i]) for i in range(3))
     (sa, ca), (sb, cb), (sc, cc) = ((jnp.sin(angle), jnp.cos(angle)) for angle in (a, b, c))
     return (

@@ -75,7 +75,7 @@ def nearest(objects: Sequence[Object], hits: Sequence[Hit]) -> list[Bool[Array, 
 
     Of surfaces that coincide, to rounding, an opaque one is met before one that lets light through, else the first.
     """
-    if len(hits) == 1:  # whose distances then need not be known
+    if len(hits) == 1:  # the distances need not be known
         return [hits[0].inside]
     first = jnp.full(hits[0].distance.shape, jnp.inf)
     index = jnp.full(first.shape, -1)

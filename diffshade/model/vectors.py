@@ -103,7 +103,7 @@ def halfway(l: Vec3, v: Vec3) -> Vec3:
     """Halfway vector h = (l + v)/|l + v| (Blinn 1977); 0 where l = -v, to within 1e-6, with derivative 0."""
     h = l + v
     squared = dot(h, h)
-    apart = squared > 1e-12  # below it, h would be the direction of a rounding
+    apart = squared > 1e-12  # below it, rounding would determine the direction of h
     return h * jnp.where(apart, 1.0 / jnp.sqrt(jnp.where(apart, squared, 1.0)), 0.0)
 
 
@@ -127,5 +127,5 @@ def positive_power(x: Float[Array, "..."], n: Float[Array, "..."]) -> Float[Arra
     """
     positive = (
         x > 0
-    )  # chosen before the exponential, which XLA does not repeat for each channel as it does what follows
+    )  # selected before the exponential: XLA repeats what follows it for each channel, but not the exponential
     return jnp.exp(jnp.where(positive, n * jnp.log(jnp.where(positive, x, 1.0)), -jnp.inf))
