@@ -1,4 +1,4 @@
-"""Threads: compiled programs on every core of this process, in float64, with results in order."""
+"""Threads: run compiled programs on all cores of this process, in float64, and return results in order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -27,9 +27,9 @@ def _threads() -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
-    """Return work(item) for each item, in order, in float64, from as many threads as there are cores.
+    """Return work(item) for each item, in order, in float64, on one thread a core.
 
-    A scan runs on one core; a compiled program called from several threads runs on as many.
+    A scan runs on one core; a compiled program that is called from several threads runs on several cores.
     """
 
     def worked(item: Any) -> T:
@@ -41,9 +41,9 @@ def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
 
 
 def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ahead: int) -> Iterator[T]:
-    """Yield work(item) for each item, in order, in float64, from so many threads, at most `ahead` items early.
+    """Yield work(item) for each item, in order, in float64, computed on other threads up to `ahead` items early.
 
-    What is early waits, so that memory holds so many results and no more.
+    Memory holds at most `ahead` + 1 results.
     """
 
     def worked(item: Any) -> T:

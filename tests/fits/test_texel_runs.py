@@ -21,11 +21,11 @@ def test_a_run_goes_on_only_as_itself(tmp_path):
     with pytest.raises(ValueError, match=r"k_d\.npy.*is missing"):
         ds.fit_texels(ball.scene, ball.views, free="k_d", out=tmp_path / "maps")
     (tmp_path / "maps" / "run.json").write_text("{}")
-    with pytest.raises(ValueError, match="is no record of a run"):
+    with pytest.raises(ValueError, match=r"run\.json is damaged.*Give out the name of a new folder"):
         ds.fit_texels(ball.scene, ball.views, free="k_d", out=tmp_path / "maps")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
-    with pytest.raises(ValueError, match=r"is no folder of maps.*new folder"):
+    with pytest.raises(ValueError, match=r"mine holds other files.*Give out the name of a new folder"):
         ds.fit_texels(ball.scene, ball.views, out=tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["letter.txt"]
 

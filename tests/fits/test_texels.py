@@ -14,7 +14,7 @@ from textured import Ball, angle, facing_us, lights_about, textured_ball
 
 import diffshade as ds
 from diffshade.texels import tiles
-from diffshade.texels.coefficients import inverse_diagonal, nonnegative, solve
+from diffshade.texels.linear_systems import inverse_diagonal, nonnegative, solve
 
 MAPS = ("k_d", "k_s", "n_s")
 SIZE = 32
@@ -170,7 +170,7 @@ def test_what_does_not_count_is_left_out():
 
 
 def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypatch):
-    read, count = tiles.Source.read, iter(range(5))
+    read, count = tiles.ViewReader.read, iter(range(5))
 
     def of_band(source, first, last, height):  # a sample for what is usual is read row by row, before the bands
         return last - first > 1
@@ -180,13 +180,15 @@ def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypa
             raise KeyboardInterrupt
         return read(*arguments)
 
-    monkeypatch.setattr(tiles.Source, "read", stopped)
+    monkeypatch.setattr(tiles.ViewReader, "read", stopped)
     with pytest.raises(KeyboardInterrupt):
         ds.fit_texels(ball.scene, ball.views, memory=100_000, out=tmp_path / "maps")
     done = np.load(tmp_path / "maps" / "done.npy")
     assert 0 < done.sum() <= 5 < len(done)
     again = []
-    monkeypatch.setattr(tiles.Source, "read", lambda *arguments: again.append(of_band(*arguments)) or read(*arguments))
+    monkeypatch.setattr(
+        tiles.ViewReader, "read", lambda *arguments: again.append(of_band(*arguments)) or read(*arguments)
+    )
     banded = ds.fit_texels(ball.scene, ball.views, memory=100_000, out=tmp_path / "maps")
     assert sum(again) == len(done) - done.sum()
     about = tomllib.loads((tmp_path / "maps" / "maps.toml").read_text())

@@ -76,7 +76,7 @@ def test_what_is_called_determined_is_within_five_errors(lobe, rigs, loss, capsy
             maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, loss=loss)
             if name in NOTHING:
                 assert not maps.known.any(), name
-                assert "do not tell" in maps.notes[0], name
+                assert "do not determine" in maps.notes[0], name
                 break
             if name == "all about":  # where the lights tell most, little is withdrawn
                 assert maps.known.sum() > 0.85 * ball.mask.sum()
