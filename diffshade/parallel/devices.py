@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ from jax.sharding import PartitionSpec as P
 from .checkpoints import Checkpoint
 from .run_folders import fingerprint
 
+T = TypeVar("T")
 LANE = "lane"
 FORMAT = 2  # version of a checkpoint's contents; it enters the fingerprint
 
@@ -53,7 +54,7 @@ class DeviceGroup:
         sharding = NamedSharding(self.here, P(LANE))
         return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves), sharding), *items)
 
-    def total(self, items: Sequence[Any]) -> Any:
+    def total(self, items: Sequence[T]) -> T:
         """Return the sum over all processes of trees of float64 arrays, given one tree a lane, by one `psum`."""
         vectors = [_ravel(item) for item in items]
         devices = self.here.devices.flat

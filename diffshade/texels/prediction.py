@@ -115,7 +115,7 @@ def view_slices(problem: TexelProblem, weight: Float[Array, "views _ texels"] | 
 
 
 class Features(NamedTuple):
-    """The fields of one view of which its prediction and the derivatives of its prediction are sums."""
+    """The fields of one view; its prediction and the derivatives of its prediction are weighted sums of them."""
 
     columns: list[Array]
     """a, u and v, those whose coefficients are fitted."""

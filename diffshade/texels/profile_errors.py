@@ -39,7 +39,7 @@ MAX_RELATIVE_K_S = 10.0  # largest change of k_s that counts, relative to the br
 def profile_errors(
     minimum: Minimum, other: Minimum | None, block: TexelBlock, values: Numbers, errors: Numbers
 ) -> dict[str, Array]:
-    """Return the errors, enlarged to hold along the valley of each texel and at the `other` minimum, if there is one."""
+    """Return the errors, enlarged to hold along the valley of each texel and, if given, at its `other` minimum."""
     limit = MAX_RELATIVE_K_S * block.brightest[None]
     ways = _ways(minimum)
     step, fixed = (jnp.stack([jnp.stack(way) for way in each]) for each in zip(*ways, strict=True))

@@ -23,7 +23,7 @@ from .prediction import KnownCoefficients, TexelProblem
 from .status import HIGHLIGHT_F
 
 MAX_PASSES = 12
-CONVERGED = 1e-3  # step of log n_s below which it has converged: weights and which texels count change it by no less
+CONVERGED = 1e-3  # largest step of log n_s at convergence; smaller steps only follow changes of the weights
 
 
 @partial(jax.jit, static_argnames="options")

@@ -225,7 +225,7 @@ class TexelRun:
             change = np.abs(x - before)
             if (change <= CONVERGED).all():
                 break
-        return Exponents(x, np.maximum(error, change))  # one that still changes is not known better than that
+        return Exponents(x, np.maximum(error, change))  # an exponent that still changes has at least that error
 
     def _sums_of_regions(
         self, name: str, rows: int, program: Callable[[TexelBlock], np.ndarray], exponents: Exponents

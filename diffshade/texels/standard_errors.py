@@ -22,7 +22,7 @@ MAX_RELATIVE_ERROR = 0.3  # of the largest coefficient of a channel; only larger
 
 
 class NamedNumbers(NamedTuple):
-    """The numbers of a block of texels by name, their standard errors, and whether they can be told apart."""
+    """The numbers of a block of texels by name, their standard errors, and whether they can be separated."""
 
     values: dict[str, Float[Array, "_ texels"]]
     errors: dict[str, Float[Array, "_ texels"]]

@@ -67,7 +67,7 @@ class ViewReader:
         self.repeated = repeats(scene, views)
 
     def rows_of(self, memory: int) -> int:
-        """Return how many rows a band may have so that its photographs, as read and as laid out, fit in `memory` bytes."""
+        """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
         images = (v.image for v in self.views)
         row = sum(2 * image.shape[1] * image.shape[2] * np.dtype(image.dtype).itemsize for image in images)
         geometry = 2 * 8 * 9 * self.shape[1]
