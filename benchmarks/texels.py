@@ -27,11 +27,12 @@ from timing import conditions, medians, take_turns
 
 import diffshade as ds
 from diffshade.parallel.threads import on_all_cores
-from diffshade.texels.estimates import Choices, estimate
-from diffshade.texels.fitting import QUICK
-from diffshade.texels.lighting import rig_of
-from diffshade.texels.normal_equations import Known
-from diffshade.texels.tiles import BLOCK, Source
+from diffshade.texels.blocks import FitOptions
+from diffshade.texels.estimates import estimate
+from diffshade.texels.lighting import lighting_setup
+from diffshade.texels.prediction import KnownCoefficients
+from diffshade.texels.run import FIRST_STEPS
+from diffshade.texels.tiles import BLOCK, ViewReader
 
 SCIPY, OPTIMISTIX, NUMBA = "SciPy least_squares, lm, a loop", "optimistix LM, vmapped", "numba LM, all cores"
 PROGRAM, CALL = "diffshade, angles to numbers", "ds.fit_texels, images to maps"
@@ -187,13 +188,13 @@ def numba_loop(p: Problem, texels: int) -> Callable[[], Any] | None:
 
 def program(p: Problem) -> Callable[[], Any]:
     """The compiled program of `ds.fit_texels` on its blocks, laid out, on all cores."""
-    source = Source(p.scene, p.views)
+    source = ViewReader(p.scene, p.views)
     tile = source.read(0, source.shape[0], source.shape[0])
-    blocks = [source.lay_out(*cut) for _, cut in source.blocks(tile, np.zeros((2, len(tile.pixels))))]
+    blocks = [source.lay_out(piece) for piece in source.pieces(tile, np.zeros((2, len(tile.pixels))))]
     zero = np.zeros(p.y.shape[1])
-    known, setup = Known(zero, None, None, zero), rig_of(p.scene, p.views)
-    choices = Choices(("k_d", "k_s", "n_s"), "squares", True, False)
-    sigma, patience = np.asarray(1.0), np.asarray(QUICK)
+    known, setup = KnownCoefficients(zero, None, None, zero), lighting_setup(p.scene, p.views)
+    choices = FitOptions(("k_d", "k_s", "n_s"), "squares", True, False)
+    sigma, patience = np.asarray(1.0), np.asarray(FIRST_STEPS)
     return lambda: on_all_cores(lambda block: estimate(setup, known, block, sigma, patience, choices), blocks)
 
 

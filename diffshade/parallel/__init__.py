@@ -1,1 +1,1 @@
-"""Parallel: threads, devices of a mesh, and what a long run keeps on disk; knows nothing of fits."""
+"""Parallel: threads, devices of a mesh, and the files that a long run resumes from; independent of any fit."""

@@ -1,6 +1,6 @@
-"""Hosts: the devices of a caller's mesh, of one process or several, and the one sum over all of them.
+"""Devices: those of the caller's mesh, in one process or several, and the sum over all of them.
 
-JAX's own runtime joins the processes (`jax.distributed.initialize`, which the caller calls); here each takes its share.
+The caller joins the processes by `jax.distributed.initialize`; each process then works on its own lanes.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,22 +16,24 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from .checkpoints import Checkpoint, fingerprint
+from .checkpoints import Checkpoint
+from .run_folders import fingerprint
 
+T = TypeVar("T")
 LANE = "lane"
-FORMAT = 2  # of what a checkpoint keeps: one of another is that of another problem
+FORMAT = 2  # version of a checkpoint's contents; it enters the fingerprint
 
 
 class LostProcess(RuntimeError):
-    """A process of a fit on several was lost: the sum over all cannot be made.
+    """Another process of the fit was lost, so the sum over all processes cannot be computed.
 
-    The fit's checkpoint holds what was found. JAX's runtime ends the other processes too, by force, once it misses the
-    lost one: a program that wants to end with a status of its own does so at once, by `os._exit`.
+    The fit's checkpoint holds the results so far. JAX's runtime soon ends the remaining processes by force; a program
+    that needs an exit status of its own must end at once, by `os._exit`.
     """
 
 
 class DeviceGroup:
-    """The devices of a mesh, a lane each, in the mesh's order; this process feeds its own."""
+    """The devices of a mesh in its order, each one a lane; this process supplies the data of its own lanes."""
 
     def __init__(self, mesh: Mesh):
         devices = list(mesh.devices.flat)
@@ -48,12 +50,12 @@ class DeviceGroup:
         self.everywhere = Mesh(np.array(devices), (LANE,))
 
     def put(self, items: Sequence[Any]) -> Any:
-        """Return trees of NumPy arrays, one a lane of this process, each on its device, as one of a leading axis."""
+        """Put one tree of NumPy arrays on each device of this process; return them stacked along a leading axis."""
         sharding = NamedSharding(self.here, P(LANE))
         return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves), sharding), *items)
 
-    def total(self, items: Sequence[Any]) -> Any:
-        """Return the sum of trees of NumPy float64 arrays, one a lane of each process, in all: one `psum`."""
+    def total(self, items: Sequence[T]) -> T:
+        """Return the sum over all processes of trees of float64 arrays, given one tree a lane, by one `psum`."""
         vectors = [_ravel(item) for item in items]
         devices = self.here.devices.flat
         parts = [jax.device_put(v[None], device) for v, device in zip(vectors, devices, strict=True)]
@@ -65,24 +67,24 @@ class DeviceGroup:
             if not self.several:
                 raise
             raise LostProcess(
-                "a process of this fit was lost, so that no sum over all can be made. Start the same fit again: it "
-                "goes on from what is on disk."
+                "a process of this fit was lost, so the sum over all processes cannot be computed. Start the same fit "
+                "again: it resumes from the files on disk."
             ) from error
         return _unravel(everything, items[0])
 
     def from_first(self, value: np.ndarray) -> np.ndarray:
-        """Return the value that the process of the first lane has; all have one of the same shape."""
+        """Return the value of the process that has the first lane; the shapes of all processes agree."""
         mine = [value if lane == 0 else np.zeros_like(value) for lane in self.own]
         return self.total(mine)
 
     def gathered(self, value: np.ndarray) -> np.ndarray:
-        """Return the values of all processes, of one shape, on a leading axis of lanes; 0 where a lane has none."""
+        """Return the values of all processes, along a leading axis of lanes; 0 at a process's further lanes."""
         slots = np.zeros((self.count, *value.shape))
         slots[self.own[0]] = value
         return self.total([slots, *[np.zeros_like(slots)] * (len(self.own) - 1)])
 
     def text_from_first(self, text: bytes) -> bytes:
-        """Return the bytes that the process of the first lane has."""
+        """Return the bytes of the process that has the first lane."""
         length = int(self.from_first(np.array([float(len(text))]))[0])
         mine = np.frombuffer(text, np.uint8) if self.first else np.zeros(length, np.uint8)
         return self.from_first(mine.astype(np.float64)).astype(np.uint8).tobytes()
@@ -103,14 +105,14 @@ def _unravel(vector: np.ndarray, like: Any) -> Any:
 
 @functools.lru_cache
 def _sum(mesh: Mesh) -> Callable[[Any], Any]:
-    """Return the one collective."""
+    """Return the compiled sum over the lanes of a mesh."""
     add = jax.shard_map(lambda x: jax.lax.psum(x[0], LANE), mesh=mesh, in_specs=P(LANE), out_specs=P(), check_vma=False)
     return jax.jit(add)
 
 
 @functools.lru_cache
 def on_devices(program: Callable[..., Any], mesh: Mesh, options: Any = None) -> Callable[..., Any]:
-    """Return `program(shared, of_lane)` compiled to run on each device of this process's mesh, on its own `of_lane`."""
+    """Compile `program(shared, of_lane)` to run on every device of this process's mesh, each with its own `of_lane`."""
 
     def each(shared: Any, of_lane: Any) -> Any:
         return jax.tree.map(lambda x: x[None], program(shared, jax.tree.map(lambda x: x[0], of_lane)))
@@ -120,12 +122,12 @@ def on_devices(program: Callable[..., Any], mesh: Mesh, options: Any = None) -> 
 
 
 def zeros(shapes: Any) -> Any:
-    """Return zeros of the shapes of a tree."""
+    """Return a tree of zeros, shaped like the given tree."""
     return jax.tree.map(lambda shape: np.zeros(shape.shape, np.dtype(jnp.float64)), shapes)
 
 
 def open_checkpoint(folder: str | Path | None, device_group: DeviceGroup | None, *problem: Any) -> Checkpoint:
-    """Open the checkpoint of a problem; of several processes the first one does, and tells the others what is found."""
+    """Open the checkpoint of a problem; of several processes the first one opens it and sends its results to all."""
     known = fingerprint(FORMAT, *problem)
     if device_group is None or not device_group.several:
         return Checkpoint(folder, known)
@@ -136,8 +138,8 @@ def open_checkpoint(folder: str | Path | None, device_group: DeviceGroup | None,
             mine = Checkpoint(folder, known, parts=False)
         except (ValueError, OSError) as error:
             refused = error
-    told = device_group.text_from_first(b"" if refused else mine.to_bytes())
-    if refused or not told:
+    results = device_group.text_from_first(b"" if refused else mine.to_bytes())
+    if refused or not results:
         raise refused or ValueError("the first process refused the checkpoint. Read its message.")
-    mine.take(told)
+    mine.replace_from(results)
     return mine

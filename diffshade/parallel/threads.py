@@ -1,4 +1,4 @@
-"""Threads: compiled programs on every core of this process, in float64, with results in order."""
+"""Threads: run compiled programs on all cores of this process, in float64, and return results in order."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 
 from ..core.backend import in_float64
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -26,13 +27,13 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), thread_name_prefix="diffshade")
 
 
-def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
-    """Return work(item) for each item, in order, in float64, from as many threads as there are cores.
+def on_all_cores(work: Callable[[S], T], items: Iterable[S]) -> list[T]:
+    """Return work(item) for each item, in order, in float64, on one thread a core.
 
-    A scan runs on one core; a compiled program called from several threads runs on as many.
+    A scan runs on one core; a compiled program that is called from several threads runs on several cores.
     """
 
-    def worked(item: Any) -> T:
+    def worked(item: S) -> T:
         with in_float64():  # the context belongs to the thread
             return jax.block_until_ready(work(item))
 
@@ -40,13 +41,13 @@ def on_all_cores(work: Callable[[Any], T], items: Iterable[Any]) -> list[T]:
     return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
 
 
-def in_order(work: Callable[[Any], T], items: Iterable[Any], *, threads: int, ahead: int) -> Iterator[T]:
-    """Yield work(item) for each item, in order, in float64, from so many threads, at most `ahead` items early.
+def in_order(work: Callable[[S], T], items: Iterable[S], *, threads: int, ahead: int) -> Iterator[T]:
+    """Yield work(item) for each item, in order, in float64, computed on other threads up to `ahead` items early.
 
-    What is early waits, so that memory holds so many results and no more.
+    Memory holds at most `ahead` + 1 results.
     """
 
-    def worked(item: Any) -> T:
+    def worked(item: S) -> T:
         with in_float64():
             return work(item)
 

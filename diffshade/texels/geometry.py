@@ -1,140 +1,223 @@
-r"""Geometry: what the lights that reach a texel can tell of its normal, whatever they show.
+r"""Lighting geometry: how the light of each view reaches a block of texels, for free and for fixed normals.
 
-A matte surface shows k_d n.a under light that arrives as a = sum I f_rad f_ang l (Woodham 1980): it tells of b = k_d n
-what the scatter matrix of the lights that reach it does,
+A view shows in each channel, summed over its lights (E2-E6),
 
-$$ S = \sum w \, a a^T $$
+$$ m = base + k_a a + k_d u + k_s v, \quad a = t I_a, \quad u = \sum t I f_{rad} f_{ang} (n \cdot l)_+, \quad
+   v = \sum t I f_{rad} f_{ang} (\cos)_+^{n_s} $$
 
-over its observations. Where these lie in one plane, S has no third dimension: how far n leans out of that plane is not
-told from how light the surface is, and a highlight leaves at best n and one other normal (of Phong's lobe v.r stays the
-same where n turns to the other side of a plane through v). So a normal is believed only where S has three dimensions.
+with the exposure t. All but n and n_s is computed once for a block.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar, final
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..core.fields import Array
+from ..inverse.forward.features import DARK
+from ..model.materials import AbstractLobe
 from ..model.vectors import Vec3, dot
-from .lighting import LightingGeometry, LightingSetup, sights_of
-
-# Sines of the angle to the plane nearest to all lights, root mean square.
-FLAT = 0.02  # up to which they count as in it: about a degree, which is how well directions of lamps are known
-NARROW = 0.15  # up to which they come from so near each other that a highlight and a tilt look alike
-
-Scatter = Sequence[Sequence[Float[Array, " texels"]]]
+from .light_directions import out_of_plane, scatter
+from .lighting import LightingSetup
+from .photometric_stereo import photometric_stereo
 
 
-def scatter(
-    setup: LightingSetup, lighting: LightingGeometry, weight: Array, n: Vec3 | None, *, ambient: bool
-) -> Scatter:
-    """Return S of each texel, of the lights that n faces, or of all where it is not known.
+class UnitShading(eqx.Module):
+    """u and v of one view: its shading for k_d = 1 and for k_s = 1, and their derivatives."""
 
-    `weight`: of each observation, (views, _, texels). `ambient`: whether k_a is free, which takes what is the same in
-    all views.
+    u: Float[Array, "lamps texels"]
+    v: Float[Array, "lamps texels"]
+    by_tilt: tuple[tuple[Float[Array, "lamps texels"], Float[Array, "lamps texels"]], ...]
+    """(du, dv) by each tilt of the normal; empty for fixed normals."""
+    v_by_x: Float[Array, "lamps texels"]
+    """dv/dx, x = log n_s."""
+
+
+class FreeNormalView(NamedTuple):
+    """One view as `FreeNormalGeometry.shading` needs it: directions to the lights, and their intensities."""
+
+    l: Vec3
+    strength: Float[Array, "*views lamps emitters _"]
+
+
+class FixedNormalView(NamedTuple):
+    """One view as `FixedNormalGeometry.shading` needs it: u, the log of the highlight's base, and the intensities."""
+
+    u: Float[Array, "*views lamps texels"]
+    log_base: Float[Array, "*views emitters texels"]
+    strength: Float[Array, "*views lamps emitters _"]
+
+
+OneView = TypeVar("OneView", FreeNormalView, FixedNormalView)
+
+
+class AbstractLightingGeometry(eqx.Module, Generic[OneView]):
+    """How the light of each view reaches a block of texels, and what follows from whether their normals are fitted.
+
+    The axis `lamps` is one of channels, of length 1 where all light is grey.
     """
-    pairs = [(i, j) for i in range(4) for j in range(i + 1)]
 
-    def add(total: list[Array], view: Any) -> tuple[list[Array], None]:
-        (l, strength), exposure, w = view
-        s = strength.mean(0)
-        if n is not None:
-            s = jnp.where(dot(jax.tree.map(lambda c: c[None], n), l) > 0.0, s, 0.0)
-        a = [*(jnp.sum(s * c, 0) for c in (l.x, l.y, l.z)), exposure]
-        w = w.mean(0)
-        return [t + w * a[i] * a[j] for t, (i, j) in zip(total, pairs, strict=True)], None
+    @property
+    @abstractmethod
+    def fits_normal(self) -> bool:
+        """Whether the normals are unknowns."""
 
-    zero = jnp.zeros(weight.shape[2])
-    lower, _ = jax.lax.scan(add, [zero] * len(pairs), (lighting.views, setup.exposure, weight))
-    S = [[lower[pairs.index((max(i, j), min(i, j)))] for j in range(4)] for i in range(4)]
-    if ambient:
-        shared = jnp.where(S[3][3] > 0.0, S[3][3], 1.0)
-        S = [[S[i][j] - S[i][3] * S[3][j] / shared for j in range(3)] for i in range(3)]
-    return [row[:3] for row in S[:3]]
+    @property
+    @abstractmethod
+    def views(self) -> OneView:
+        """All views along a leading axis, for a scan."""
 
+    @abstractmethod
+    def shading(self, view: OneView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
+        """Return u and v of one view, with derivatives along the tangents of n and by x = log n_s."""
 
-def out_of_plane(S: Scatter) -> Float[Array, " texels"]:
-    """Return the root mean square sine of the angle between the lights and the plane nearest to them.
+    @abstractmethod
+    def first_normals(self, n: Vec3, shown: Float[Array, "views texels"], counts: Bool[Array, "views texels"]) -> Vec3:
+        """Return the normals where a fit starts.
 
-    The root of the smallest eigenvalue over the trace, in closed form (Smith 1961).
-    """
-    trace = S[0][0] + S[1][1] + S[2][2]
-    safe = jnp.where(trace > 0.0, trace, 1.0)
-    A = [[S[i][j] / safe - (1.0 / 3.0) * (i == j) for j in range(3)] for i in range(3)]
-    p = jnp.sqrt(sum((A[i][j] ** 2 for i in range(3) for j in range(3)), jnp.zeros_like(trace)) / 6.0)
-    B = [[a / jnp.where(p > 0.0, p, 1.0) for a in row] for row in A]
-    determinant = (
-        B[0][0] * (B[1][1] * B[2][2] - B[1][2] * B[2][1])
-        - B[0][1] * (B[1][0] * B[2][2] - B[1][2] * B[2][0])
-        + B[0][2] * (B[1][0] * B[2][1] - B[1][1] * B[2][0])
-    )
-    turn = jnp.arccos(jnp.clip(0.5 * determinant, -1.0, 1.0)) / 3.0
-    smallest = 1.0 / 3.0 + 2.0 * p * jnp.cos(turn + 2.0 * jnp.pi / 3.0)
-    return jnp.where(trace > 0.0, jnp.sqrt(jnp.maximum(smallest, 0.0)), 0.0)
+        Args:
+            n: The normals of the scene's surface.
+            shown: The mean over the channels of each observation, without black, ambient light and emission.
+            counts: Which observations count.
+        """
+
+    @abstractmethod
+    def out_of_plane(
+        self, setup: LightingSetup, weight: Float[Array, "views _ texels"], n: Vec3, *, ambient: bool
+    ) -> Float[Array, " texels"]:
+        """Return the sine by which the lights that reach each texel leave one plane; 1 for fixed normals."""
 
 
-@partial(jax.jit, static_argnames="ambient")
-def scatter_of_block(setup: LightingSetup, block: Any, ambient: bool) -> Float[Array, "3 3 texels"]:
-    """Return S of each texel of a block, of all the lights of the views in which it counts."""
-    lighting = sights_of(setup, block.p, block.v)
-    weight = jnp.where(block.seen.counts[:, None], 1.0, 0.0)
-    return jnp.asarray(scatter(setup, lighting, weight, None, ambient=ambient))
+@final
+class FreeNormalGeometry(AbstractLightingGeometry[FreeNormalView]):
+    """Texels whose normals are fitted: directions and intensities of the light, exposure included."""
+
+    l: Vec3
+    """Components (views, emitters, texels or 1)."""
+    strength: Float[Array, "views lamps emitters _"]
+    v: Vec3
+    """Components (1, texels or 1)."""
+    lobe: AbstractLobe
+
+    @property
+    def fits_normal(self) -> bool:
+        return True
+
+    @property
+    def views(self) -> FreeNormalView:
+        return FreeNormalView(self.l, self.strength)
+
+    def shading(self, view: FreeNormalView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
+        l, strength = view
+
+        def at(n: Vec3) -> tuple[Array, ...]:
+            n_l, log_base = _angles(n, l, self.v, self.lobe)
+            exponent = jnp.exp(x)[None] * log_base
+            power = jnp.exp(exponent)
+            return tuple(jnp.sum(strength * row[None], 1) for row in (n_l, power, exponent * power))
+
+        (u, v, v_by_x), derivative = jax.linearize(at, n)
+        by_tilt = []
+        for tangent in tangents:
+            du, dv, _ = derivative(tangent)
+            by_tilt.append((du, dv))
+        return UnitShading(u, v, tuple(by_tilt), v_by_x)
+
+    def first_normals(self, n: Vec3, shown: Array, counts: Array) -> Vec3:
+        return photometric_stereo(self.l, self.strength, self.v, shown, counts)
+
+    def out_of_plane(self, setup: LightingSetup, weight: Array, n: Vec3, *, ambient: bool) -> Array:
+        return out_of_plane(scatter(self.l, self.strength, setup.exposure, weight, n, ambient=ambient))
+
+    def with_normals(self, n: Vec3) -> FixedNormalGeometry:
+        """Return the geometry for normals that stay as they are."""
+
+        def of_view(view: FreeNormalView) -> tuple[Array, Array]:
+            l, strength = view
+            n_l, log_base = _angles(n, l, self.v, self.lobe)
+            return jnp.sum(strength * n_l[None], 1), log_base
+
+        u, log_base = jax.lax.map(of_view, self.views)
+        return FixedNormalGeometry(u, log_base, self.strength)
 
 
-class Plane(NamedTuple):
-    """How the lights lie about some texels."""
+@final
+class FixedNormalGeometry(AbstractLightingGeometry[FixedNormalView]):
+    """Texels whose normals are known: u is known too, and v up to n_s."""
 
-    share: float
-    """Of the texels with lights in one plane."""
-    off: float
-    """Their root mean square angle out of it, in degrees."""
-    line: bool
-    """Whether they all lie in one direction."""
-    normal: Float[np.ndarray, "3"]
-    """Of the plane; towards +z."""
-    narrow: bool
-    """Whether the lights of most other texels come from near each other, or near one plane."""
+    u: Float[Array, "views lamps texels"]
+    log_base: Float[Array, "views emitters texels"]
+    strength: Float[Array, "views lamps emitters _"]
 
+    @property
+    def fits_normal(self) -> bool:
+        return False
 
-def plane_of(S: Float[np.ndarray, "3 3 n"]) -> Plane:
-    """Say how the lights lie, from S of some texels."""
-    S = np.moveaxis(S, -1, 0)
-    trace = np.trace(S, axis1=1, axis2=2)
-    S = S[trace > 0.0] / trace[trace > 0.0, None, None]
-    values, vectors = np.linalg.eigh(S)
-    sine = np.sqrt(np.maximum(values, 0.0))
-    flat = sine[:, 0] < FLAT
-    narrow = not flat.all() and bool(np.median(sine[~flat, 0]) < NARROW)
-    if not flat.any():
-        return Plane(0.0, 0.0, False, np.zeros(3), narrow)
-    off = float(np.rad2deg(np.arcsin(np.sqrt(np.mean(sine[flat, 0] ** 2)))))
-    across = vectors[flat, :, 0]
-    normal = np.linalg.eigh(across.T @ across)[1][:, -1]  # whichever sign each has
-    normal = normal if normal[2] >= 0.0 else -normal
-    return Plane(float(flat.mean()), off, bool(np.median(sine[flat, 1]) < FLAT), normal, narrow)
+    @property
+    def views(self) -> FixedNormalView:
+        return FixedNormalView(self.u, self.log_base, self.strength)
+
+    def shading(self, view: FixedNormalView, n: Vec3, tangents: Sequence[Vec3], x: Array) -> UnitShading:
+        u, log_base, strength = view
+        exponent = jnp.exp(x)[None] * log_base
+        power = jnp.exp(exponent)
+        v, v_by_x = (jnp.sum(strength * row[None], 1) for row in (power, exponent * power))
+        return UnitShading(u, v, (), v_by_x)
+
+    def first_normals(self, n: Vec3, shown: Array, counts: Array) -> Vec3:
+        return n
+
+    def out_of_plane(self, setup: LightingSetup, weight: Array, n: Vec3, *, ambient: bool) -> Array:
+        return jnp.ones(n.x.shape)
 
 
-def note_of(plane: Plane) -> str | None:
-    """Say what the lights cannot tell of normals, with the remedy, or nothing."""
-    if plane.share == 0.0:
-        return None
-    of = "the texels" if plane.share > 0.995 else f"{plane.share:.0%} of the texels"
-    x, y, z = plane.normal
-    if plane.line:
-        return (
-            f"the lights of {of} all lie in one direction: these photographs do not tell their normals, nor k_d apart "
-            "from them, and none is called determined. Add photographs under at least two lights at other sides, not "
-            "in one plane with this one, or give the normals."
-        )
-    return (
-        f"the lights of {of} lie in one plane with them ({plane.off:.2g} degrees off it in the mean): how far a normal "
-        "leans out of that plane, and k_d with it, these photographs do not tell, and none is called determined. Add "
-        f"photographs under lights out of the plane, such as towards ({x:.2g}, {y:.2g}, {z:.2g}), or give the normals."
-    )
+def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractLobe) -> tuple[Array, Array]:
+    """Return (n.l)_+ and the logarithm of the highlight's base, DARK where there is no highlight."""
+    n = jax.tree.map(lambda c: c[None], n)
+    n_l, cosine = dot(n, l), lobe.cosine(n, l, v)
+    lit = n_l > 0
+    shines = lit & (cosine > 0)
+    return jnp.where(lit, n_l, 0.0), jnp.where(shines, jnp.log(jnp.where(shines, cosine, 1.0)), DARK)
+
+
+def lighting_geometry(setup: LightingSetup, p: Vec3 | None, v: Vec3) -> FreeNormalGeometry:
+    """Return the geometry of texels at the points p, seen from the direction v."""
+
+    def of_view(view: tuple[tuple[tuple[Array, Array], ...], Array]) -> tuple[Vec3, Array]:
+        lit, exposure = view
+        directions, strengths = [], []
+        for stack, (index, on) in zip(setup.stacks, lit, strict=True):
+            lights = jax.tree.map(lambda leaf, index=index: leaf[index], stack)
+            l, intensity = jax.vmap(lambda light: light.arriving(p))(lights)
+            directions.append(jax.tree.map(_as_rows, l))
+            strengths.append(_lamps(setup, jax.tree.map(_as_rows, intensity)) * (exposure * on)[None, :, None])
+        if not directions:
+            none = jnp.zeros((0, 1))
+            return Vec3(none, none, none), jnp.zeros((1, 0, 1))
+        width = max(d.x.shape[-1] for d in directions)
+        wide = max(s.shape[-1] for s in strengths)
+        l = jax.tree.map(lambda *cs: jnp.concatenate([jnp.broadcast_to(c, (len(c), width)) for c in cs]), *directions)
+        return l, jnp.concatenate([jnp.broadcast_to(s, (*s.shape[:2], wide)) for s in strengths], 1)
+
+    l, strength = jax.lax.map(of_view, (setup.lit, setup.exposure))
+    return FreeNormalGeometry(l, strength, jax.tree.map(lambda c: jnp.reshape(c, (1, -1)), v), setup.lobe)
+
+
+def _as_rows(component: Array) -> Array:
+    """Return one row an emitter, with one column where all texels share it."""
+    return jnp.reshape(component, (len(component), -1))
+
+
+def _lamps(setup: LightingSetup, intensity: Vec3) -> Array:
+    """Return the intensity in the channels that differ."""
+    if setup.grey_lights:
+        return intensity.x[None]
+    if setup.grey_images:
+        return (intensity.x + intensity.y + intensity.z)[None] / 3.0
+    return jnp.stack([intensity.x, intensity.y, intensity.z])

@@ -1,4 +1,4 @@
-"""Maps: what a fit of texels found, to look at, to shade with, and to write."""
+"""Maps: the result of a fit of texels, to look at, to shade with, and to write."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ..model.reflection import reflection
 from ..model.rendering import pixel_rays, select
 from ..model.scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
 from ..model.vectors import Vec3
-from .estimates import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
+from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
 SUFFIXES = (".npy", ".exr", ".png")
-MOST = 99.5  # percent of the texels that a PNG holds without clipping
+PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
     "k_d": "of the light that arrives",
@@ -36,25 +36,40 @@ UNITS = {
     "n_s": "none: an exponent",
     "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
 }
-SHOWN = 98.0  # percent of them that a preview does
+PREVIEW_PERCENT = 98.0  # and a preview
 
 
 @dataclass(frozen=True, eq=False)
 class TexelMaps:
-    """A map of each number of a material, from `fit_texels`; row 0 on top, float32.
+    """Maps of the numbers of a material, their standard errors, and a status for each texel, from `fit_texels`.
 
-    `values`: k_a, k_d, k_s (H, W, 3), (H, W, 1) of grey photographs; n_s (H, W, 1); normal (H, W, 3), unit. `errors`:
-    standard errors of the same shapes, that of the normal in degrees, (H, W, 1); infinite where nothing is known, 0
-    outside. They hold up to five of them, farther than the curvature at the minimum tells: where k_s, say, has no upper
-    end, its error is many times itself. `status`: an index into `TexelMaps.STATUS`: outside; determined; no highlight
-    seen, where errors allow for one too weak to be seen if the normal is free; not determined; shadowed, where no more
-    observations are lit and unclipped than there are numbers; failed, where the fit did not converge. A texel is not
-    determined where the views cannot tell its numbers apart; where its normal is free and the lights that reach it lie
-    in one plane, or k_d times the normal is known to no better than 20 %; where k_s, by the curvature at the minimum,
-    has an error over itself, or log n_s one over 0.5; and where much more is left than of most texels. Where k_s is
-    free, k_s and n_s are 0 with infinite errors wherever the status is not "determined". `residual`: root mean square
-    of the residuals, in the photographs' units, or those of their noise where that is known. `notes`: what the lights
-    cannot tell, said before the fit.
+    Row 0 is on top; all numbers are float32.
+
+    A texel has one of these statuses, the indices of `TexelMaps.STATUS`:
+
+    - outside: no view shows the object there.
+    - determined: everything that was free is known.
+    - no highlight seen: everything but the highlight is known. Where the normal is free, the errors allow for a
+      highlight too weak to be seen.
+    - not determined: the views cannot separate the texel's numbers; or its normal is free and the lights that reach it
+      lie in one plane, or k_d times the normal has an error over 20 %; or, by the curvature at the minimum, k_s has an
+      error over itself or log n_s one over 0.5; or its residuals are much larger than those of most texels.
+    - shadowed: a light reaches no more unclipped observations than there are numbers.
+    - failed: the fit did not converge.
+
+    Where k_s is free, k_s and n_s are 0 with infinite errors unless the status is "determined".
+
+    Attributes:
+        values: k_a, k_d and k_s with a channel for each of the photographs, n_s with one, the normal as a unit vector.
+        errors: Standard errors, that of the normal in degrees; infinite where nothing is known, 0 outside. They are
+            made to hold up to five of them, farther than the curvature at the minimum reaches: where k_s, say, has no
+            upper bound, its error is many times itself.
+        status: Index into `TexelMaps.STATUS`.
+        residual: Root mean square of the residuals, in the photographs' units, or in those of their noise where that
+            is known.
+        scene: The scene of the fit.
+        camera: The camera of the views.
+        notes: What the lights leave undetermined, as was reported before the fit.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -69,25 +84,41 @@ class TexelMaps:
 
     @property
     def determined(self) -> Bool[np.ndarray, "h w"]:
-        """Where everything that was free is known: the highlight too, where one was to be fitted."""
+        """Where everything that was free is known, including the highlight if one was to be fitted."""
         return self.status == DETERMINED
 
     @property
     def known(self) -> Bool[np.ndarray, "h w"]:
-        """Where everything is known but, where no highlight was seen, what makes one: k_d, k_a and the normal are."""
+        """Where k_a, k_d and the normal are known, whether or not a highlight was seen."""
         return (self.status == DETERMINED) | (self.status == NO_HIGHLIGHT)
 
     def trusted(self, name: str) -> Bool[np.ndarray, "h w"]:
-        """Return where a map's numbers are known: k_s and n_s where a highlight was seen."""
+        """Return where a map's numbers are known.
+
+        Args:
+            name: Name of a map; k_s and n_s are known only where a highlight was seen.
+
+        Returns:
+            `determined` for k_s and n_s, else `known`.
+        """
         return self.determined if name in ("k_s", "n_s") else self.known
 
     def shade(
         self, lights: Sequence[AbstractLight] | AbstractLight | None = None, *, lit: Sequence[int] | int | None = None
     ) -> Float[np.ndarray, "h w 3"]:
-        """Return the picture that the maps show under these lights, by default the scene's: linear radiance (E9).
+        r"""Render the maps under lights: linear radiance (E9).
 
-        `lit`: the indices of the lights that are on; all of them by default. 0 where no view shows the object. Raises
-        ValueError for a light that needs positions where the surface has none, and for an index that no light has.
+        $$ k_e + k_a I_a + \sum f_{rad} f_{ang} I (k_d (n \cdot l)_+ + k_s (\cos)_+^{n_s}) $$
+
+        Args:
+            lights: The lights; by default the scene's.
+            lit: Indices of the lights that are on; by default all.
+
+        Returns:
+            The image, 0 where no view shows the object.
+
+        Raises:
+            ValueError: A light needs positions and the surface has none, or an index belongs to no light.
         """
         scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, as_tuple(lights))
         scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
@@ -104,14 +135,24 @@ class TexelMaps:
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
 
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
-        """Write every map to a folder, each file whole or not at all; return their paths.
+        """Write every map to a folder, each file whole or not at all.
 
-        `suffix`: ".npy" and ".exr" hold the numbers as they are; ".png" is 16 bits, where normals are (n + 1)/2 and any
-        other map is divided by its `scale`, the larger of 1 and what 99.5 % of its known values stay below, which
-        `maps.toml` lists, and clipped. Beside them `NAME_error` and `residual`, but for PNGs; as PNGs of 8 bits
-        `NAME_preview`, bright enough to look at, and `status`, whose levels `maps.toml` names beside all units.
+        Each map is written with its error, `NAME_error`, and the residuals as `residual`, except as PNGs. Beside them
+        are PNGs of 8 bits: `NAME_preview`, bright enough to look at, and `status`. `maps.toml` names the levels of the
+        status, the units of all maps, and the scales of PNGs.
 
-        Raises ValueError for another suffix, and what writing a file raises.
+        Args:
+            folder: The folder; it is made if it does not exist.
+            suffix: ".npy" or ".exr" for the numbers as they are; ".png" for 16 bits, with normals as (n + 1)/2 and any
+                other map divided by its scale and clipped. The scale is the 99.5th percentile of the known values, or 1
+                if that is larger.
+
+        Returns:
+            The paths of the files.
+
+        Raises:
+            ValueError: The suffix is another one.
+            OSError: A file cannot be written.
         """
         if suffix not in SUFFIXES:
             raise ValueError(f"suffix must be one of {', '.join(SUFFIXES)}; got {suffix!r}. Give one of them.")
@@ -121,7 +162,7 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                scales[name] = 1.0 if name == "normal" else max(1.0, self._reach(name, MOST))
+                scales[name] = 1.0 if name == "normal" else max(1.0, self._percentile(name, PNG_PERCENT))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
@@ -138,7 +179,15 @@ class TexelMaps:
         return [*written, path, self.describe(folder, scales)]
 
     def describe(self, folder: Path, scales: Mapping[str, float] | None = None) -> Path:
-        """Write `maps.toml`, which says what the levels of `status` are, in which units all maps are, and the notes."""
+        """Write `maps.toml`: the levels of the status, the units of all maps, the notes, and the scales of PNGs.
+
+        Args:
+            folder: The folder, which exists.
+            scales: What each map of a PNG was divided by.
+
+        Returns:
+            The path of the file.
+        """
         import tomli_w
 
         units = {name: UNITS[name] for name in self.values}
@@ -156,21 +205,21 @@ class TexelMaps:
             temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
         return path
 
-    def _reach(self, name: str, percent: float) -> float:
-        """Return what so many percent of a map's known values stay below; 0 where none is known."""
+    def _percentile(self, name: str, percent: float) -> float:
+        """Return a percentile of a map's known values, 0 if none is known."""
         known = self.values[name][self.trusted(name)]
         return float(np.percentile(known, percent)) if known.size else 0.0
 
     def _put_preview(self, path: Path, name: str) -> Path:
-        """Write a map to look at: a normal as (n + 1)/2, any other with what most texels have as white, in sRGB."""
+        """Write a map to look at: a normal as (n + 1)/2, any other in sRGB with white at a high percentile."""
         value = self.values[name]
-        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._reach(name, SHOWN) or 1.0)
+        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._percentile(name, PREVIEW_PERCENT) or 1.0)
         shown = np.where((self.status != OUTSIDE)[..., None], shown, 0.0)
         write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
         return path
 
     def __str__(self) -> str:
-        """Return how many texels became what, and the median of each map and of its errors."""
+        """Return a table: the number of texels of each status, and percentiles of each map and its median error."""
         inside = int((self.status != OUTSIDE).sum())
         lines = [f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels"]
         for kind, name in enumerate(STATUS):
@@ -194,7 +243,7 @@ class TexelMaps:
 
 
 def _put(path: Path, numbers: np.ndarray, suffix: str) -> Path:
-    """Write a map's numbers as they are."""
+    """Write a map's numbers unchanged."""
     with replacing(path) as temporary:
         np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
     return path
@@ -202,7 +251,7 @@ def _put(path: Path, numbers: np.ndarray, suffix: str) -> Path:
 
 @jax.jit
 def _shade(scene: StackedScene, camera: AbstractCamera, maps: Mapping[str, Array], normal: Array | None) -> Array:
-    """Return the radiance of every pixel with coefficients and normals of its own."""
+    """Return the radiance of every pixel from its own coefficients and normal."""
     projection = camera.projection()
     item = scene.objects[0]
     hit = item.surface.intersect(pixel_rays(projection, camera.shape))

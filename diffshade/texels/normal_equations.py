@@ -1,210 +1,92 @@
-"""Passes over the views: the best coefficients of every texel, and what a step of n and n_s needs beside them.
+r"""Normal equations: the best coefficients of every texel at some n and n_s, and the equations of a Gauss-Newton step.
 
-Variable projection (Golub and Pereyra 1973, in Kaufman's form of 1975) at every texel at once. A scan over the views
-adds up a few arrays of one number a texel: memory does not grow with the views, and all a view needs stays in a cache.
+Variable projection (Golub and Pereyra 1973, in Kaufman's form of 1975) at all texels at once: the prediction is linear
+in the coefficients k, so these are solved for exactly, and a step of the other unknowns q (the tilts of the normal and
+x = log n_s) sees the cost at the best k. With the Jacobian's columns A = dm/dk and J = dm/dq,
+
+$$ G = A^T W A, \quad B = A^T W J, \quad P = J^T W J $$
+
+are sums over the views of products of features. A scan over the views adds up arrays of one number a texel: memory does
+not grow with the number of views, and what one view needs stays in a core's cache.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from ..core.fields import Array
 from ..inverse.forward.losses import LOSSES
 from ..model.vectors import Vec3
-from .coefficients import cholesky, forward, nonnegative
-from .lighting import FixedNormalGeometry, LightingGeometry, LightingSetup
+from .linear_systems import cholesky, forward, nonnegative
+from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, sample_variance, view_slices
 
-COEFFICIENTS = ("k_a", "k_d", "k_s")
-
-
-class Known(eqx.Module):
-    """The coefficients that are not fitted, one number a channel; None where one is."""
-
-    k_a: Float[Array, " channels"] | None
-    k_d: Float[Array, " channels"] | None
-    k_s: Float[Array, " channels"] | None
-    k_e: Float[Array, " channels"]
-
-    @property
-    def linear(self) -> tuple[str, ...]:
-        """The names of those that are fitted."""
-        return tuple(name for name in COEFFICIENTS if getattr(self, name) is None)
-
-    def without_highlight(self) -> Known:
-        """Return the same with k_s known, and 0."""
-        return dataclasses.replace(self, k_s=jnp.zeros_like(self.k_e))
+_Sums = tuple[list[Array], list[Array], Array]  # products, right, squares
+_Costs = tuple[Array, Array, Array]  # cost, squares, share
 
 
-class Photographs(eqx.Module):
-    """What the views show of a block of texels."""
-
-    target: Float[Array, "views channels texels"]
-    counts: Bool[Array, "views texels"]
-    """False where an observation does not count."""
-
-    @property
-    def observations(self) -> Float[Array, " texels"]:
-        """How many observations of each texel count."""
-        return jnp.sum(self.counts, 0, dtype=float)
-
-
-class Task(eqx.Module):
-    """What is to be fitted at every texel of a block."""
-
-    setup: LightingSetup
-    known: Known
-    lighting: LightingGeometry | FixedNormalGeometry
-    seen: Photographs
-    sigma: Float[Array, ""]
-    """Scale of the weighted residuals, for a robust loss."""
-    stage: Int[Array, ""]
-    """Which of the losses counts."""
-    losses: tuple[str, ...] = eqx.field(static=True)
-    """One after another: a convex one before one that is not."""
-    homoscedastic: bool = eqx.field(static=True)
-    """Whether the noise is the same at every level."""
-    fit_normal: bool = eqx.field(static=True)
-    """Whether the normals are fitted."""
-    fit_exponent: bool = eqx.field(static=True)
-    """Whether n_s is."""
-
-    @property
-    def reweighs(self) -> bool:
-        """Whether weights depend on the prediction."""
-        return self.losses != ("squares",) or not self.homoscedastic
-
-    @property
-    def samples(self) -> Float[Array, " texels"]:
-        """How many samples of each texel count."""
-        return self.seen.observations * self.seen.target.shape[1]
-
-    @property
-    def unknowns(self) -> int:
-        """How many numbers a texel has."""
-        return len(self.seen.target[0]) * len(self.known.linear) + 2 * self.fit_normal + self.fit_exponent
-
-
-class Found(eqx.Module):
-    """Every texel at some n and n_s: the best coefficients there, and what a Gauss-Newton step needs."""
+class NormalEquations(eqx.Module):
+    """Every texel at some n and x = log n_s: the best coefficients k there, the cost, and the normal equations."""
 
     n: Vec3
     x: Float[Array, " texels"]
-    """log n_s."""
     k: tuple[Float[Array, "channels texels"], ...]
-    """Those of `Known.linear`."""
+    """Those of `KnownCoefficients.fitted`."""
     cost: Float[Array, " texels"]
     """Half the sum over views of C sigma^2 rho(sum over the C channels of w r^2 / (C sigma^2))."""
     squares: Float[Array, " texels"]
-    """sum w r^2 with the weights of the loss."""
+    """Sum of w r^2 with the weights of the loss."""
     share: Float[Array, " texels"]
-    """Sum of the weights of the loss: how many observations it believes."""
-    gram: tuple[tuple[Float[Array, "_ texels"], ...], ...]
-    """G, of the coefficients, in each channel; B, of them with the rest; P, of the rest; and the slopes of the cost."""
-    mixed: tuple[tuple[Float[Array, "channels texels"], ...], ...]
-    rest: tuple[tuple[Float[Array, " texels"], ...], ...]
+    """Sum of the weights of the loss: how many observations it keeps."""
+    G: tuple[tuple[Float[Array, "_ texels"], ...], ...]
+    """A^T W A, of the coefficients, in each channel."""
+    B: tuple[tuple[Float[Array, "channels texels"], ...], ...]
+    """A^T W J, of the coefficients with the other unknowns."""
+    P: tuple[tuple[Float[Array, " texels"], ...], ...]
+    """J^T W J, of the other unknowns."""
     slope: tuple[Float[Array, " texels"], ...]
-    weight: Any
-    """The weights at this prediction, (views, _, texels); None where they never change."""
+    """Derivative of the cost by the other unknowns."""
+    weight: Float[Array, "views _ texels"] | None
+    """The weights at this prediction; None where they never change."""
 
 
-def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
-    """Return two unit vectors at right angles to n and to each other, with no jump but at n = -z (Duff et al. 2017)."""
+def tangents_of(n: Vec3) -> tuple[Vec3, Vec3]:
+    """Return two unit vectors orthogonal to n and to each other, continuous except at n = -z (Duff et al. 2017)."""
     sign = jnp.where(n.z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + n.z)
     b = n.x * n.y * a
     return Vec3(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3(b, sign + n.y * n.y * a, -n.y)
 
 
-class ViewSlice(NamedTuple):
-    """One view of a block of texels, as a scan comes upon it."""
-
-    sight: Any
-    exposure: Array
-    black: Array
-    noise: Any
-    target: Float[Array, "channels texels"]
-    counts: Bool[Array, " texels"]
-    weight: Float[Array, "_ texels"] | None
-
-
-def looks(task: Task, weight: Array | None) -> ViewSlice:
-    """Return what a scan over the views goes through."""
-    setup, seen = task.setup, task.seen
-    return ViewSlice(task.lighting.views, setup.exposure, setup.black, setup.noise, seen.target, seen.counts, weight)
-
-
-class Features(NamedTuple):
-    """The fields of one view that its prediction and its slopes are sums of, and what is known beside them."""
-
-    columns: list[Array]
-    """a, u and v, those whose coefficients are fitted."""
-    slopes: list[Array]
-    """Derivatives of u by the tangents, of v by them, and of v by log n_s: those that are fitted."""
-    base: Array
-
-    def predicted(self, k: Sequence[Array]) -> Array:
-        """Return what the view shows with these coefficients."""
-        return sum((c * column for c, column in zip(k, self.columns, strict=True)), self.base)
-
-
-def features(task: Task, view_slice: ViewSlice, n: Vec3, x: Array, basis: tuple[Vec3, ...]) -> Features:
-    """Return the features of one view."""
-    known = task.known
-    shading = task.lighting.shading(view_slice.sight, n, basis, x)
-    of = {"k_a": (view_slice.exposure * task.setup.ambient)[:, None], "k_d": shading.u, "k_s": shading.v}
-    base = (view_slice.exposure * known.k_e + view_slice.black)[:, None]
-    for name, column in of.items():
-        k = getattr(known, name)
-        if k is not None:
-            base = base + k[:, None] * column
-    turned, sharpened = shading.slopes[:-1], shading.slopes[-1]
-    slopes = [du for du, _ in turned] + [dv for _, dv in turned] + ([sharpened[1]] if task.fit_exponent else [])
-    return Features([of[name] for name in known.linear], slopes, base)
-
-
-def variance(task: Task, view_slice: ViewSlice, m: Array) -> Array:
-    """Return the variance of one view's samples at the level m, or 1 where it is not known."""
-    if view_slice.noise is None:
-        return jnp.ones((1, 1))
-    return view_slice.noise.variance(jnp.zeros((1, 1)) if task.homoscedastic else m)
-
-
-def first_weights(task: Task) -> Float[Array, "views _ texels"]:
-    """Return the weights before there is a prediction: 1/variance at the level of the photograph."""
-
-    def of_view(view_slice: ViewSlice) -> Array:
-        w = 1.0 / variance(task, view_slice, view_slice.target.astype(float))
-        return jnp.where(view_slice.counts[None], w, 0.0)
-
-    return jax.lax.map(of_view, looks(task, None))
-
-
 class Sums(NamedTuple):
-    """Weighted sums over the views of products of features, and of features and the photographs."""
+    """Weighted sums over the views of products of features, and of features and photographs."""
 
     products: list[list[Float[Array, "_ texels"]]]
     """Of all features, columns first: a symmetric matrix in each channel."""
     right: list[Float[Array, "channels texels"]]
+    """Of each feature and the photographs."""
     squares: Float[Array, " texels"]
+    """Of the photographs themselves."""
 
 
-def sums(task: Task, n: Vec3, x: Array, weight: Array, *, slopes: bool) -> Sums:
-    """Add up the products of the features, one view after another; `slopes` says whether those of the slopes too."""
-    size = len(task.known.linear) + (4 * task.fit_normal + task.fit_exponent if slopes else 0)
-    basis = tangents(n) if task.fit_normal and slopes else ()
+def sums(
+    problem: TexelProblem, n: Vec3, x: Array, weight: Float[Array, "views _ texels"], *, derivatives: bool
+) -> Sums:
+    """Add up the products of the features over the views, with or without those of the derivatives."""
+    linear = len(problem.known.fitted)
+    size = linear + (4 * problem.fit_normal + problem.fit_exponent if derivatives else 0)
+    tangents = tangents_of(n) if problem.fit_normal and derivatives else ()
     pairs = [(i, j) for i in range(size) for j in range(i + 1)]
 
-    def add(total: Any, view_slice: ViewSlice) -> tuple[Any, None]:
-        F = features(task, view_slice, n, x, basis)
-        rows = [*F.columns, *(F.slopes if slopes else ())]
-        r, w = view_slice.target.astype(x.dtype) - F.base, view_slice.weight
+    def add(total: _Sums, view: ViewSlice) -> tuple[_Sums, None]:
+        F = features(problem, view, n, x, tangents)
+        rows = [*F.columns, *(F.derivatives if derivatives else ())]
+        r, w = view.target.astype(x.dtype) - F.base, view.weight
         assert w is not None
         products, right, squares = total
         weighted = [w * row for row in rows]
@@ -212,121 +94,152 @@ def sums(task: Task, n: Vec3, x: Array, weight: Array, *, slopes: bool) -> Sums:
         right = [b + row * r for b, row in zip(right, weighted, strict=True)]
         return (products, right, squares + jnp.sum(w * r * r, 0)), None
 
-    channels = task.seen.target.shape[1]
-    alike = task.setup.grey_lights and task.homoscedastic
-    wide = {True: jnp.zeros((channels, *x.shape)), False: jnp.zeros((1 if alike else channels, *x.shape))}
-    ambient = [name == "k_a" for name in task.known.linear] + [False] * (size - len(task.known.linear))
-    start = ([wide[ambient[i] or ambient[j]] for i, j in pairs], [wide[True]] * size, jnp.zeros(x.shape))
-    (products, right, squares), _ = jax.lax.scan(add, start, looks(task, weight))
-    return Sums(_square(products, pairs, size), right, squares)
+    channels = problem.observed.channels
+    equal_channels = problem.setup.grey_lights and problem.homoscedastic
+    all_channels = jnp.zeros((channels, *x.shape))
+    of_features = jnp.zeros((1 if equal_channels else channels, *x.shape))
+    ambient = [name == "k_a" for name in problem.known.fitted] + [False] * (size - linear)
+    products: list[Array] = [all_channels if ambient[i] or ambient[j] else of_features for i, j in pairs]
+    right: list[Array] = [all_channels] * size
+    start = (products, right, jnp.zeros(x.shape))
+    (products, right, squares), _ = jax.lax.scan(add, start, view_slices(problem, weight))
+    return Sums(_symmetric(products, pairs, size), right, squares)
 
 
-def project(task: Task, n: Vec3, x: Array, weight: Array) -> Array:
-    """Return the cost of squares at the best coefficients."""
-    products, right, squares = sums(task, n, x, weight, slopes=False)
-    return 0.5 * (squares - jnp.sum(nonnegative(products, right)[1], 0))
-
-
-def evaluate(task: Task, n: Vec3, x: Array, weight: Array) -> Found:
-    """Find the best coefficients at n and x for these weights, and what a step needs."""
-    linear = task.known.linear
-    size = len(linear)
-    products, right, squares = sums(task, n, x, weight, slopes=True)
-    k, gain = nonnegative([row[:size] for row in products[:size]], right[:size])
-    of_name = dict(zip(linear, k, strict=True))
-    k_d, k_s = (_coefficient(of_name, task.known, name) for name in ("k_d", "k_s"))
-    # the derivative by each unknown as a sum of features: k_d du/dt + k_s dv/dt, and k_s dv/dlog n_s
-    terms = [[(k_d, size), (k_s, size + 2)], [(k_d, size + 1), (k_s, size + 3)]] if task.fit_normal else []
-    terms += [[(k_s, size + 4 * task.fit_normal)]] if task.fit_exponent else []
-
-    def with_terms(of: Callable[[int], Array], J: list[tuple[Array, int]]) -> Array:
-        return sum((c * of(f) for c, f in J), jnp.zeros((1, 1)))
-
-    mixed = [[with_terms(lambda f, row=row: row[f], J) for J in terms] for row in products[:size]]
-    rest = [
-        [jnp.sum(with_terms(lambda f, J=J: with_terms(lambda g: products[f][g], J), K), 0) for J in terms]
-        for K in terms
-    ]
-    slope = []
-    for j, J in enumerate(terms):
-        predicted = sum((c * row[j] for c, row in zip(k, mixed, strict=True)), jnp.zeros((1, 1)))
-        slope.append(jnp.sum(predicted - with_terms(lambda f: right[f], J), 0))
-    cost = 0.5 * (squares - jnp.sum(gain, 0))
-    gram = [row[:size] for row in products[:size]]
-    G, B, P = map(_tuples, (gram, mixed, rest))
-    found = Found(n, x, tuple(k), cost, 2.0 * cost, task.seen.observations, G, B, P, tuple(slope), None)
-    return reweigh(task, found) if task.reweighs else found
-
-
-def _coefficient(found: dict[str, Array], known: Known, name: str) -> Array:
-    """Return a coefficient that was found or was known."""
-    return found[name] if name in found else getattr(known, name)[:, None]
-
-
-def reweigh(task: Task, found: Found) -> Found:
-    """Return what was found with the cost of its residuals, and the weights that they leave each observation."""
-
-    def add(total: Any, view_slice: ViewSlice) -> tuple[Any, Array]:
-        F = features(task, view_slice, found.n, found.x, ())
-        m = F.predicted(found.k)
-        precise = jnp.where(view_slice.counts[None], 1.0 / variance(task, view_slice, m), 0.0)
-        r2 = jnp.sum(precise * (m - view_slice.target.astype(found.x.dtype)) ** 2, 0)
-        scale = len(view_slice.target) * task.sigma**2  # of an observation: all its channels have one say
-        rho, believed = jax.lax.switch(task.stage, [_loss(name) for name in task.losses], r2 / scale)
-        cost, squares, share = total
-        cost = cost + 0.5 * scale * rho
-        return (cost, squares + believed * r2, share + jnp.where(view_slice.counts, believed, 0.0)), precise * believed[
-            None
-        ]
-
-    zero = jnp.zeros(found.x.shape)
-    of, weight = jax.lax.scan(add, (zero, zero, zero), looks(task, None))
-    return eqx.tree_at(
-        lambda f: (f.cost, f.squares, f.share, f.weight), found, (*of, weight), is_leaf=lambda leaf: leaf is None
-    )
-
-
-def _loss(name: str) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function of s = (r/sigma)^2: rho, and the weight rho' of the residual."""
-    return lambda s: (LOSSES[name].value(s), LOSSES[name].slope(s))
-
-
-def _square(lower: list[Array], pairs: list[tuple[int, int]], size: int) -> list[list[Array]]:
+def _symmetric(lower: list[Array], pairs: list[tuple[int, int]], size: int) -> list[list[Array]]:
     """Return a symmetric matrix from its lower half."""
     return [[lower[pairs.index((max(i, j), min(i, j)))] for j in range(size)] for i in range(size)]
 
 
-def _tuples(rows: Any) -> tuple[tuple[Any, ...], ...]:
-    return tuple(map(tuple, rows))
+def cost_at(problem: TexelProblem, n: Vec3, x: Array, weight: Float[Array, "views _ texels"]) -> Array:
+    """Return the cost of squares at the best coefficients."""
+    of_views = sums(problem, n, x, weight, derivatives=False)
+    return 0.5 * (of_views.squares - jnp.sum(nonnegative(of_views.products, of_views.right)[1], 0))
 
 
-class Reduced(NamedTuple):
-    """What is known of n and log n_s once the coefficients are eliminated, and what eliminated them."""
-
-    rest: list[list[Array]]
-    """P - B^T G^-1 B."""
-    factor: list[list[Array]]
-    """L of G = L L^T, in each channel."""
-    mixed: list[list[Array]]
-    """L^-1 B: for each of the rest one number a coefficient."""
+Terms = list[tuple[Array, int]]  # a derivative of the prediction, as a sum of coefficients times features
 
 
-def reduced(found: Found, *, held: bool) -> Reduced:
-    """Eliminate the coefficients; `held` takes those that are 0 for known."""
-    size, count = len(found.k), len(found.rest)
+def combined(terms: Terms, of_feature: Sequence[Array]) -> Array:
+    """Return the sum of c times what belongs to feature f, over the terms (c, f) of a derivative."""
+    return sum((c * of_feature[f] for c, f in terms), jnp.zeros((1, 1)))
+
+
+def combined_twice(first: Terms, second: Terms, products: Sequence[Sequence[Array]]) -> Array:
+    """Return the product of two derivatives from the products of their features."""
+    return sum((c * combined(second, products[f]) for c, f in first), jnp.zeros((1, 1)))
+
+
+def derivatives_of_prediction(problem: TexelProblem, k: Sequence[Array]) -> list[Terms]:
+    """Return J, so far as it is fitted: dm/da = k_d du/da + k_s dv/da, the same by b, and dm/dx = k_s dv/dx."""
+    fitted = dict(zip(problem.known.fitted, k, strict=True))
+    k_d, k_s = (_coefficient(fitted, problem.known, name) for name in ("k_d", "k_s"))
+    first = len(k)  # features begin with one column for each fitted coefficient
+    J: list[Terms] = []
+    if problem.fit_normal:
+        du_da, du_db, dv_da, dv_db = range(first, first + 4)
+        J += [[(k_d, du_da), (k_s, dv_da)], [(k_d, du_db), (k_s, dv_db)]]
+    if problem.fit_exponent:
+        dv_dx = first + 4 * problem.fit_normal
+        J += [[(k_s, dv_dx)]]
+    return J
+
+
+def _coefficient(fitted: dict[str, Array], known: KnownCoefficients, name: str) -> Array:
+    """Return a coefficient, fitted or known."""
+    return fitted[name] if name in fitted else getattr(known, name)[:, None]
+
+
+def evaluate(problem: TexelProblem, n: Vec3, x: Array, weight: Float[Array, "views _ texels"]) -> NormalEquations:
+    """Find the best coefficients at n and x for these weights, and the normal equations there."""
+    size = len(problem.known.fitted)
+    products, right, squares = sums(problem, n, x, weight, derivatives=True)
+    G = [row[:size] for row in products[:size]]
+    k, gain = nonnegative(G, right[:size])
+    J = derivatives_of_prediction(problem, k)
+    B = [[combined(of_q, row) for of_q in J] for row in products[:size]]
+    P = [[jnp.sum(combined_twice(of_p, of_q, products), 0) for of_q in J] for of_p in J]
+    slope = []
+    for j, of_q in enumerate(J):
+        predicted = sum((c * row[j] for c, row in zip(k, B, strict=True)), jnp.zeros((1, 1)))
+        slope.append(jnp.sum(predicted - combined(of_q, right), 0))
+    cost = 0.5 * (squares - jnp.sum(gain, 0))
+    found = NormalEquations(
+        n,
+        x,
+        tuple(k),
+        cost,
+        2.0 * cost,
+        problem.observed.number,
+        tuple(map(tuple, G)),
+        tuple(map(tuple, B)),
+        tuple(map(tuple, P)),
+        tuple(slope),
+        None,
+    )
+    return reweight(problem, found) if problem.reweights else found
+
+
+def reweight(problem: TexelProblem, found: NormalEquations) -> NormalEquations:
+    """Return the normal equations with the cost of their residuals, and with the weights for the next step."""
+
+    def add(total: _Costs, view: ViewSlice) -> tuple[_Costs, Array]:
+        m = features(problem, view, found.n, found.x, ()).predicted(found.k)
+        precision = jnp.where(view.counts[None], 1.0 / sample_variance(problem, view, m), 0.0)
+        r2 = jnp.sum(precision * (m - view.target.astype(found.x.dtype)) ** 2, 0)
+        scale = len(view.target) * problem.sigma**2  # the channels of an observation are weighted together
+        rho, kept = jax.lax.switch(problem.stage, [_loss(name) for name in problem.losses], r2 / scale)
+        cost, squares, share = total
+        cost, squares = cost + 0.5 * scale * rho, squares + kept * r2
+        return (cost, squares, share + jnp.where(view.counts, kept, 0.0)), precision * kept[None]
+
+    zero = jnp.zeros(found.x.shape)
+    (cost, squares, share), weight = jax.lax.scan(add, (zero, zero, zero), view_slices(problem, None))
+    return eqx.tree_at(
+        lambda f: (f.cost, f.squares, f.share, f.weight),
+        found,
+        (cost, squares, share, weight),
+        is_leaf=lambda leaf: leaf is None,
+    )
+
+
+def _loss(name: str) -> Callable[[Array], tuple[Array, Array]]:
+    """Return a function of s = (r/sigma)^2 that gives rho(s) and rho'(s), the weight of the residual."""
+
+    def value_and_weight(s: Array) -> tuple[Array, Array]:
+        return LOSSES[name].value(s), LOSSES[name].slope(s)
+
+    return value_and_weight
+
+
+class ReducedSystem(NamedTuple):
+    """The normal equations of n and x once the coefficients are eliminated."""
+
+    S: list[list[Array]]
+    """The Schur complement P - B^T G^-1 B."""
+    L: list[list[Array]]
+    """The Cholesky factor of G, in each channel."""
+    Z: list[list[Array]]
+    """L^-1 B, one row for each of the other unknowns."""
+
+
+def eliminate_coefficients(found: NormalEquations, *, hold_zeros: bool) -> ReducedSystem:
+    """Eliminate the coefficients; `hold_zeros` treats those that are 0 as known."""
+    size, count = len(found.k), len(found.P)
     free = [k > 0.0 for k in found.k]
 
-    def kept(i: int, j: int) -> Array:
-        value = found.gram[i][j]
-        return jnp.where(free[i] & free[j], value, 1.0 * (i == j)) if held else value
+    def element(i: int, j: int) -> Array:
+        return jnp.where(free[i] & free[j], found.G[i][j], 1.0 * (i == j)) if hold_zeros else found.G[i][j]
 
-    L = cholesky([[kept(i, j) for j in range(size)] for i in range(size)])
-    z = []
+    L = cholesky([[element(i, j) for j in range(size)] for i in range(size)])
+    Z = []
     for j in range(count):
-        column = [found.mixed[i][j] for i in range(size)]
-        z.append(forward(L, [jnp.where(f, b, 0.0) for f, b in zip(free, column, strict=True)] if held else column))
+        column = [found.B[i][j] for i in range(size)]
+        if hold_zeros:
+            column = [jnp.where(f, b, 0.0) for f, b in zip(free, column, strict=True)]
+        Z.append(forward(L, column))
 
-    def left(i: int, j: int) -> Array:
-        return found.rest[i][j] - sum((jnp.sum(a * b, 0) for a, b in zip(z[i], z[j], strict=True)), 0.0)
+    def schur(i: int, j: int) -> Array:
+        return found.P[i][j] - sum((jnp.sum(a * b, 0) for a, b in zip(Z[i], Z[j], strict=True)), 0.0)
 
-    return Reduced([[left(i, j) for j in range(count)] for i in range(count)], L, z)
+    return ReducedSystem([[schur(i, j) for j in range(count)] for i in range(count)], L, Z)

@@ -1,9 +1,9 @@
-"""Tiles: bands of rows of the views, read one after another, and the texels in them that count."""
+"""Tiles: bands of rows of the views, read one after another, and the texels in them to be fitted."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,26 +20,39 @@ from ..model.gbuffers import GBuffer, as_mask
 from ..model.scenes import Scene
 from ..model.surfaces import AbstractSurface
 from ..model.vectors import Vec3
-from .estimates import Block
-from .normal_equations import Photographs
+from .blocks import TexelBlock
+from .prediction import Observations
 
-SAMPLED_ROWS = 64
-BLOCK = 4096  # texels at most in one call of a compiled program; what a view needs of them stays in a core's cache
+SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
+BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
+SMALLEST_BLOCK = 64
 
 
-class Tile(eqx.Module):
-    """The texels of a band of rows that count, and what the views show of them."""
+class TexelTile(eqx.Module):
+    """The texels of a band of rows that are to be fitted, and what the views show of them."""
 
     pixels: Int[np.ndarray, " n"]
-    """Where they are in the flattened image."""
+    """Their indices in the flattened image."""
     normal: Float[np.ndarray, "n 3"]
     position: Float[np.ndarray, "n 3"] | None
     target: Float[np.ndarray, "views channels n"]
     counts: Bool[np.ndarray, "views n"]
 
 
-class Source:
-    """The views of one camera, to be read band by band."""
+class Piece(NamedTuple):
+    """Some texels of a tile that make one block."""
+
+    tile: TexelTile
+    part: Int[np.ndarray, " m"]
+    """Their indices in the tile."""
+    size: int
+    """Texels of the block, padding included."""
+    log_n_s: Float[np.ndarray, "2 n"]
+    """log n_s of all texels of the tile where it is not fitted, and its standard error."""
+
+
+class ViewReader:
+    """The views of one camera, read band by band."""
 
     def __init__(self, scene: Scene, views: Sequence[View]):
         self.scene, self.views = scene, views
@@ -51,19 +64,25 @@ class Source:
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
-        self.again = repeats(scene, views)
+        self.repeated = repeats(scene, views)
 
     def rows_of(self, memory: int) -> int:
-        """Return how many rows a band may have for its photographs, as read and as laid out, to fit a budget."""
+        """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
         images = (v.image for v in self.views)
         row = sum(2 * image.shape[1] * image.shape[2] * np.dtype(image.dtype).itemsize for image in images)
         geometry = 2 * 8 * 9 * self.shape[1]
         return int(np.clip(memory // (row + geometry), 1, self.shape[0]))
 
-    def read(self, first: int, last: int, height: int) -> Tile:
-        """Read rows first to last - 1; `height` is that of a whole band, so that one program serves all.
+    def read(self, first: int, last: int, height: int) -> TexelTile:
+        """Read the rows from `first` up to, not including, `last`.
 
-        Raises ValueError where a photograph is not finite.
+        Args:
+            first: First row.
+            last: End of the rows.
+            height: Rows of a whole band, so that one compiled program serves all bands.
+
+        Raises:
+            ValueError: A photograph is not finite at an observation that counts.
         """
         width = self.shape[1]
         inside, normal, position = self._geometry(first, last, height)
@@ -73,15 +92,15 @@ class Source:
             image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
             alpha = image.shape[1] in (2, 4)
             counts = inside.copy() if view.mask is None else inside & as_mask(view.mask[first:last]).reshape(-1)
-            if i in self.again:  # the same numbers tell nothing more
+            if i in self.repeated:  # the same numbers again are no further observation
                 counts[:] = False
             if alpha:
                 counts &= as_mask(image[:, -1])
                 image = image[:, :-1]
             seen.append((i, view, image, counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
-        which = slice(None) if len(pixels) == len(inside) else pixels  # a slice copies nothing
-        # one type for all, of this machine's byte order, which compiled programs take for granted
+        which = slice(None) if len(pixels) == len(inside) else pixels  # a slice makes no copy
+        # one type for all views, in native byte order, which compiled programs require
         dtype = np.result_type(*(image.dtype for _, _, image, _ in seen)).newbyteorder("=")
         target = np.empty((len(seen), self.channels, len(pixels)), dtype)
         usable = np.empty((len(seen), len(pixels)), bool)
@@ -98,10 +117,10 @@ class Source:
                 )
             values[:, ~finite] = 0.0
         position = None if position is None else position[which]
-        return Tile(pixels + first * width, normal[which], position, target, usable)
+        return TexelTile(pixels + first * width, normal[which], position, target, usable)
 
-    def sample(self, most: int) -> Tile:
-        """Return about so many texels of rows spread evenly over the image, the same whatever the bands are."""
+    def sample(self, most: int) -> TexelTile:
+        """Return about `most` texels of rows spread evenly over the image, whatever the bands are."""
         height = self.shape[0]
         rows = np.unique(np.linspace(0, height - 1, min(height, SAMPLED_ROWS)).astype(int))
         some = []
@@ -114,7 +133,7 @@ class Source:
                 (tile.pixels[which], tile.normal[which], position, tile.target[..., which], tile.counts[:, which])
             )
         pixels, normal, position, target, counts = zip(*some, strict=True)
-        return Tile(
+        return TexelTile(
             np.concatenate(pixels),
             np.concatenate(normal),
             None if position[0] is None else np.concatenate(position),
@@ -123,7 +142,7 @@ class Source:
         )
 
     def _geometry(self, first: int, last: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return what the camera sees in a band: where the object is, its normals and its points."""
+        """Return where the camera sees the object in a band, the normals there, and the points if they are needed."""
         count = (last - first) * self.shape[1]
         if isinstance(self.surface, GBuffer):
             inside = np.asarray(self.surface.mask[first:last]).reshape(-1)
@@ -139,19 +158,25 @@ class Source:
         inside, normal, position = (np.asarray(a).reshape(height * self.shape[1], *a.shape[2:])[:count] for a in seen)
         return inside, normal, position if self.with_position else None
 
-    def blocks(self, tile: Tile, log_n_s: Float[np.ndarray, "2 n"], which: Any = None) -> list[tuple[np.ndarray, Any]]:
-        """Cut a tile, or some of its texels, into blocks: which texels each has, and what `lay_out` takes.
+    def pieces(
+        self, tile: TexelTile, log_n_s: Float[np.ndarray, "2 n"], which: Int[np.ndarray, " m"] | None = None
+    ) -> list[Piece]:
+        """Cut a tile into pieces of at most one block each.
 
-        The last is padded with texels that no view counts.
+        Args:
+            tile: The tile.
+            log_n_s: log n_s of its texels where it is not fitted, and its standard error.
+            which: Indices of the texels; by default all.
         """
         index = np.arange(len(tile.pixels)) if which is None else which
-        size = min(BLOCK, max(64, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
-        cut = [index[start : start + size] for start in range(0, len(index), size)]
-        return [(part, (tile, part, size, log_n_s)) for part in cut]
+        size = min(BLOCK, max(SMALLEST_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
+        starts = range(0, len(index), size)
+        return [Piece(tile, index[start : start + size], size, log_n_s) for start in starts]
 
-    def lay_out(self, tile: Tile, part: np.ndarray, size: int, log_n_s: np.ndarray) -> Block:
-        """Return the block of some texels of a tile."""
-        whole = len(part) == size and part[-1] - part[0] == size - 1  # then a slice does, and copies nothing
+    def lay_out(self, piece: Piece) -> TexelBlock:
+        """Return the block of a piece, padded with texels that no view counts."""
+        tile, part, size = piece.tile, piece.part, piece.size
+        whole = len(part) == size and part[-1] - part[0] == size - 1  # a slice then serves, and makes no copy
         padded = slice(part[0], part[-1] + 1) if whole else np.concatenate([part, np.full(size - len(part), part[0])])
         counts = tile.counts[:, padded]
         if not whole:
@@ -163,18 +188,18 @@ class Source:
             to_eye = Vec3(*(np.asarray(e) - c for e, c in zip(_parts(self.projection.eye), _parts(p), strict=True)))
             length = np.sqrt(to_eye.x**2 + to_eye.y**2 + to_eye.z**2)
             v = Vec3(*(c / np.where(length > 0, length, 1.0) for c in _parts(to_eye)))
-        return Block(n, p, v, Photographs(tile.target[..., padded], counts), *log_n_s[:, padded])
+        return TexelBlock(n, p, v, Observations(tile.target[..., padded], counts), *piece.log_n_s[:, padded])
 
 
-def _parts(v: Vec3) -> tuple[Any, Any, Any]:
+def _parts(v: Vec3) -> tuple[Array, Array, Array]:
     return v.x, v.y, v.z
 
 
 def _clipped(view: View, values: Float[np.ndarray, "c n"]) -> Bool[np.ndarray, "c n"]:
-    """Return which samples stand at an end of the sensor's range.
+    """Return which samples lie at an end of the sensor's range.
 
-    The top is `View.saturation`; without it 1 exactly, where the range of an integer file ends: in an image that goes
-    on beyond 1, next to no sample is 1 exactly.
+    The upper end is `View.saturation`. Without one it is the value 1 exactly, where the range of an integer file ends;
+    an image whose range goes beyond 1 has hardly a sample at 1 exactly.
     """
     kind = values.dtype.type
     top = values == 1.0 if view.saturation is None else values >= kind(view.saturation)

@@ -129,5 +129,5 @@ def test_arguments_are_checked(views):
     ):
         with pytest.raises(kind, match=message):
             check_scale(*values)
-    with pytest.raises(ValueError, match=r"is no checkpoint.*new folder"):
+    with pytest.raises(ValueError, match=r"checkpoint.*Give checkpoint the name of a new folder"):
         ds.fit(synthetic.standard_scene(), views, free=FREE, checkpoint=Path(__file__).parent)

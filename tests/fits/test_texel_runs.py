@@ -1,4 +1,4 @@
-"""Records of fits of texels, and what is refused before anything is written."""
+"""Resumed fits of texels, and arguments that are refused before anything is written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from textured import textured_ball
 import diffshade as ds
 
 
-def test_a_run_goes_on_only_as_itself(tmp_path):
+def test_only_the_same_run_resumes(tmp_path):
     ball = textured_ball(16)
     first = ds.fit_texels(ball.scene, ball.views, free="k_d", out=tmp_path / "maps")
     assert isinstance(first.values["k_d"], np.memmap)
@@ -21,11 +21,11 @@ def test_a_run_goes_on_only_as_itself(tmp_path):
     with pytest.raises(ValueError, match=r"k_d\.npy.*is missing"):
         ds.fit_texels(ball.scene, ball.views, free="k_d", out=tmp_path / "maps")
     (tmp_path / "maps" / "run.json").write_text("{}")
-    with pytest.raises(ValueError, match="is no record of a run"):
+    with pytest.raises(ValueError, match=r"run\.json is damaged.*Give out the name of a new folder"):
         ds.fit_texels(ball.scene, ball.views, free="k_d", out=tmp_path / "maps")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
-    with pytest.raises(ValueError, match=r"is no folder of maps.*new folder"):
+    with pytest.raises(ValueError, match=r"mine holds other files.*Give out the name of a new folder"):
         ds.fit_texels(ball.scene, ball.views, out=tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["letter.txt"]
 
@@ -73,7 +73,7 @@ def of(material: ds.Material) -> ds.Scene:
         (SCENE, [VIEW] * 3, {"regions": np.zeros((8, 8), int), "free": ("k_d",)}, "regions share n_s"),
     ],
 )
-def test_what_cannot_be_fitted_is_said_in_one_sentence(scene, views, more, words, tmp_path):
+def test_wrong_arguments_are_refused_in_one_sentence(scene, views, more, words, tmp_path):
     with pytest.raises((ValueError, TypeError), match=words) as refused:
         ds.fit_texels(scene, views, out=tmp_path / "maps", **more)
     assert "\n" not in str(refused.value)

@@ -1,4 +1,4 @@
-"""Fits of texels: the maps of a textured ball, what they say of themselves, and how they hold against SciPy."""
+"""Fits of texels: the maps of a textured ball, their status and errors, and a comparison with SciPy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from textured import Ball, angle, facing_us, lights_about, textured_ball
 
 import diffshade as ds
 from diffshade.texels import tiles
-from diffshade.texels.coefficients import inverse_diagonal, nonnegative, solve
+from diffshade.texels.linear_systems import inverse_diagonal, nonnegative, solve
 
 MAPS = ("k_d", "k_s", "n_s")
 SIZE = 32
@@ -43,7 +43,7 @@ def maps(ball, small_blocks):
 
 
 def off(maps: ds.TexelMaps, ball: Ball, name: str, where: np.ndarray) -> np.ndarray:
-    """By how much a map is away from the truth, as a share of it."""
+    """The relative error of a map."""
     truth = ball.truth[name].reshape(*ball.mask.shape, -1)
     return np.abs(maps.values[name] / np.where(truth == 0, 1, truth) - 1)[where]
 
@@ -101,14 +101,14 @@ def test_every_texel_is_where_scipy_ends_from_the_truth(ball, maps):
         ratios.append(errors / np.sqrt(np.diag(covariance)))
     assert len(ratios) > 10
     assert np.min(ratios) > 0.97
-    # those of the curvature at the minimum, but for highlights of which a flank is seen alone: there k_s and n_s may go
-    # farther up than the curvature says
+    # those of the curvature at the minimum, but for highlights seen on one flank only: there k_s and n_s may be larger
+    # than the curvature says
     np.testing.assert_allclose(np.array(ratios)[:, :3], 1.0, atol=0.1)
     np.testing.assert_allclose(np.median(ratios, 0), 1.0, atol=0.1)
 
 
-def test_every_texel_says_what_became_of_it(ball, maps):
-    """One view alone counts on the left; a highlight is seen from the middle of the ball alone."""
+def test_every_texel_has_a_status(ball, maps):
+    """Only one view counts on the left; only the middle of the ball shows a highlight."""
     dark = np.ones(ball.mask.shape, bool)
     dark[:, :6] = False
     views = [ball.views[0], *(ds.View(v.image, v.camera, dark, lit=v.lit) for v in ball.views[1:])]
@@ -136,14 +136,14 @@ def test_every_texel_says_what_became_of_it(ball, maps):
 
 
 def test_a_matte_ball_has_no_highlight():
-    """Noise is no highlight: of a ball without one, hardly a texel claims it."""
+    """Noise is not taken for a highlight: hardly a texel of a matte ball gets one."""
     matte = textured_ball(SIZE, intensity=COLOURED, gloss=0.0)
     found = ds.fit_texels(matte.scene, matte.views)
     assert found.determined[matte.mask].mean() < 0.01
 
 
-def test_what_does_not_count_is_left_out():
-    """Of a mask and of the sensor's end; arrays may be of another byte order."""
+def test_masked_and_clipped_observations_are_excluded():
+    """Pixels outside a mask and clipped samples do not count; arrays may have another byte order."""
     ball = textured_ball(SIZE, noise=0.002, intensity=COLOURED)
     level, half = 0.5, np.zeros(ball.mask.shape, bool)
     half[:, : SIZE // 2] = True
@@ -170,7 +170,7 @@ def test_what_does_not_count_is_left_out():
 
 
 def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypatch):
-    read, count = tiles.Source.read, iter(range(5))
+    read, count = tiles.ViewReader.read, iter(range(5))
 
     def of_band(source, first, last, height):  # a sample for what is usual is read row by row, before the bands
         return last - first > 1
@@ -180,13 +180,15 @@ def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypa
             raise KeyboardInterrupt
         return read(*arguments)
 
-    monkeypatch.setattr(tiles.Source, "read", stopped)
+    monkeypatch.setattr(tiles.ViewReader, "read", stopped)
     with pytest.raises(KeyboardInterrupt):
         ds.fit_texels(ball.scene, ball.views, memory=100_000, out=tmp_path / "maps")
     done = np.load(tmp_path / "maps" / "done.npy")
     assert 0 < done.sum() <= 5 < len(done)
     again = []
-    monkeypatch.setattr(tiles.Source, "read", lambda *arguments: again.append(of_band(*arguments)) or read(*arguments))
+    monkeypatch.setattr(
+        tiles.ViewReader, "read", lambda *arguments: again.append(of_band(*arguments)) or read(*arguments)
+    )
     banded = ds.fit_texels(ball.scene, ball.views, memory=100_000, out=tmp_path / "maps")
     assert sum(again) == len(done) - done.sum()
     about = tomllib.loads((tmp_path / "maps" / "maps.toml").read_text())
@@ -232,8 +234,8 @@ AROUND = np.linspace(-1.1, 1.1, 20)
 ARC = np.stack([np.sin(AROUND), 0.4 * np.cos(AROUND), 0.9 * np.cos(AROUND)], -1)
 
 
-def test_lights_in_one_plane_tell_no_normal_and_it_is_said_before_with_the_remedy(turned, caplog):
-    """Within half a degree of it, as people set them up by hand."""
+def test_coplanar_lights_determine_no_normal_and_a_note_names_the_remedy(turned, caplog):
+    """The lights are within half a degree of the plane, as people set them up by hand."""
     lights = ARC + 0.005 * np.random.default_rng(3).standard_normal(ARC.shape)
     ball = textured_ball(SIZE, noise=0.005, to_light=lights)
     maps = ds.fit_texels(facing_us(ball), ball.views, free=(*MAPS, "normal"))
@@ -252,7 +254,7 @@ def test_lights_in_one_plane_tell_no_normal_and_it_is_said_before_with_the_remed
 
 
 def test_lights_about_one_texel_count_where_they_reach_it(turned):
-    """Half of the lights lie in a plane, and where a mask leaves those alone nothing is known."""
+    """Half of the lights lie in a plane; where a mask leaves only those, nothing is known."""
     even = np.arange(20) % 2 == 0
     ball = textured_ball(SIZE, noise=0.005, to_light=np.where(even[:, None], ARC, lights_about(20)))
     right = np.broadcast_to(np.arange(SIZE) >= SIZE // 2, ball.mask.shape)
@@ -264,8 +266,8 @@ def test_lights_about_one_texel_count_where_they_reach_it(turned):
     assert "% of the texels" in maps.notes[0]
 
 
-def test_one_wild_texel_does_not_scale_a_map(ball, tmp_path):
-    """Nor its preview, which is there to be looked at; units stand beside."""
+def test_one_outlier_does_not_scale_a_map(ball, tmp_path):
+    """Neither its PNG nor its preview is scaled to it; `maps.toml` lists the units."""
     k_s = np.random.default_rng(0).uniform(0.2, 0.6, (*ball.mask.shape, 1)).astype(np.float32)
     k_s[7, 9] = 31.0
     normal = np.broadcast_to(np.array((0, 0, 1), np.float32), (*ball.mask.shape, 3))
@@ -369,8 +371,8 @@ def test_regions_of_grey_photographs_share_one_exponent():
         assert abs(n_s[0] - truth) < 3 * error[0] < 0.06 * truth
 
 
-def test_what_the_views_cannot_tell_apart_is_not_determined(ball):
-    """Under one lamp k_a and k_d are one number."""
+def test_numbers_that_the_views_cannot_separate_are_not_determined(ball):
+    """Under one lamp only the sum of k_a and k_d is determined."""
     random = np.random.default_rng(0)
     image = 0.1 + ball.truth["k_d"] * np.maximum(ball.truth["normal"] @ lights_about(20)[0], 0.0)[..., None]
     noisy = [image + 0.003 * random.standard_normal(image.shape) for _ in range(8)]
@@ -403,7 +405,7 @@ def test_nonnegative_least_squares_are_those_of_scipy(size):
         assert abs(y[t] @ y[t] - float(gain[t]) - norm**2) < 1e-10
 
 
-def test_small_systems_are_solved_and_what_cannot_be_told_apart_has_a_huge_error():
+def test_small_systems_are_solved_and_dependent_columns_have_a_huge_error():
     J = np.random.default_rng(0).standard_normal((12, 4))
     rows = [list(map(jnp.asarray, row)) for row in J.T @ J]
     expected = np.linalg.lstsq(J, np.ones(12))[0]

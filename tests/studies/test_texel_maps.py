@@ -1,4 +1,4 @@
-"""Fits of texels that compile programs of their own: every loss, lamp, free set and kind of array, and a real ball."""
+"""Fits of texels that compile programs of their own: every loss, lamp and free set, and photographs of a ball."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_shadows_are_outliers(loss):
     assert off[1] < 0.02
 
 
-def test_ambient_light_is_told_from_the_lamps():
+def test_ambient_light_is_separated_from_the_lamps():
     ball = textured_ball(noise=0.002, k_a=0.1)
     maps = ds.fit_texels(ball.scene, ball.views, free=("k_a", *MAPS))
     inner = maps.determined & (maps.errors["k_a"].max(-1) < 0.02)

@@ -32,14 +32,17 @@ GROUPS = {
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
         "inverse/forward/residuals inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/starts inverse/unknowns/constraints "
-        "inverse/unknowns/parameters texels/coefficients texels/descent texels/passes texels/shared texels/sights"
+        "inverse/unknowns/parameters texels/blocks texels/descent texels/geometry texels/lighting "
+        "texels/linear_systems texels/normal_equations texels/photometric_stereo texels/prediction "
+        "texels/region_exponents"
     ),
     "statistics": (
         "diagnosis/examination diagnosis/forecasting diagnosis/intervals diagnosis/misfit/explanations "
         "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
         "diagnosis/planning diagnosis/resampling diagnosis/sensitivity inverse/checks/stability inverse/refits "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty "
-        "texels/estimates"
+        "texels/estimates texels/light_directions texels/minima texels/profile_errors texels/standard_errors "
+        "texels/status"
     ),
     "readers": (
         "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/planes "

@@ -1,4 +1,4 @@
-"""What lights about a texel can tell of its normal: one plane, one line, or room."""
+"""What the lights around a texel determine of its normal: lights in one plane, in one direction, and others."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,8 +6,9 @@ import pytest
 from textured import facing_us, lights_about, textured_ball
 
 from diffshade.core.progress import silent
-from diffshade.texels.fitting import _Run
-from diffshade.texels.geometry import note_of, out_of_plane, plane_of
+from diffshade.texels.light_directions import light_distribution, note_on_normals, out_of_plane
+from diffshade.texels.run import TexelRun
+from diffshade.texels.tile_runner import TileRunner
 
 COUNT = 12
 AROUND = np.linspace(-1.0, 1.0, COUNT)
@@ -29,28 +30,28 @@ def spread(directions: np.ndarray) -> np.ndarray:
     return (l.T @ l)[..., None]
 
 
-def test_lights_in_a_plane_and_on_a_line_are_said_with_the_remedy():
-    plane = plane_of(spread(np.stack([AROUND, 0.4 * np.ones(COUNT), 0.8 * np.ones(COUNT)], -1)))
-    note = note_of(plane)
+def test_lights_in_a_plane_and_on_a_line_are_reported_with_the_remedy():
+    lights = light_distribution(spread(np.stack([AROUND, 0.4 * np.ones(COUNT), 0.8 * np.ones(COUNT)], -1)))
+    note = note_on_normals(lights)
     assert note is not None
-    np.testing.assert_allclose(np.abs(plane.normal), (0.0, 0.8944, 0.4472), atol=1e-3)
+    np.testing.assert_allclose(np.abs(lights.plane_normal), (0.0, 0.8944, 0.4472), atol=1e-3)
     assert "in one plane" in note
     assert "(-0, -0.89, 0.45)" in note or "(0, -0.89, 0.45)" in note
     assert "or give the normals" in note
     upright = np.stack([AROUND, 1e-4 * np.cos(9 * AROUND), 0.8 * np.ones(COUNT)], -1)  # the plane holds the z axis
     each = np.concatenate([spread(upright + 1e-5 * np.array([0.0, k, 0.0])) for k in range(-9, 10)], -1)
-    np.testing.assert_allclose(np.abs(plane_of(each).normal), (0.0, 1.0, 0.0), atol=1e-3)
-    line = note_of(plane_of(spread(np.ones((COUNT, 3)) + 1e-3 * AROUND[:, None] * (1.0, 0.0, 0.0))))
+    np.testing.assert_allclose(np.abs(light_distribution(each).plane_normal), (0.0, 1.0, 0.0), atol=1e-3)
+    line = note_on_normals(light_distribution(spread(np.ones((COUNT, 3)) + 1e-3 * AROUND[:, None] * (1.0, 0.0, 0.0))))
     assert line is not None
     assert "one direction" in line
-    assert note_of(plane_of(spread(lights_about(COUNT)))) is None
-    assert note_of(plane_of(np.zeros((3, 3, 0)))) is None
+    assert note_on_normals(light_distribution(spread(lights_about(COUNT)))) is None
+    assert note_on_normals(light_distribution(np.zeros((3, 3, 0)))) is None
 
 
 @pytest.mark.parametrize("narrow", [False, True])
 def test_lights_near_each_other_are_noticed(narrow):
     l = lights_about(COUNT) * ((0.1, 0.1, 1.0) if narrow else (1.0, 1.0, 1.0))
-    assert plane_of(spread(l)).narrow is narrow
+    assert light_distribution(spread(l)).narrow is narrow
 
 
 def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a_ceiling_with_none():
@@ -59,5 +60,7 @@ def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a
     ceiling[:, 2] = 2.5
     for at, share in ((line, 1.0), (ceiling, 0.0)):
         ball = textured_ball(12, at=at)
-        run = _Run(facing_us(ball), ball.views, ("k_d", "normal"), None, "squares", None, 1 << 28, None, silent)
-        assert run.lights_about(run.source.sample(64)).share == share
+        scene = facing_us(ball)
+        tiles = TileRunner(scene, ball.views, "", silent, out=None, memory=1 << 28, mesh=None)
+        run = TexelRun(scene, ball.views, ("k_d", "normal"), "squares", None, tiles)
+        assert run.lights_of(tiles.reader.sample(64)).coplanar == share

@@ -1,4 +1,4 @@
-"""Small systems at every texel at once: unrolled, element by element, with no call of LAPACK."""
+"""Linear systems: small systems solved at all texels at once, unrolled element by element instead of by LAPACK."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..core.fields import Array
 
 Numbers = Float[Array, "..."]
 Matrix = Sequence[Sequence[Numbers]]
-RIDGE = 1e-12  # of a diagonal element: what the columns hardly tell apart gets a huge error instead of a NaN
+RIDGE = 1e-12  # added to the diagonal, relative to it: nearly dependent columns get a huge error instead of NaN
 
 
 def cholesky(A: Matrix) -> list[list[Numbers]]:
-    """Return L with L L^T = A + ridge, and 1/L_jj on its diagonal; a column of zeros counts as one of no weight."""
+    """Return L of L L^T = A + ridge, with 1/L_jj on its diagonal; a column of zeros gets L_jj = 1."""
     L: list[list[Numbers]] = []
     for i, row in enumerate(A):
         diagonal = row[i]
@@ -52,7 +52,7 @@ def solve(A: Matrix, b: Sequence[Numbers]) -> list[Numbers]:
 
 
 def inverse_diagonal(A: Matrix) -> list[Numbers]:
-    """Return the diagonal of A^-1; infinite where a column is zero."""
+    """Return the diagonal of A^-1, infinite where a column of A is zero."""
     L = cholesky(A)
     found: list[Numbers] = []
     for j in range(len(A)):
@@ -64,8 +64,9 @@ def inverse_diagonal(A: Matrix) -> list[Numbers]:
 def nonnegative(A: Matrix, b: Sequence[Numbers]) -> tuple[list[Numbers], Numbers]:
     """Return the x >= 0 that maximises b.x - x.A x/2, and b.x there, which is twice the maximum.
 
-    The free optimum where it is not negative, else the best with one element held at 0: with up to three elements that
-    is every face of the octant (Lawson and Hanson 1974, chapter 23, for their many).
+    x is the unconstrained optimum where that has no negative element, else the best optimum with an element held at 0.
+    With up to three elements the recursion visits every face of the octant (Lawson and Hanson 1974, chapter 23, treat
+    any number).
     """
     if not b:
         return [], jnp.zeros((1, 1))

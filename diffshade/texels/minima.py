@@ -1,0 +1,131 @@
+"""Minima: the minimum of every texel for one set of unknowns, and how well it fits the photographs."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from ..core.fields import Array
+from ..model.vectors import Vec3
+from .blocks import FitOptions, TexelBlock, begin, geometry_of
+from .descent import Descent, best_on_grid, choose, descend
+from .geometry import AbstractLightingGeometry
+from .lighting import LightingSetup
+from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, first_weights, view_slices
+
+MEDIAN_OF_CHI = {1: 0.6745, 3: 0.8880}  # median of chi / sqrt(C) with C degrees of freedom, for C channels
+LEAST_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
+
+
+class Minimum(eqx.Module):
+    """The minimum of every texel for one set of unknowns."""
+
+    problem: TexelProblem
+    descent: Descent
+    lit: Float[Array, " texels"]
+    """Number of observations that count and that a light reaches."""
+    freedom: Float[Array, " texels"]
+    """Degrees of freedom: their samples less the unknowns."""
+    variance: Float[Array, " texels"]
+    """Variance of a sample of weight 1: the residual variance, or 1 where the noise is known."""
+    residual_variance: Float[Array, " texels"]
+    """Variance of a sample of weight 1 from the residuals; infinite without degrees of freedom."""
+    out_of_plane: Float[Array, " texels"]
+    """Sine by which the lights that reach a texel leave one plane; 1 where the normal is known."""
+
+    @property
+    def mean_square(self) -> Float[Array, " texels"]:
+        """The mean square of the weighted residuals, with the weights of the loss."""
+        return self.descent.found.squares / jnp.maximum(self.problem.samples, 1.0)
+
+    @property
+    def level(self) -> Float[Array, " texels"]:
+        """The weighted mean square of what the views show."""
+        problem = self.problem
+        squares = jnp.sum(first_weights(problem) * problem.observed.target.astype(float) ** 2, (0, 1))
+        return squares / jnp.maximum(problem.samples, 1.0)
+
+
+def find_minimum(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    geometry: AbstractLightingGeometry[Any],
+    block: TexelBlock,
+    sigma: Float[Array, ""],
+    max_steps: Int[Array, ""],
+    options: FitOptions,
+    start: Vec3 | None = None,
+) -> Minimum:
+    """Find the minimum of every texel, from the normals `start` or, without them, from photometric stereo."""
+    problem, n, weight = begin(setup, known, geometry, block, options, sigma)
+    n = n if start is None else start
+    x = best_on_grid(problem, n, weight) if problem.fit_exponent else block.log_n_s
+    descent = descend(problem, n, x, weight, max_steps)
+    found, channels = descent.found, block.observed.channels
+    lit = _lit(problem, found.n, found.x)
+    freedom = lit * channels - problem.unknowns
+    freedom_kept = jnp.minimum(found.share, lit) * channels - problem.unknowns
+    residual_variance = jnp.where(freedom > 0, found.squares / jnp.maximum(freedom_kept, 1.0), jnp.inf)
+    variance = jnp.ones_like(residual_variance) if options.known_noise else residual_variance
+    ambient = "k_a" in known.fitted
+    out_of_plane = geometry.out_of_plane(setup, descent.weight, found.n, ambient=ambient)
+    return Minimum(problem, descent, lit, freedom, variance, residual_variance, out_of_plane)
+
+
+def _lit(problem: TexelProblem, n: Vec3, x: Array) -> Float[Array, " texels"]:
+    """Return how many observations that count a light reaches."""
+
+    def add(total: Array, view: ViewSlice) -> tuple[Array, None]:
+        u = problem.geometry.shading(view.geometry, n, (), x).u
+        return total + jnp.where(view.counts & (u > 0.0).any(0), 1.0, 0.0), None
+
+    return jax.lax.scan(add, jnp.zeros(x.shape), view_slices(problem, None))[0]
+
+
+def lower_and_other(one: Minimum, other: Minimum) -> tuple[Minimum, Minimum]:
+    """Return the lower of two minima of each texel, and the other one.
+
+    For a robust loss the first argument counts as the lower one, because a lower cost may mean only that the loss
+    discards more observations.
+    """
+    robust = one.problem.losses != ("squares",)
+    first = (one.descent.found.cost <= other.descent.found.cost) | robust
+    return choose_minimum(first, one, other), choose_minimum(first, other, one)
+
+
+def choose_minimum(condition: Bool[Array, " texels"], a: Minimum, b: Minimum) -> Minimum:
+    """Choose texel by texel between two minima of one problem."""
+    names = [field.name for field in dataclasses.fields(Minimum) if field.name != "problem"]
+    return Minimum(a.problem, *(choose(condition, getattr(a, name), getattr(b, name)) for name in names))
+
+
+@partial(jax.jit, static_argnames="options")
+def residual_sizes(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    sigma: Float[Array, ""],
+    max_steps: Int[Array, ""],
+    options: FitOptions,
+) -> Float[Array, "views texels"]:
+    """Return the size of the residual of each observation, scaled so that its median estimates the noise.
+
+    The size is the root mean square over the C channels. It is divided by the median of chi / sqrt(C) with C degrees of
+    freedom, and by the root of the share of the samples that the unknowns leave.
+    """
+    minimum = find_minimum(setup, known, geometry_of(setup, block, options), block, sigma, max_steps, options)
+    problem, found = minimum.problem, minimum.descent.found
+
+    def of_view(view: ViewSlice) -> Array:
+        m = features(problem, view, found.n, found.x, ()).predicted(found.k)
+        return jnp.sqrt(jnp.mean((m - view.target.astype(found.x.dtype)) ** 2, 0))
+
+    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), LEAST_FREEDOM, 1.0)
+    scale = MEDIAN_OF_CHI[block.observed.channels] * jnp.sqrt(left)
+    return jax.lax.map(of_view, view_slices(problem, None)) / scale[None]

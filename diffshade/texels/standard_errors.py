@@ -1,0 +1,126 @@
+"""Standard errors: those of every number of a texel, from the curvature of the cost at its minimum."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from ..core.fields import Array
+from .blocks import FitOptions, TexelBlock
+from .light_directions import COPLANAR
+from .linear_systems import RIDGE, inverse_diagonal
+from .minima import Minimum
+from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
+
+Numbers = Mapping[str, Float[Array, "_ texels"]]
+MAX_INFLATION = 100.0  # the factor by which an error may grow because the other numbers are unknown too
+MAX_RELATIVE_ERROR = 0.3  # of the largest coefficient of a channel; only larger errors count as inflated
+
+
+class NamedNumbers(NamedTuple):
+    """The numbers of a block of texels by name, their standard errors, and whether they can be separated."""
+
+    values: dict[str, Float[Array, "_ texels"]]
+    errors: dict[str, Float[Array, "_ texels"]]
+    """That of the normal in degrees."""
+    separable: Bool[Array, " texels"]
+    """Whether the coefficients but k_s can be separated from each other and from the rest."""
+
+
+def named_numbers(minimum: Minimum, block: TexelBlock, options: FitOptions) -> NamedNumbers:
+    """Return the numbers of a minimum and their standard errors."""
+    problem, found = minimum.problem, minimum.descent.found
+    deviations = _deviations(minimum, block, options)
+    values = dict(zip(problem.known.fitted, found.k, strict=True))
+    errors = dict(zip(problem.known.fitted, deviations.coefficients, strict=True))
+    if problem.fit_exponent:
+        values["n_s"] = jnp.exp(found.x)[None]
+        errors["n_s"] = values["n_s"] * deviations.rest[-1][None]
+    elif options.shared:
+        values["n_s"] = jnp.exp(block.log_n_s)[None]
+        errors["n_s"] = values["n_s"] * block.log_n_s_error[None]
+    if problem.fit_normal:
+        values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
+        errors["normal"] = jnp.rad2deg(jnp.sqrt(deviations.rest[0] ** 2 + deviations.rest[1] ** 2))[None]
+        for name in {"k_d", "normal"} & errors.keys():  # coplanar lights: infinite, whatever the linear theory gives
+            errors[name] = jnp.where((minimum.out_of_plane > COPLANAR)[None], errors[name], jnp.inf)
+    return NamedNumbers(values, errors, deviations.separable)
+
+
+class _Deviations(NamedTuple):
+    """Standard deviations of the unknowns."""
+
+    coefficients: Sequence[Float[Array, "channels texels"]]
+    rest: Sequence[Float[Array, " texels"]]
+    """Of the tilts of the normal and of log n_s."""
+    separable: Bool[Array, " texels"]
+
+
+def _deviations(minimum: Minimum, block: TexelBlock, options: FitOptions) -> _Deviations:
+    """Return the root of variance times the diagonal of the inverse normal equations, no coefficient held at 0."""
+    found, region = _with_region_exponent(minimum, options)
+    size = len(found.k)
+    joint = _joint_system(minimum, found, block if region else None)
+    inverse = inverse_diagonal(joint)
+    deviation = [jnp.sqrt(minimum.variance[None] * v) for v in inverse]
+    separable = _separable(minimum, joint, inverse, deviation)
+    return _Deviations(deviation[:size], [d[0] for d in deviation[size:]], separable)
+
+
+def _with_region_exponent(minimum: Minimum, options: FitOptions) -> tuple[NormalEquations, bool]:
+    """Return the normal equations, with a region's n_s as an unknown of the texel, and whether there is one."""
+    problem, found = minimum.problem, minimum.descent.found
+    if not options.shared or problem.fit_exponent or problem.known.k_s is not None:
+        return found, False
+    with_exponent = evaluate(dataclasses.replace(problem, fit_exponent=True), found.n, found.x, minimum.descent.weight)
+    return dataclasses.replace(found, B=with_exponent.B, P=with_exponent.P), True
+
+
+def _joint_system(minimum: Minimum, found: NormalEquations, block: TexelBlock | None) -> list[list[Array]]:
+    """Return, for each channel, the normal equations of its coefficients and of the unknowns that channels share.
+
+    The other channels' coefficients are eliminated. `block` adds what its region knows of n_s, the last unknown.
+    """
+    size, count = len(found.k), len(found.P)
+    reduced = eliminate_coefficients(found, hold_zeros=False)
+    S, Z = with_ridge(reduced.S, found), reduced.Z
+    if block is not None:
+        precision = minimum.variance / jnp.maximum(block.log_n_s_error, 1e-12) ** 2
+        S[-1][-1] = jnp.maximum(S[-1][-1], jnp.where(jnp.isfinite(precision), precision, 0.0))
+    # undo the elimination for the channel itself: S + Z^T Z
+    corner = [
+        [S[i][j][None] + sum((a * b for a, b in zip(Z[i], Z[j], strict=True)), 0.0) for j in range(count)]
+        for i in range(count)
+    ]
+    joint = [[*found.G[i], *found.B[i]] for i in range(size)]
+    joint += [[*(found.B[i][j] for i in range(size)), *corner[j]] for j in range(count)]
+    zero = jnp.zeros_like(found.B[0][0]) if size and count else jnp.zeros((1, *found.x.shape))
+    return [[element + zero for element in row] for row in joint]
+
+
+def _separable(
+    minimum: Minimum, joint: list[list[Array]], inverse: Sequence[Array], deviation: Sequence[Array]
+) -> Bool[Array, " texels"]:
+    """Return where no coefficient but k_s has a large error that comes from the other unknowns.
+
+    The variance inflation factor of unknown i is (A^-1)_ii A_ii.
+    """
+    found = minimum.descent.found
+    separable = jnp.ones(found.x.shape, bool)
+    if not found.k:
+        return separable
+    largest = jnp.max(jnp.stack([jnp.max(k, 0) for k in found.k]), 0)
+    for i, name in enumerate(minimum.problem.known.fitted):
+        inflated = inverse[i] * joint[i][i] > MAX_INFLATION**2
+        if name != "k_s":
+            separable = separable & ~((deviation[i] > MAX_RELATIVE_ERROR * largest[None]) & inflated).any(0)
+    return separable
+
+
+def with_ridge(S: Sequence[Sequence[Array]], found: NormalEquations) -> list[list[Array]]:
+    """Return the reduced system with a small ridge, relative to the curvature of each unknown alone."""
+    return [[a + (RIDGE * found.P[i][i] if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(S)]

@@ -1,0 +1,124 @@
+"""Tile runner: reads the tiles of a run one after another, works on all cores or devices, and resumes from disk."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Float
+
+from ..core.progress import ReportProgress
+from ..inverse.data.views import View
+from ..model.scenes import Scene
+from ..parallel.devices import DeviceGroup
+from ..parallel.run_store import RunStore
+from ..parallel.threads import in_order, on_all_cores
+from .blocks import TexelBlock
+from .tiles import Piece, TexelTile, ViewReader
+
+T = TypeVar("T")
+
+
+class TileRunner:
+    """The tiles of one run: what reads them, what computes on them, and what stores the results."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        views: Sequence[View],
+        problem: str,
+        report_progress: ReportProgress,
+        *,
+        out: str | os.PathLike[str] | None,
+        memory: int,
+        mesh: Mesh | None,
+    ):
+        """Cut the views into tiles and open the store of the results.
+
+        Args:
+            scene: One object and its lights.
+            views: The photographs.
+            problem: Fingerprint of the fit.
+            report_progress: Called with what is being done, and how much of it is done.
+            out: Folder of the results; None keeps them in memory.
+            memory: Bytes that the photographs of a tile may take.
+            mesh: Devices to use; None uses all cores.
+
+        Raises:
+            ValueError: There are several processes without `out`, or the folder belongs to another run.
+        """
+        self.reader = ViewReader(scene, views)
+        self.report_progress = report_progress
+        self.device_group = None if mesh is None else DeviceGroup(mesh)
+        if self.device_group is not None and self.device_group.several and out is None:
+            raise ValueError(
+                "several processes need one folder for their maps; got out=None. Give out a shared folder."
+            )
+        height, rows = self.reader.shape[0], self.reader.rows_of(memory)
+        if self.device_group is not None:  # every device gets a tile
+            rows = min(rows, -(-height // self.device_group.count))
+        self.store = RunStore(out, problem, rows, lambda rows: -(-height // rows), self.device_group)
+        self.count = len(self.store.done)
+
+    @property
+    def own(self) -> Sequence[int]:
+        """The tiles of this process."""
+        group = self.device_group
+        return [t for t in range(self.count) if group is None or t % group.count in group.own]
+
+    def close(self) -> None:
+        """Release the store's folder."""
+        self.store.close()
+
+    def each_tile(self, work: Callable[[int, TexelTile], None], done: np.ndarray, verb: str) -> None:
+        """Read every tile of this process that is not done, and call `work(index, tile)`, which marks it as done."""
+        height, rows = self.reader.shape[0], self.store.rows
+        own = self.own
+        todo = [t for t in own if not done[t]]
+
+        def read(t: int) -> tuple[int, TexelTile]:
+            first = t * rows
+            return t, self.reader.read(first, min(first + rows, height), rows)
+
+        for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
+            work(t, tile)
+            self.report_progress(verb, (len(own) - len(todo) + k + 1) / len(own))
+
+    def on_pieces(self, work: Callable[[Piece], T], pieces: Sequence[Piece]) -> list[T]:
+        """Return work(piece) for each piece, in order: on all cores, or each on the next device of the mesh."""
+        if self.device_group is None:
+            return on_all_cores(work, pieces)
+        devices = list(self.device_group.here.devices.flat)
+
+        def on_device(item: tuple[int, Piece]) -> T:
+            k, piece = item
+            with jax.default_device(devices[k % len(devices)]):
+                return work(piece)
+
+        return on_all_cores(on_device, list(enumerate(pieces)))
+
+    def evaluate(self, program: Callable[[TexelBlock], T], piece: Piece) -> T:
+        """Return what a compiled program gives for a piece, as NumPy arrays without the padding."""
+        found = program(self.reader.lay_out(piece))
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(piece.part)], found)
+
+    def sum_over_tiles(
+        self, name: str, shape: tuple[int, ...], of_tile: Callable[[TexelTile], np.ndarray], verb: str
+    ) -> Float[np.ndarray, "..."]:
+        """Return the sum of an array over all tiles; each tile's share is stored under `name`, for a resumed run."""
+        shares = self.store.array(f"{name}_sums", (self.count, *shape), np.float64)
+        done = self.store.array(f"{name}_done", (self.count,), np.uint8)
+
+        def add(t: int, tile: TexelTile) -> None:
+            shares[t] = of_tile(tile)
+            self.store.finish(t, name=f"{name}_done")
+
+        self.each_tile(add, done, verb)
+        if self.device_group is None or not self.device_group.several:
+            return shares.sum(0)
+        mine = np.zeros(shape) + sum(shares[t] for t in self.own)
+        return self.device_group.total([mine, *[np.zeros_like(mine)] * (len(self.device_group.own) - 1)])
