@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..diagnosis.planning import Shot
+    from ..diagnosis.shots import Shot
     from ..inverse.result import Fit
     from ..model.lights import AbstractLight
 

@@ -37,9 +37,9 @@ GROUPS = {
     "statistics": (
         "diagnosis/examination diagnosis/forecasting diagnosis/intervals diagnosis/misfit/explanations "
         "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
-        "diagnosis/planning diagnosis/resampling diagnosis/sensitivity inverse/checks/stability inverse/refits "
-        "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty "
-        "texels/estimates"
+        "diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity diagnosis/shot_ranking "
+        "diagnosis/shots inverse/checks/stability inverse/refits inverse/statistics/clusters "
+        "inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (
         "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/planes "
