@@ -165,7 +165,7 @@ def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
-    """Return what is lost in the noise by its interval, which covers cases that errors at a bound miss (see `vague`)."""
+    """Return what is lost in the noise by its interval, which covers cases that errors at a bound miss."""
     log = logarithms(fit.unknowns)
     half = np.where(np.isfinite(interval_95).all(1), 0.5 * (interval_95[:, 1] - interval_95[:, 0]), np.inf) / 1.96
     in_log = 0.5 * np.log(np.where(log, interval_95[:, 1], 1.0) / np.where(log, interval_95[:, 0], 1.0)) / 1.96

@@ -39,7 +39,9 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     groups = setups(fit.scene, fit.views)
     if len(groups) < 3:
-        raise ValueError(f"bootstrap needs at least three views with different cameras or lights; got {len(groups)}. Add views.")
+        raise ValueError(
+            f"bootstrap needs at least three views with different cameras or lights; got {len(groups)}. Add views."
+        )
     if not (isinstance(draws, int | np.integer) and draws >= 1):
         raise ValueError(f"draws must be a whole number of at least 1; got {draws!r}. Give for example 200.")
     if not (isinstance(seed, int | np.integer) and seed >= 0):

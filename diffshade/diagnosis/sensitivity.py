@@ -99,7 +99,9 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):
-        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Give the index of one of the fit's views.")
+        raise ValueError(
+            f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Give the index of one of the fit's views."
+        )
     with in_float64(fit) as fit:
         at = _FitAtMinimum(fit)
         theta = jnp.asarray(at.theta)

@@ -199,7 +199,7 @@ def test_an_mtl_by_hand(tmp_path, caplog):
     (tmp_path / "a.mtl").write_text(text + "newmtl flat\nillum 0\nKd 1 0 0\nd -halo 1\nTf 1 1 1\n")
     with caplog.at_level(logging.WARNING):
         found = ds.read_materials(tmp_path / "a.mtl")
-    assert "1 maps are not read, only colours." in caplog.text
+    assert "1 texture map ignored; only colours are read." in caplog.text
     assert_same(found["a b"], ds.Material(0, 0.5, 0, 50, ds.Blinn(), k_t=0.25))
     assert_same(found["flat"], ds.Material(n_s=10, lobe=ds.Blinn(), k_e=(1, 0, 0)))
 

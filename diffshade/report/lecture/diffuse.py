@@ -76,7 +76,7 @@ def _diffuse(k_d: float, theta: np.ndarray) -> np.ndarray:
 
 
 def _draw_incidence(axes: Axes, degrees: float) -> None:
-    """Draw a beam whose rays are evenly spaced across it; of these the fewer hit the face the more they graze it."""
+    """Draw a beam of evenly spaced rays; the more they graze the face, the fewer hit it."""
     l = toward(degrees)
     x, y = float(l.x), float(l.y)
     sheet(axes, (-1.0, 1.0), (-0.1, 1.5))
