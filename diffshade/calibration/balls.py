@@ -19,7 +19,7 @@ Mask = Bool[np.ndarray, "h w"]
 Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
 
-SECTORS = 12  # of an outline, left out one at a time to find its errors
+SECTORS = 12  # number of sectors of an outline, left out one at a time to find its errors
 SHORTEST = 24  # points of an outline
 TRIES = 300  # circles through three points of an edge
 ROUNDING = 12.0**-0.5  # pixels: the standard deviation of an edge that is rounded to whole pixels

@@ -15,7 +15,7 @@ Vector = Float[np.ndarray, "3"]
 Picture = Float[np.ndarray, "h w"]
 
 LEVELS = (0.25, 0.5, 0.75)  # thresholds of the highlight's pixels, over the brightest pixel
-LARGEST = 0.05  # of the ball's pixels: a larger bright region is no highlight
+LARGEST = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
 RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it

@@ -22,7 +22,7 @@ RIM = 0.2  # n.v below which pixels are excluded: there the outline matters most
 PATCHES = 6  # across a ball; the errors of the pixels in one patch are correlated
 MOST_PIXELS = 8_000
 AS_GOOD = 1.5  # times the residuals of the most flexible law: up to this Lambert's law without ambient light counts too
-LEAST_LIGHT = 0.05  # of a photograph's median: a weaker light is no light
+LEAST_LIGHT = 0.05  # the weakest light, over a photograph's median
 OUTLIER = 2.0  # times the median photograph's residuals: above it a photograph is reported
 
 

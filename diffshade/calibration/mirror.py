@@ -15,7 +15,7 @@ from .highlights import find_glint, find_position
 from .outcome import Calibration, views_of
 from .photographs import Photographs
 
-SECOND = 0.3  # of the brightest highlight's light: a second highlight with more is reported
+SECOND = 0.3  # a second highlight with more than this fraction of the brightest one's light is reported
 
 
 def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Callable[[str], None]) -> Calibration:

@@ -23,7 +23,7 @@ from .photographs import Photographs
 Vectors = Float[np.ndarray, "photographs 3"]
 
 LAYOUT = ("filenames.txt", "light_directions.txt", "light_intensities.txt", "normal_gt.npy")
-DIM = 0.1  # of a file's range: a darker photograph would lose precision in 16 bits
+DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
 DISAGREE = 2.0  # standard errors, above which two directions disagree
 
 

@@ -21,7 +21,7 @@ from .balls import largest, roundness
 Mask = Bool[np.ndarray, "h w"]
 
 LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # thresholds between background and ball, over the 99th percentile
-ROUND = 0.5  # of an edge's points: with so many on one circle it is the edge of a ball
+ROUND = 0.5  # the least fraction of a ball's edge on one circle
 
 
 @dataclass(frozen=True, eq=False)

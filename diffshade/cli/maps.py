@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -40,7 +41,7 @@ def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json:
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
-    memory = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
+    memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
     with by_name(found.names):
         maps = ds.fit_texels(
             found.scene,

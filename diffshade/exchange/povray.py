@@ -21,7 +21,7 @@ from .parsing import NUMBER, number, numbers, short
 from .reference import Cosines, Reference, differences, radiance, reference_of
 from .refits import named, with_lobe
 
-LEAST = 1e-6  # of a pigment's channel: it multiplies ambient and emission, which 0 would remove
+LEAST = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
 _PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
 _COLOUR = re.compile(r"\b(ambient|emission)\s+" + _VECTOR, re.ASCII)

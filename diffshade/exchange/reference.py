@@ -21,7 +21,7 @@ from ..model.vectors import Vec3
 
 ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
 POINTS = 256
-EDGE = 1e-3  # of the highlight's peak; also the least cosine of a point, since rounding decides smaller ones
+EDGE = 1e-3  # the edge of a highlight over its peak; also the least cosine of a point, as rounding decides smaller ones
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 Normals = Float[np.ndarray, "n 3"]

@@ -35,8 +35,8 @@ GROUPS = {
         "inverse/unknowns/parameters texels/coefficients texels/descent texels/passes texels/shared texels/sights"
     ),
     "statistics": (
-        "diagnosis/examination diagnosis/forecasting diagnosis/intervals diagnosis/misfit/explanations "
-        "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
+        "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
+        "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
         "diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity diagnosis/shot_ranking "
         "diagnosis/shots inverse/checks/stability inverse/refits inverse/statistics/clusters "
         "inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"

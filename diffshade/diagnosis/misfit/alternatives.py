@@ -22,7 +22,7 @@ from ...inverse.unknowns.parameters import Unknown, find_unknowns, put_back, val
 from ...model.lights import DirectionalLight, PointLight, SpotLight
 from ...model.measured_lights import MeasuredLight
 
-PIXELS = 1 << 14  # of all views together, on which alternatives are judged
+PIXELS = 1 << 14  # number of pixels, in all views together, on which alternatives are judged
 EXPOSURE_WIDTH = 1.0  # prior width of an exposure over its value: fixes the gauge, too wide to affect what is visible
 DISTANCE_WIDTH = 0.3  # prior width of a light's position over its distance
 RTOL = 1e-6

@@ -20,7 +20,7 @@ from ...inverse.running import solve
 from ...inverse.unknowns.parameters import put_back, values_at
 from ...io.images import srgb_decode, srgb_encode
 
-PIXELS = 1 << 13  # of all views together, on which encodings are judged
+PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
 
 Curve = Callable[[np.ndarray], np.ndarray]
 

@@ -26,7 +26,7 @@ from .laid_samples import LaidSamples, Samples
 from .regions import center_of, rims
 from .score_tests import Rows
 
-PIXELS = 1 << 14  # of all views together, on which faults are judged
+PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
 SPHERES = 4  # with more spheres, their places are not tested
 

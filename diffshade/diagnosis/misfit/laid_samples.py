@@ -21,7 +21,7 @@ from ...inverse.refits import LaidOutFit
 from ...inverse.statistics.uncertainty import Vector, inverse
 
 STEPS = 8  # Gauss-Newton steps
-REDUCTIONS = 3  # of a step that does not lower the cost
+REDUCTIONS = 3  # the most reductions of a step that does not lower the cost
 CLOSE = 1e-3  # relative decrease of the cost below which the search stops
 
 

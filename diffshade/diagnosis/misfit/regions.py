@@ -21,14 +21,14 @@ from ...model.vectors import Vec3, dot
 Mask = Bool[np.ndarray, "h w"]
 Picture = Float[np.ndarray, "h w"]
 
-DARK = 0.4  # of a light's predicted contribution: a pixel that shows less is dark
-SHADED = 0.25  # of a light's contribution: the most that the median pixel of a cast shadow shows
+DARK = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution
+SHADED = 0.25  # the most that the median pixel of a cast shadow shows of a light's contribution
 CLEAR = 6.0  # standard deviations of the residuals: the least contribution for a shadow
-BRIGHT = 0.1  # of a light's brightest contribution: the least contribution for a shadow
-LEAST = 0.003  # of a view's pixels, and at least FEWEST: the smallest shadow
+BRIGHT = 0.1  # the least contribution for a shadow, over the light's brightest one
+LEAST = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least FEWEST
 FEWEST = 12
 GRAZING = 0.35  # n.v below which a pixel belongs to the rim
-SECTORS = 8  # of a rim; their excesses are compared
+SECTORS = 8  # number of sectors of a rim, whose excesses are compared
 
 
 @dataclass(frozen=True, eq=False)

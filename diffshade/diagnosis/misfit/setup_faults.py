@@ -19,14 +19,14 @@ from .residual_correlation import ResidualCorrelation, correlation_of
 from .score_tests import Score, ScoreTests
 
 FALSE_ALARM = 1e-4  # significance level of the test of one fault
-EXPLAINED = 0.5  # of the structure in the residuals: the least that a fault explains
-RIVAL = 0.5  # of the best fault's gain: another fault with more may be the cause as well
-SECOND = 0.25  # of the best fault's gain: the least of a second fault
+EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
+RIVAL = 0.5  # another fault with this fraction of the best fault's gain may be the cause as well
+SECOND = 0.25  # the least gain of a second fault, over the best fault's
 FAULTS = 3  # reported at most
 REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
-GROSS = 0.2  # of the cost: a fault that explains more is reported whatever it moves to first order
-SIMPLER = 0.5  # of what the radius leaves unexplained: the least that the centre must explain to be preferred
-NEARLY = 0.85  # of the centre's gain: a radius with more is preferred to the centre
+GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
+SIMPLER = 0.5  # the least that the centre must explain of what the radius leaves unexplained
+NEARLY = 0.85  # a radius with more than this fraction of the centre's gain is preferred
 CERTAIN = 5.0  # standard errors of the structure in the residuals: above it a large fault is searched for
 DARKEST, STEEPEST, WIDEST = 0.9, 0.7, 4.0  # upper limits of vignetting, |gamma - 1|, and a blur in pixels
 LOBES = (0.4, 1.7)  # the range of the amount for another lobe; 1 is exactly that lobe

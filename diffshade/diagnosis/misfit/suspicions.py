@@ -20,7 +20,7 @@ from .regions import measure_rim
 from .setup_faults import SECOND, SetupFault, setup_faults
 
 ROUNDS = 12
-ROUNDING = 1e-10  # of the sum of squares of the images; smaller residuals are rounding
+ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 
 Mask = Bool[np.ndarray, "h w"]
 

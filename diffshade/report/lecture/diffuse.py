@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FACE, EDGE = 0.7, 0.8  # half the width of the face that a beam falls on, and of its picture
-LENGTH = 0.8  # of the ray in the middle
+LENGTH = 0.8  # the length of the ray in the middle
 RAYS = 8  # as many as the whole face takes where they fall straight on it
 BEAM = "#e08a1e"
 

@@ -162,7 +162,7 @@ def convergence(fit: Fit) -> Chart | None:
     frame = Frame(
         (0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True
     )
-    said = zip(passes, y, above[passes], strict=True)
+    points = zip(passes, y, above[passes], strict=True)
     return Chart(
         "Convergence",
         "pass over all pixels",
@@ -171,7 +171,7 @@ def convergence(fit: Fit) -> Chart | None:
         frame.y_ticks(),
         words=f"The cost fell from {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
         line=frame.path(passes, y),
-        dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in said),
+        dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in points),
     )
 
 

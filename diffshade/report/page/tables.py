@@ -11,7 +11,7 @@ from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
 from ...inverse.result import Fit
 
-REACH = 0.3  # of a value: the longest whisker; a value with a larger error is not determined
+REACH = 0.3  # the longest whisker, over the value; a value with a larger error is not determined
 MOST_CORRELATED = 40  # unknowns; with more, only the strongest pairs are shown
 STRONGEST = 5
 MOST_DECIMALS = 9
