@@ -36,9 +36,9 @@ GROUPS = {
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
-        "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
-        "diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity diagnosis/shot_ranking "
-        "diagnosis/shots inverse/checks/stability inverse/refits inverse/statistics/clusters "
+        "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice "
+        "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
+        "diagnosis/shot_ranking diagnosis/shots inverse/checks/stability inverse/refits inverse/statistics/clusters "
         "inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (
