@@ -60,8 +60,8 @@ def problem(lights: int, channels: int, texels: int) -> Problem:
     l = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
     tilt, turn = np.deg2rad(25 * np.sqrt(rng.random(texels))), 2 * np.pi * rng.random(texels)
     n = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
-    k = rng.homoscedastic(0.2, 0.8, (2 * channels, texels))
-    n_s = np.exp(rng.homoscedastic(np.log(5), np.log(100), texels))
+    k = rng.uniform(0.2, 0.8, (2 * channels, texels))
+    n_s = np.exp(rng.uniform(np.log(5), np.log(100), texels))
     n_l = l @ n
     cosine = 2 * n_l * n[2] - l[:, 2:]
     log = np.where((n_l > 0) & (cosine > 0), np.log(np.maximum(cosine, 1e-12)), -1e4)

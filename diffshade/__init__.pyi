@@ -9,11 +9,11 @@ from .diagnosis.forecasting import forecast as forecast
 from .diagnosis.model_choice import ModelChoice as ModelChoice
 from .diagnosis.model_choice import compare as compare
 from .diagnosis.planning import Plan as Plan
-from .diagnosis.planning import Shot as Shot
 from .diagnosis.planning import plan as plan
 from .diagnosis.resampling import bootstrap as bootstrap
 from .diagnosis.sensitivity import image_sensitivity as image_sensitivity
 from .diagnosis.sensitivity import sensitivity as sensitivity
+from .diagnosis.shots import Shot as Shot
 from .exchange.lamps.falloff import Falloff as Falloff
 from .exchange.lamps.falloff import fit_falloff as fit_falloff
 from .exchange.lamps.lamp_files import SpotFit as SpotFit

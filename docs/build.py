@@ -23,7 +23,7 @@ try:
     import pdoc.render_helpers
     import written
     from markupsafe import Markup
-    from pdoc.docstrings import embed_images
+    from pdoc.docstrings import embed_images, google
     from pygments.formatters import HtmlFormatter
 
     import diffshade as ds
@@ -86,6 +86,11 @@ def to_html(markdown: str) -> Markup:
     return Markup(re.sub(boxed, r'<span class="formula">\g<0></span>', html, flags=re.DOTALL))
 
 
+def docstring_html(docstring: str) -> Markup:
+    """Return a docstring as HTML: Markdown with Google's sections, such as `Args:`, each a list under its name."""
+    return to_html(re.sub(r"^###### (\w+:)$", r"**\1**\n", google(docstring), flags=re.MULTILINE))
+
+
 def text(source: str) -> str:
     """Return one of the repository's texts with its pictures embedded and its links leading to the pages here."""
     path = ROOT / source
@@ -113,7 +118,7 @@ def link_code(html: str, names: Collection[str]) -> str:
 def member_entries(doc: pdoc.doc.Doc) -> Iterator[dict[str, str]]:
     """Yield what the search finds of a public name and of its members."""
     entry = {"fullname": doc.fullname, "modulename": doc.modulename, "qualname": doc.qualname, "kind": doc.kind}
-    entry["doc"] = to_html(doc.docstring)
+    entry["doc"] = docstring_html(doc.docstring)
     if isinstance(doc, pdoc.doc.Function):
         entry["signature"] = pdoc.render_helpers.format_signature(written.signature(doc), colon=False)
         entry["funcdef"] = doc.funcdef
@@ -145,7 +150,7 @@ def build(folder: Path) -> None:
     pdoc.render.env.filters |= {
         "signature": written.signature,
         "annotation": written.annotation,
-        "to_html": to_html,
+        "to_html": docstring_html,
         "link_names": lambda html: Markup(written.link_names(html, names)),
     }
     dark = HtmlFormatter(style="github-dark").get_style_defs(".pdoc-code")

@@ -1,4 +1,4 @@
-"""Balls: where a sphere is, from its outline in an image, and what is seen of it at every pixel."""
+"""Balls: the sphere behind an outline in an image, and its points and normals at every pixel."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Mask = Bool[np.ndarray, "h w"]
 Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
 
-SECTORS = 12  # of an outline, left out one at a time for its errors
+SECTORS = 12  # number of sectors of an outline, left out one at a time to find its errors
 SHORTEST = 24  # points of an outline
 TRIES = 300  # circles through three points of an edge
-DRAWN = 12.0**-0.5  # pixels: a mask is drawn to whole pixels, and its outline does not show by how much it is off
-LEAST = 0.4  # of an edge that must lie on a circle, and of the way round that it must go
+ROUNDING = 12.0**-0.5  # pixels: the standard deviation of an edge that is rounded to whole pixels
+LEAST = 0.4  # the least fraction of an edge on a circle, and of the circle that the edge covers
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,20 +34,20 @@ class Ball:
     projection: Projection
     sphere: Sphere
     mask: Mask
-    """Pixels whose centres see the sphere, of those given."""
+    """The given pixels whose centres see the sphere."""
     errors: Float[np.ndarray, "3"]
-    """Standard errors of the centre, to the right and upwards, and of the radius, as they are seen: scene units."""
+    """Standard errors of the apparent centre, to the right and upwards, and of the apparent radius; scene units."""
     pixel: float
     """The width of a pixel at the ball, scene units."""
 
     @property
     def radius(self) -> float:
-        """The radius as it is seen, in pixels."""
+        """The apparent radius, in pixels."""
         return float(self.sphere.radius) / self.pixel
 
     @property
     def middle(self) -> tuple[float, float]:
-        """The column and row at which the centre is seen, pixel centres at +.5."""
+        """The column and row of the centre in the image, pixel centres at +.5."""
         P, backward = self.projection, axes(self.projection)[2]
         at = np.asarray(self.sphere.center)
         corner, right, down = vector(P.origin), vector(P.origin_column), vector(P.origin_row)
@@ -58,14 +58,14 @@ class Ball:
         return float((at - corner) @ right / (right @ right)), float((at - corner) @ down / (down @ down))
 
     def moved(self, step: Float[np.ndarray, "3"]) -> Ball:
-        """Return the ball of an outline that lies more to the right, higher, and is wider, by a step."""
+        """Return the ball for an outline shifted to the right, upwards, and widened, by a step."""
         center = np.asarray(self.sphere.center) + step[:2] @ axes(self.projection)[:2]
         return dataclasses.replace(self, sphere=Sphere(center, float(self.sphere.radius) + float(step[2])))
 
     def seen(self, row: Numbers, column: Numbers) -> tuple[Points, Points, Points]:
         """Return the sphere's points at rows and columns (pixel centres at +.5), the normals, and v there.
 
-        The nearest of |o + t d - c| = R; of a ray that misses, the point of the sphere that is nearest to it.
+        It is the nearest solution of |o + t d - c| = R, or for a ray that misses, the sphere's point nearest to it.
         """
         o, d = rays(self.projection, row, column)
         center, radius = np.asarray(self.sphere.center), float(self.sphere.radius)
@@ -91,18 +91,18 @@ _projection = jit_quickly(lambda camera: camera.projection())
 
 
 def project(camera: AbstractCamera) -> Projection:
-    """Return a camera as numbers, NumPy float64."""
+    """Return a camera's projection as NumPy float64."""
     with in_float64(camera) as camera:
         return jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), _projection(camera))
 
 
-def vector(of: object) -> Float[np.ndarray, "3"]:
+def vector(vec3: object) -> Float[np.ndarray, "3"]:
     """Return the three numbers of a Vec3."""
-    return np.array(jax.tree.leaves(of))
+    return np.array(jax.tree.leaves(vec3))
 
 
 def axes(projection: Projection) -> Float[np.ndarray, "3 3"]:
-    """Return a camera's right, up and backward, as rows."""
+    """Return a camera's right, up and backward axes, as rows."""
     right = vector(projection.origin_column) + vector(projection.direction_column)
     down = vector(projection.origin_row) + vector(projection.direction_row)
     return np.stack([right / np.linalg.norm(right), -down / np.linalg.norm(down), vector(projection.backward)])
@@ -117,13 +117,13 @@ def rays(projection: Projection, row: Numbers, column: Numbers) -> tuple[Points,
 
 
 def largest(mask: Mask) -> Mask:
-    """Return the largest connected piece of a mask."""
+    """Return the largest connected region of a mask."""
     labels, count = ndimage.label(mask)  # pyright: ignore[reportGeneralTypeIssues]
     return labels == 1 + np.bincount(labels.ravel())[1:].argmax() if count else mask
 
 
 def roundness(mask: Mask) -> float:
-    """Return how much of a mask's edge lies on one circle; 0 to 1."""
+    """Return the fraction of a mask's edge that lies on one circle."""
     row, column = outline(mask)
     if len(row) < SHORTEST:
         return 0.0
@@ -133,7 +133,7 @@ def roundness(mask: Mask) -> float:
 def outline(mask: Mask) -> tuple[Numbers, Numbers]:
     """Return the rows and columns of a mask's edge: halfway between a pixel inside and its neighbour outside.
 
-    Of its largest piece, with holes filled. The border of the image is no edge: a ball is cut off there.
+    Only its largest region counts, with holes filled. The border of the image does not count: it cuts a ball off.
     """
     inside = np.asarray(ndimage.binary_fill_holes(largest(mask)))
     below, right = np.nonzero(inside[1:] != inside[:-1]), np.nonzero(inside[:, 1:] != inside[:, :-1])
@@ -141,9 +141,9 @@ def outline(mask: Mask) -> tuple[Numbers, Numbers]:
 
 
 def circle(p: Points, weight: Numbers) -> tuple[Float[np.ndarray, "3"], float, Numbers]:
-    """Return the circle nearest to points, as seen along z: its centre, radius, and how far each point is off.
+    """Return the circle nearest to points, as seen along z: its centre, radius, and each point's distance from it.
 
-    x.x = 2 c.x + (R^2 - c.c) is linear in c and the bracket (Kasa 1976).
+    x.x = 2 c.x + (R^2 - c.c) is linear in c and in the bracket (Kasa 1976).
     """
     middle = p.mean(0)
     x = (p - middle)[:, :2]
@@ -154,9 +154,9 @@ def circle(p: Points, weight: Numbers) -> tuple[Float[np.ndarray, "3"], float, N
 
 
 def cone(d: Points, weight: Numbers) -> tuple[Float[np.ndarray, "3"], float, Numbers]:
-    """Return the cone nearest to unit vectors d: its axis, half angle (radians), and how far each vector is off.
+    """Return the cone nearest to unit vectors d: its axis, half angle, and each vector's angle from it; radians.
 
-    d.axis = cos angle, that is d.w = 1 with w = axis / cos angle.
+    d.axis = cos angle, which is d.w = 1 with w = axis / cos angle.
     """
     w = _solve(d, np.ones(len(d)), weight)
     length = float(np.linalg.norm(w))
@@ -170,10 +170,10 @@ def _solve(A: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _near(points: Points, find: Callable, pixel: float) -> Numbers:
-    """Return 1 for each point of the outline, else 0: where a shadow or something in front is the mask's edge.
+    """Return 1 for points on the ball's outline, and 0 where a shadow or an object in front makes the mask's edge.
 
-    Of 300 circles (or cones) through three of the points, that with most of them within a pixel, or 1 % of its radius,
-    less half of those that lie beyond it: what is of the ball is within it.
+    Tries 300 circles (or cones) through three of the points. The best one has the most points within a pixel, or 1 % of
+    its radius, minus half the points outside it, since the ball's own points lie inside.
     """
     random, best, most = np.random.default_rng(0), np.zeros(len(points), bool), 0.0
     extent = float(np.ptp(points[:, :2], axis=0).max())
@@ -194,17 +194,27 @@ def _near(points: Points, find: Callable, pixel: float) -> Numbers:
 
 
 def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole: bool = False) -> Ball:
-    """Find the sphere of a radius (scene units) whose outline is the edge of a mask.
+    """Find the sphere whose outline is the edge of a mask.
 
-    Seen from far away the outline is a circle. Without a camera one is made that is far away on +z, with the sphere
-    about the origin; how far the sphere is from a camera of parallel rays is not seen, and it is put where the camera's
-    target is. Through a pinhole the outline is an ellipse, and the rays to it a cone about the line to the centre,
-    which touches the sphere: its half angle has the sine radius / distance (Daucher, Dhome and Lapreste 1994, "Camera
-    calibration from spheres images", ECCV, LNCS 800). Circle and cone are found by linear least squares, twice, the
-    second time without what lies off; errors are by leaving out one of 12 sectors of the outline at a time, and at
-    least .29 pixels. `whole` says that pixels of the sphere outside the mask, in its own shadow, are the ball's too.
+    From far away the outline is a circle. Parallel rays do not show the sphere's distance, so it is put at the depth of
+    the camera's target. Through a pinhole the outline is an ellipse. The rays to it form a cone around the line to the
+    centre, and touch the sphere: the sine of the half angle is radius / distance (Daucher, Dhome and Lapreste 1994,
+    "Camera calibration from spheres images", ECCV, LNCS 800).
 
-    Raises ValueError for a mask that shows no ball.
+    Circle and cone are found by linear least squares without outliers. Errors are found by leaving out one of 12
+    sectors of the outline at a time, and are at least .29 pixels.
+
+    Args:
+        mask: True on the ball.
+        camera: None for a camera far away on +z, with the sphere at the origin.
+        radius: The sphere's radius, scene units.
+        whole: Whether pixels of the sphere outside the mask, in its own shadow, belong to the ball too.
+
+    Returns:
+        The ball.
+
+    Raises:
+        ValueError: If the mask shows no ball.
     """
     row, column = outline(mask)
     if len(row) < SHORTEST:
@@ -235,12 +245,12 @@ def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole
         depth = float(np.asarray(camera.target) @ frame[2])
         sphere = Sphere(np.array([*center[:2], depth]) @ frame, width)
         pixel = step
-    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, DRAWN * pixel), pixel)
+    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, ROUNDING * pixel), pixel)
     return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
 
 
 def _far_camera(row: Numbers, column: Numbers, shape: tuple[int, ...], radius: float) -> OrthographicCamera:
-    """Return the camera far away on +z in whose picture the outline is a circle of the radius about the origin."""
+    """Return a camera far away on +z that sees the outline as a circle of this radius around the origin."""
     points = np.column_stack([column, row, np.zeros(len(row))])
     weight = _near(points, circle, 1.0)
     _check_some(weight)
@@ -262,7 +272,7 @@ def _disc(ball: Ball) -> Mask:
 
 
 def _check_some(weight: Numbers) -> None:
-    """Refuse an edge of which too little lies on any one circle."""
+    """Refuse an edge with too few points on any one circle."""
     if np.mean(weight) < LEAST:
         raise ValueError(
             f"the mask shows no ball: {100 * np.mean(weight):.0f} % of its edge lies on a circle. Give a mask of the "
@@ -271,10 +281,10 @@ def _check_some(weight: Numbers) -> None:
 
 
 def _check_round(sector: np.ndarray) -> None:
-    """Refuse an outline that is too little of a circle."""
+    """Refuse an outline that covers too little of a circle."""
     arc = len(set(sector.tolist())) / SECTORS
     if arc < LEAST:
         raise ValueError(
-            f"the mask shows too little of a ball: its outline goes {100 * arc:.0f} % of the way round. Give a mask of "
+            f"the mask shows too little of a ball: its outline covers {100 * arc:.0f} % of a circle. Give a mask of "
             "the whole ball."
         )

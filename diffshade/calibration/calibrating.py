@@ -1,4 +1,4 @@
-"""Calibrating: photographs of a ball in, camera, ball and lights out."""
+"""Calibrating: camera, ball and lights from photographs of a ball."""
 
 from __future__ import annotations
 
@@ -37,31 +37,43 @@ def calibrate(
     srgb: bool | None = None,
     progress: bool = False,
 ) -> Calibration:
-    """Find the ball in photographs, each under one light, and the light of each photograph from it.
+    """Find a ball in photographs with one light each, and from it the light of each photograph.
 
-    `ball`: "mirror", whose highlight is the light's image: l = 2 (n.v) n - v; "matte", whose shading is k_d I max(n.l,
-    0), or any law like it that all photographs share: directions and intensities, from one photograph on; "glossy", of
-    which pose, light and the whole material (k_a, k_d, k_s, n_s) are fitted together, from one photograph on: the
-    result's `fit`. Each says in its `notes` what the photographs cannot tell.
+    A mirror ball shows each light as a highlight: l = 2 (n.v) n - v. A matte ball is shaded by k_d I max(n.l, 0), or a
+    similar law that all photographs share. For a glossy ball, pose, lights and the whole material (k_a, k_d, k_s, n_s)
+    are fitted together; see `Calibration.fit`.
 
-    `photographs`: a folder (in the order that people count in, or of its `filenames.txt`), a file, arrays or lazy
-    images of linear radiance, or several of them, from a camera that did not move. `srgb`: as for `read_image`.
-    `mask`: a file or an array, True on the ball; by default the file with "mask" in its name in that folder, else an
-    alpha channel, else the ball is found where it stands out from a dark background, which a mirror ball does not. Two
-    or more masks are so many mirror balls, which together tell where a light is.
+    Errors are root mean square, in degrees. For a mirror ball they come from how the highlight's centre depends on the
+    threshold, and from the outline, known to .29 pixels at best. For a matte ball they come from the outline, from
+    leaving out one of about 32 patches at a time, and from how far other laws of shading turn the light. For a glossy
+    ball they are the fit's. A note states the effect of a misplaced mask.
 
-    `camera`: with `Camera.from_intrinsics` the outline is an ellipse, the sphere stands where it is seen, and v points
-    to the eye from each of its points. Without, the camera is far away on +z and the ball about the origin. `radius`:
-    of the ball, or of each, in the scene units wanted. `directions`: (n, 3) towards the lights, a text file of them, or
-    the `Calibration` of another ball: then a matte ball tells their intensities alone.
+    On two measured balls, directions by shading differed from those by a highlight by 1.6 and 1.8 degrees in the mean.
+    Prefer the mirror ball if you have both.
 
-    Errors: root mean square, degrees. Of a mirror, from how the highlight's middle depends on its brightness and from
-    the outline, known to .29 pixels at best; of a matte ball, from the outline, by leaving out one of about 32 patches
-    of it at a time, and from how far other laws of shading turn the light; of a glossy one, of the fit. What a mask
-    that is drawn wrongly would change is in a note. On two measured balls the directions by their shading were 1.6 and
-    1.8 degrees off those by a highlight, in the mean; where both can be had, believe the mirror.
+    Args:
+        photographs: Photographs by a camera that did not move, linear radiance: a folder (its files in natural order,
+            or those in its `filenames.txt`), a file, an array or `LazyImage` (H, W) or (H, W, C), or several of these.
+        ball: "mirror" (directions), "matte" (directions and intensities, from one photograph on) or "glossy" (pose,
+            lights and material, from one photograph on).
+        mask: A file or an array, True on the ball. Several masks are several mirror balls, which together give the
+            positions of the lights. By default it is the file with "mask" in its name in the folder, else an alpha
+            channel, else the ball is searched for before a dark background, which fails for a mirror ball.
+        camera: By default a camera far away on +z, with the ball at the origin. With `Camera.from_intrinsics` the
+            outline is an ellipse, the ball's place in space is found, and v points to the eye from each of its points.
+        radius: The radius of the ball, or of each ball, in scene units; above 0.
+        directions: Known directions, for a matte ball, whose intensities alone are then found: (n, 3) towards the
+            lights, a text file of them, or the `Calibration` of another ball.
+        srgb: Whether to decode files from the sRGB curve, as in `read_image`.
+        progress: Show a progress line on the terminal.
 
-    Raises ValueError, TypeError, FileNotFoundError: one sentence and the remedy.
+    Returns:
+        Camera, ball and lights, with errors, and notes on what the photographs do not determine.
+
+    Raises:
+        ValueError: If a photograph, mask, radius or direction is unusable, or shows no ball.
+        TypeError: If an argument has another type.
+        FileNotFoundError: If a file does not exist.
     """
     _check(ball, camera, directions)
     with showing("calibrate", show=progress) as report_progress:
@@ -79,19 +91,19 @@ def calibrate(
 
 
 def _of_camera(camera: AbstractCamera | None) -> list[str]:
-    """Say what was taken for granted of the camera."""
+    """Return what was assumed of the camera, or looks wrong with it."""
     if camera is None:
         return [
-            "the camera was taken to be far away: from 12 radii of the ball directions come out up to 2.5 degrees off, "
-            "from 25 up to 1.6, which is not in the errors, and a fit makes k_a of it. Give "
-            "camera=Camera.from_intrinsics(K, shape=...) where it was nearer."
+            "the camera was assumed to be far away. At a distance of 12 ball radii, directions are off by up to 2.5 "
+            "degrees, at 25 radii by up to 1.6; the errors do not include this, and a fit puts it into k_a. Give "
+            "camera=Camera.from_intrinsics(K, shape=...) if it was nearer."
         ]
     if isinstance(camera, Camera) and camera.principal_point is not None:
         (column, row), (height, width) = np.asarray(camera.principal_point), camera.shape
         if not (0 <= column <= width and 0 <= row <= height):
             return [
                 f"the principal point ({column:.4g}, {row:.4g}) lies outside the picture of {width} x {height} pixels: "
-                "K looks like that of photographs of another size. Give it for these."
+                "K seems to be for photographs of another size. Give K for this size."
             ]
     return []
 
@@ -99,13 +111,13 @@ def _of_camera(camera: AbstractCamera | None) -> list[str]:
 def _check(ball: str, camera: AbstractCamera | None, directions: Any) -> None:
     if ball not in BALLS:
         listed = ", ".join(f"'{choice}'" for choice in BALLS)
-        raise ValueError(f"ball must be one of {listed}; got {ball!r}. Give what the ball is like.")
+        raise ValueError(f"ball must be one of {listed}; got {ball!r}. Give the kind of ball in the photographs.")
     if camera is not None:
         check_kind("camera", camera, AbstractCamera, "Camera.from_intrinsics(K, shape=(480, 640))")
         check(camera)
     if directions is not None and ball != "matte":
         raise ValueError(
-            f"directions are for a matte ball, which then tells the intensities; got ball={ball!r}. Leave them out."
+            f"directions are for a matte ball, to find the intensities; got ball={ball!r}. Leave them out."
         )
 
 
@@ -116,27 +128,29 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
         raise ValueError(f"camera.shape must be that of the photographs, {shape}; got {camera.shape}. Resize them.")
     if kind == "mirror" and taken.found:
         raise ValueError(
-            "a mirror ball shows the room, not its own outline. Give its mask: mask='mask.png', at the terminal --mask."
+            "a mirror ball has no outline of its own, since it reflects the room. Give its mask: mask='mask.png' "
+            "(--mask)."
         )
     if len(taken.masks) > 1 and (kind != "mirror" or not isinstance(camera, Camera)):
         raise ValueError(
-            f"{len(taken.masks)} masks are so many mirror balls seen by a camera whose intrinsics are known, since it "
-            f"must be known how far away they are; got ball={kind!r} and "
-            f"{'no camera' if camera is None else type(camera).__name__}. Give one mask, or "
-            "camera=Camera.from_intrinsics(K, shape=...)."
+            f"several masks ({len(taken.masks)}) need mirror balls and a camera with known intrinsics, for their "
+            f"distances; got ball={kind!r} and {'no camera' if camera is None else type(camera).__name__}. Give one "
+            "mask, or camera=Camera.from_intrinsics(K, shape=...)."
         )
     try:
         radii = np.ravel(np.asarray(radius, np.float64))
     except (TypeError, ValueError):
-        raise TypeError(f"radius must be a number above 0, or one a mask; got {radius!r}. Give scene units.") from None
+        raise TypeError(
+            f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units."
+        ) from None
     if not ((radii > 0).all() and np.isfinite(radii).all() and len(radii) in (1, len(taken.masks))):
-        raise ValueError(f"radius must be a number above 0, or one a mask; got {radius!r}. Give scene units.")
+        raise ValueError(f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units.")
     radii = np.broadcast_to(radii, len(taken.masks))
     return tuple(find_ball(m, camera, float(r), whole=taken.found) for m, r in zip(taken.masks, radii, strict=True))
 
 
 def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:
-    """Return directions that are given, as unit vectors, and their errors in degrees."""
+    """Return given directions as unit vectors, and their errors in degrees."""
     photographs = len(names)
     errors = directions.errors if isinstance(directions, Calibration) else np.zeros(photographs)
     if isinstance(directions, str | Path):
@@ -151,6 +165,6 @@ def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.nda
     if found.shape != (photographs, 3):
         raise ValueError(
             f"directions must be one vector for each of the {photographs} photographs; got shape {found.shape}. The "
-            f"photographs are {listing(names)}: make the two match, (x, y, z) towards each light."
+            f"photographs are {listing(names)}. Give (x, y, z) towards the light of each."
         )
     return found / np.linalg.norm(found, axis=-1, keepdims=True), errors

@@ -1,4 +1,4 @@
-"""Highlights: the way to a light from where a mirror ball shows it, and its place from what several balls show."""
+"""Highlights: the direction to a light from its reflection in a mirror ball, and its position from several balls."""
 
 from __future__ import annotations
 
@@ -14,32 +14,42 @@ from .balls import Ball
 Vector = Float[np.ndarray, "3"]
 Picture = Float[np.ndarray, "h w"]
 
-LEVELS = (0.25, 0.5, 0.75)  # of the brightest pixel: how bright the highlight's pixels are at least
-LARGEST = 0.05  # of the ball, that what is half as bright as the brightest pixel covers at most, if it is a highlight
+LEVELS = (0.25, 0.5, 0.75)  # thresholds of the highlight's pixels, over the brightest pixel
+LARGEST = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
-RIM = 0.15  # n.v below which a ball shows its rim, and the world behind it
+RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it
 
 
 @dataclass(frozen=True, eq=False)
 class Glint:
-    """A light as a mirror ball shows it: where on the ball, and the way to it from there."""
+    """The highlight of a light on a mirror ball: its point on the ball, and the direction to the light from there."""
 
     point: Vector
     direction: Vector
     error: float
     """Root mean square error of the direction, degrees."""
-    beside: float
-    """How much light the next highlight of the ball holds, in parts of this one's."""
+    second: float
+    """The light of the ball's next highlight, over this one's."""
 
 
 def find_glint(picture: Picture, ball: Ball) -> Glint:
     """Find the light that a mirror ball shows: l = 2 (n.v) n - v at its highlight (Debevec 1998, SIGGRAPH, fig. 6).
 
-    `picture`: the mean of the channels. The highlight is the piece that holds most light of the pixels of at least half
-    of the brightest one, and l the mean of its pixels' own; of the pixels about it of at least a quarter, a half and
-    three quarters of its own brightest the mean is taken, and how they differ is in the error, with what the ball's
-    outline leaves open and the rounding of the highlight's edge to pixels. Raises ValueError where nothing is one.
+    The highlight is the connected region that holds the most light, among the pixels of at least half the brightness of
+    the brightest one. Around its brightest pixel the mean l is found for thresholds of a quarter, a half and three
+    quarters, and the result is the mean of these. The error includes how they differ, the error of the ball's outline,
+    and the rounding of the highlight's edge to pixels.
+
+    Args:
+        picture: The mean of the channels.
+        ball: The ball in the picture.
+
+    Returns:
+        The highlight.
+
+    Raises:
+        ValueError: If the ball is black, or shows no highlight.
     """
     row, column = np.nonzero(ball.mask)
     _, n, v = ball.seen(row + 0.5, column + 0.5)
@@ -47,13 +57,13 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     inside[row, column] = (n * v).sum(-1) > RIM
     light = np.where(inside, picture, 0.0)
     if not light.any():
-        raise ValueError("the ball is black all over. Check the photograph and the mask.")
-    half, beside = _brightest_piece(light)
+        raise ValueError("the whole ball is black. Check the photograph and the mask.")
+    half, second = _brightest_piece(light)
     covered = half.sum() / max(inside.sum(), 1)
     if covered > LARGEST:
         raise ValueError(
-            f"the ball shows no highlight: what is at least half as bright as its brightest pixel covers "
-            f"{100 * covered:.2g} % of it. Give photographs of a mirror ball in the dark, or ball='matte'."
+            f"the ball shows no highlight: {100 * covered:.2g} % of it is at least half as bright as its brightest "
+            "pixel. Give photographs of a mirror ball in the dark, or ball='matte'."
         )
 
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
@@ -74,13 +84,13 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     spread = np.mean([np.sum((l - direction) ** 2) for _, l in found])
     here = reflected(ball, half)[1]
     moved = [reflected(ball.moved(step), half)[1] - here for step in np.diag(ball.errors)]
-    digits = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / half.sum()  # a pixel is 2/R of a direction, in each of two ways
-    error = float(np.rad2deg(np.sqrt(spread + np.square(moved).sum() + digits)))
-    return Glint(point, direction, error, beside)
+    rounding = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / half.sum()  # one pixel turns l by 2/R, along rows and columns
+    error = float(np.rad2deg(np.sqrt(spread + np.square(moved).sum() + rounding)))
+    return Glint(point, direction, error, second)
 
 
 def _brightest_piece(light: Picture) -> tuple[np.ndarray, float]:
-    """Return the piece that holds most light, of the pixels of at least half the brightest, and the next one's part."""
+    """Return the region above half the brightest pixel that holds the most light, and the next one's light over its."""
     labels, count = ndimage.label(light >= 0.5 * light.max(), np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     held = ndimage.sum_labels(light, labels, np.arange(1, count + 1))
     first = int(np.argmax(held))
@@ -88,7 +98,7 @@ def _brightest_piece(light: Picture) -> tuple[np.ndarray, float]:
 
 
 def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.ndarray:
-    """Return the connected piece about a pixel, of those of at least this part of its brightness."""
+    """Return the connected region around a pixel, of the pixels above this fraction of its brightness."""
     labels, _ = ndimage.label(light >= level * light[peak], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     return labels == labels[peak]
 
@@ -96,12 +106,11 @@ def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:
     """Return the point nearest to the rays from several balls to one light, and its standard errors; scene units.
 
-    Minimises sum |(I - l l^T)(x - p)|^2 / (sigma |x - p|)^2 over x, with the distances of the last x; sigma is each
-    direction's error, or more where the rays miss each other by more. NaN, with infinite errors, where they do not
-    meet.
+    Minimises sum |(I - l l^T)(x - p)|^2 / (sigma |x - p|)^2 over x, with the distances of the previous x. sigma is each
+    direction's error, scaled up if the rays miss each other by more. NaN with infinite errors if they do not meet.
     """
     p, l = np.array([g.point for g in glints]), np.array([g.direction for g in glints])
-    sigma = np.deg2rad([max(g.error, 1e-6) for g in glints]) / np.sqrt(2.0)  # along each of the two ways across a ray
+    sigma = np.deg2rad([max(g.error, 1e-6) for g in glints]) / np.sqrt(2.0)  # along each of the two axes across a ray
     across = np.eye(3) - l[:, :, None] * l[:, None, :]
     distance, x, H = np.ones(len(glints)), np.zeros(3), np.eye(3)
     for _ in range(STEPS):
@@ -114,7 +123,7 @@ def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3
     misses = np.einsum("kij,kj->ki", across, x - p)
     chi2 = float(((misses**2).sum(-1) / (sigma * distance) ** 2).sum()) / (2 * len(glints) - 3)
     errors = np.sqrt(np.diag(np.linalg.inv(H)) * max(chi2, 1.0))
-    # behind a ball, or as uncertain as it is far: the light is too far away for its place to be told
+    # behind a ball, or less certain than its distance: the light is too far away for a position
     if not (((x - p) * l).sum(-1) > 0).all() or np.linalg.norm(errors) > distance.min():
         return np.full(3, np.nan), np.full(3, np.inf)
     return x, errors

@@ -1,4 +1,4 @@
-"""Laws of shading: the light of each photograph, and a law that all share, from what they show of one matte ball."""
+"""Laws of shading: the light of each photograph of a matte ball, and the law that all photographs share."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from jaxtyping import Float, Int
 Table = Float[np.ndarray, "photographs pixels"]
 Vectors = Float[np.ndarray, "photographs 3"]
 
-CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient where the noise is Gaussian
-LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many numbers of theirs the photographs share
-PRIOR = 0.3  # standard deviation of those numbers: it settles what one photograph alone cannot
-STEPS, SETTLED = 60, 8  # steps at most; after the second number the scale of the loss stays
+CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
+LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many parameters the photographs share
+PRIOR = 0.3  # standard deviation of the shared parameters: it decides what one photograph leaves open
+STEPS, SETTLED = 60, 8  # the most steps; the step after which the scale of the loss is fixed
 TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """What photographs show of one ball at the same pixels, which are sorted by their patch of the ball."""
+    """The samples of several photographs at the same pixels of a ball, sorted by patch."""
 
     values: Table
-    """The mean of the channels; NaN where it is clipped."""
+    """The mean of the channels; NaN where a sample is clipped."""
     n: Float[np.ndarray, "pixels 3"]
     n_v: Float[np.ndarray, " pixels"]
     patch: Int[np.ndarray, " pixels"]
@@ -32,18 +32,18 @@ class Shading:
 
 @dataclass(frozen=True, eq=False)
 class Lamps:
-    """What lights a ball in each photograph: b = k_d I l, l towards the light."""
+    """The light of each photograph: b = k_d I l, with l towards the light."""
 
     b: Vectors
     covariance: Float[np.ndarray, "photographs 3 3"]
-    """Of b, by leaving out one patch of the ball at a time."""
+    """The covariance of b, by leaving out one patch of the ball at a time."""
     shared: Float[np.ndarray, " m"]
-    """The ambient light over the median |b|, and what bends the law."""
+    """The shared parameters: the ambient light over the median |b|, and s_1 to s_4 of the law."""
     residuals: Table
     weights: Table
-    """What each pixel counts, by the loss: 0 where it is clipped."""
+    """The weight of each pixel by the loss; 0 where it is clipped."""
     lit: Table
-    """What the light alone, without the ambient, gives each pixel."""
+    """What the light alone, without ambient light, adds at each pixel."""
 
     @property
     def intensity(self) -> Float[np.ndarray, " photographs"]:
@@ -57,7 +57,7 @@ class Lamps:
 
 
 class Linear(NamedTuple):
-    """Residuals, and their derivatives by the numbers of each photograph and by the shared ones."""
+    """Residuals, and their derivatives with respect to each photograph's own and the shared parameters."""
 
     residuals: np.ndarray
     own: np.ndarray
@@ -66,26 +66,30 @@ class Linear(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """The normal equations: a block for each photograph, what ties it to the shared numbers, and theirs."""
+    """The normal equations: a block for each photograph, its coupling to the shared parameters, and their block."""
 
     own: np.ndarray
-    tie: np.ndarray
+    coupling: np.ndarray
     shared: np.ndarray
     own_gradient: np.ndarray
     shared_gradient: np.ndarray
 
 
 def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> Lamps:
-    """Find what lights a matte ball in each of its photographs, by least squares with a Cauchy loss.
+    """Find the light of each photograph of a matte ball, by least squares with a Cauchy loss.
 
     I = a + |b| F(n.l, n.v) where n.l > 0, else a; l = b/|b|. The law "E4" is Lambert's, F = n.l and a = 0 (Woodham
-    1980, "Photometric method for determining surface orientation from multiple images"); "E1 and E4" has an ambient a
-    beside it, one for all photographs; "any" lets F bend with n.l and n.v, as a rough ball's or a camera's curve does,
-    alike in all photographs: F = u (1 + s_1 (1-u) + s_2 (1-u)^2 + s_3 (1-n.v) + s_4 (1-n.v)^2), u = n.l. The shared
-    numbers have a prior of 0 +- 0.3. Which pixels are in attached shadow follows from the l that is found.
+    1980, "Photometric method for determining surface orientation from multiple images"). "E1 and E4" adds an ambient a,
+    the same for all photographs. "any" is F = u (1 + s_1 (1-u) + s_2 (1-u)^2 + s_3 (1-n.v) + s_4 (1-n.v)^2) with u =
+    n.l, the same for all photographs, for a rough ball or a camera's curve. The shared parameters have a prior of 0 +-
+    0.3. The attached shadow follows from the l that is found.
 
-    Gauss-Newton with Levenberg's damping, where the photographs' own blocks are eliminated. With `directions`, the
-    lengths |b| alone are unknown.
+    The solver is Gauss-Newton with Levenberg's damping; the photographs' own blocks are eliminated.
+
+    Args:
+        shading: The samples of the photographs.
+        law: A key of `LAWS`.
+        directions: Known unit vectors towards the lights; then only the lengths |b| are unknown.
     """
     known = np.isfinite(shading.values)
     b = _lambert(shading)
@@ -119,8 +123,8 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     ends = np.searchsorted(shading.patch, np.arange(shading.patch.max() + 2))
     patches = [slice(first, last) for first, last in itertools.pairwise(ends) if last > first]
     without = [_minus(normal, _normal(at, weights, patch)) for patch in patches]
-    moved = np.einsum("ijk,pik->pij", ways, np.array([_solve(of, 1e-9)[0] for of in without]))
-    # the cost bends with psi' = (1 - t^2) w^2, t = r / (2.385 sigma), where the normal equations have the weights w
+    moved = np.einsum("ijk,pik->pij", ways, np.array([_solve(one, 1e-9)[0] for one in without]))
+    # the cost's curvature is psi' = (1 - t^2) w^2, t = r / (2.385 sigma); the normal equations have the weights w
     t2 = (at.residuals / (CAUCHY * scale)) ** 2
     moved = (moved - moved.mean(0)) * weights.sum() / ((1.0 - t2) * weights**2).sum()
     covariance = (len(moved) - 1) / len(moved) * np.einsum("pij,pik->ijk", moved, moved)
@@ -128,7 +132,7 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
 
 
 def _lambert(shading: Shading) -> Vectors:
-    """Return each photograph's b by Lambert's law, from the pixels in its brighter half, which it lights."""
+    """Return each photograph's b by Lambert's law, from the brighter half of its pixels, which are lit."""
     found = []
     for values in shading.values:
         bright = np.isfinite(values) & (values >= np.nanmedian(values))
@@ -157,7 +161,7 @@ def _linear(shading: Shading, b: Vectors, s: np.ndarray, unit: float, ways: np.n
 
 
 def _normal(at: Linear, weights: Table, pixels: slice) -> Normal:
-    """Return the normal equations of some of the pixels."""
+    """Return the normal equations of a range of pixels."""
     own, shared = at.own[..., pixels], at.shared[..., pixels]
     weighted, r = own * weights[:, None, pixels], (weights * at.residuals)[:, pixels]
     return Normal(
@@ -181,14 +185,14 @@ def _minus(whole: Normal, part: Normal) -> Normal:
 
 
 def _solve(normal: Normal, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step of each photograph's numbers and of the shared ones."""
+    """Return the steps of each photograph's own and of the shared parameters."""
     k = normal.own.shape[-1]
     own = normal.own + damping * normal.own * np.eye(k) + 1e-300 * np.eye(k)
     shared = normal.shared + damping * normal.shared * np.eye(len(normal.shared))
     from_shared, from_own = (
-        np.linalg.solve(own, normal.tie),
+        np.linalg.solve(own, normal.coupling),
         np.linalg.solve(own, normal.own_gradient[..., None])[..., 0],
     )
-    left = shared - np.einsum("ikm,ikn->mn", normal.tie, from_shared)
-    s = -np.linalg.solve(left, normal.shared_gradient - np.einsum("ikm,ik->m", normal.tie, from_own))
+    left = shared - np.einsum("ikm,ikn->mn", normal.coupling, from_shared)
+    s = -np.linalg.solve(left, normal.shared_gradient - np.einsum("ikm,ik->m", normal.coupling, from_own))
     return -from_own - from_shared @ s, s

@@ -15,7 +15,7 @@ from .highlights import find_glint, find_position
 from .outcome import Calibration, views_of
 from .photographs import Photographs
 
-SECOND = 0.3  # of the light of a highlight, that another one is said to be there
+SECOND = 0.3  # a second highlight with more than this fraction of the brightest one's light is reported
 
 
 def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Callable[[str], None]) -> Calibration:
@@ -29,14 +29,14 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
             raise ValueError(f"{name}: {error}") from None
     shift = np.rad2deg(2.0 / min(ball.radius for ball in balls))
     notes = [
-        f"a mask that lies a pixel to one side turns every direction by {shift:.2g} degrees, of which .29 is in "
-        "the errors.",
-        "how bright a highlight is was not looked at: the intensities are put at 1. A matte ball tells them.",
+        f"a mask shifted by one pixel would turn every direction by {shift:.2g} degrees; the errors include a shift of "
+        ".29 pixels.",
+        "the brightness of the highlights was not used: all intensities are 1. Photograph a matte ball for them.",
     ]
-    if several := [name for name, of in zip(taken.names, glints, strict=True) if max(g.beside for g in of) > SECOND]:
+    if several := [name for name, of in zip(taken.names, glints, strict=True) if max(g.second for g in of) > SECOND]:
         notes.append(
-            f"{listing(several)} {'shows' if len(several) == 1 else 'show'} more than one highlight, of which the "
-            "brightest was taken: put the other lamps out, or leave their reflections out of the mask."
+            f"{listing(several)} {'shows' if len(several) == 1 else 'show'} more than one highlight; the brightest was "
+            "used. Switch the other lamps off, or exclude their reflections with the mask."
         )
     objects = [Object(ball.sphere, Material(k_d=1.0)) for ball in balls]
     directions = np.array([np.mean([g.direction for g in of], 0) for of in glints])
@@ -46,8 +46,9 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
     lights = [DirectionalLight(-l) for l in directions]
     if len(balls) == 1:
         notes.append(
-            "one ball tells the way to a light, not how far it is, and tells it from the highlight: of a lamp 10 radii "
-            "away it is up to 6 degrees another one from the ball's middle. Photograph two balls for its position."
+            "one ball shows the direction to a light, not how far away it is. The direction is from the highlight; "
+            "from the ball's centre that of a lamp 10 radii away differs by up to 6 degrees. Photograph two balls for "
+            "the lamp's position."
         )
     else:
         found = [find_position(of) for of in glints]
@@ -63,7 +64,9 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
         ]
         if not known.all():
             names = listing([name for name, near in zip(taken.names, known, strict=True) if not near])
-            notes.append(f"the rays from the balls to the light of {names} do not meet: it is taken to be far away.")
+            notes.append(
+                f"the rays from the balls to the light of {names} do not meet: this light is assumed to be far away."
+            )
     return Calibration(
         ball="mirror",
         names=taken.names,

@@ -1,4 +1,4 @@
-"""Outcome: the lights that a ball tells, with their errors, what it cannot tell, and the files others read."""
+"""Outcome: the lights that a ball shows, with errors and notes, and the files that other programs read."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ from .photographs import Photographs
 Vectors = Float[np.ndarray, "photographs 3"]
 
 LAYOUT = ("filenames.txt", "light_directions.txt", "light_intensities.txt", "normal_gt.npy")
-DIM = 0.1  # of the range of a file, below which 16 bits would round a photograph
-CLEAR = 2.0  # standard errors, beyond which two directions disagree
+DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
+DISAGREE = 2.0  # standard errors, above which two directions disagree
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a ball tells of the lights of photographs; `print` it for the table.
+    """The lights of photographs of a ball, with errors; `print` it for the table.
 
-    With `fit(calibration.scene, calibration.views, free=...)` one goes on to the ball's own material.
+    Fit the ball's own material with `fit(calibration.scene, calibration.views, free=...)`.
     """
 
     ball: str
     names: tuple[str, ...]
-    """The photographs."""
+    """The names of the photographs."""
     balls: tuple[Ball, ...]
-    """Where the ball is seen, or the balls."""
+    """The ball, or the balls, as found in the photographs."""
     scene: Scene
-    """The ball, of k_d 1 or as it was fitted, and a light for each photograph."""
+    """The ball, with k_d 1 or as fitted, and a light for each photograph."""
     views: tuple[View, ...]
-    """The photographs; light i is on in photograph i alone."""
+    """The photographs; only light i is on in photograph i."""
     directions: Vectors
     """Unit vectors *towards* the light of each photograph."""
     errors: Float[np.ndarray, " photographs"]
     """Root mean square error of each direction, degrees."""
     notes: tuple[str, ...]
-    """What these photographs cannot tell, and what looks wrong: a sentence each."""
+    """What these photographs do not determine, and what looks wrong: a sentence each."""
     intensities: Vectors | None = None
-    """R, G, B of each light, where the ball's k_d is 1 or, of a glossy ball, the first light's intensity; None where
-    the ball does not tell them."""
+    """R, G, B of each light, in units where the ball's k_d is 1 (for a glossy ball: the first light's intensity); None
+    for a mirror ball."""
     intensity_errors: Float[np.ndarray, " photographs"] | None = None
-    """Relative standard error of each intensity of a matte ball's."""
+    """Relative standard error of each intensity, for a matte ball."""
     positions: Vectors | None = None
-    """Where the lights are, scene units, NaN where it is not known: from two mirror balls or more."""
+    """The positions of the lights, scene units, from two mirror balls or more; NaN for a light that is far away."""
     position_errors: Vectors | None = None
     """Standard errors of the positions."""
     fit: Fit | None = None
-    """The fit of pose, light and material, of a glossy ball."""
+    """The fit of pose, lights and material, for a glossy ball."""
     fit_errors: Float[np.ndarray, " p"] | None = None
-    """Standard errors of its values: by patches of the ball where these disagree more than noise lets them;
-    infinite where nothing is determined."""
+    """Standard errors of its values, by patches of the ball if these disagree more than noise explains; infinite where
+    a value is not determined."""
 
     @property
     def camera(self) -> AbstractCamera:
@@ -71,14 +71,23 @@ class Calibration:
 
     @property
     def normals(self) -> Float[np.ndarray, "h w 3"]:
-        """The normals of the ball at every pixel, 0 outside."""
+        """The normals of the ball at every pixel, 0 outside it."""
         return np.sum([ball.normals() for ball in self.balls], 0)
 
     def compare(self, directions: Any, *, name: str = "the other list") -> Comparison:
-        """Say where other directions disagree: by how many degrees, and how many standard errors.
+        """Compare other directions with these, in degrees and in standard errors.
 
-        `directions`: (n, 3) towards the lights, a text file of them (a line with one number, their count, is passed
-        over), or another `Calibration`, whose errors then count too. Raises ValueError.
+        Args:
+            directions: (n, 3) towards the lights, a text file of them (a first line with their count is skipped), or
+                another `Calibration`, whose errors then count too.
+            name: The name of the other directions in the sentence.
+
+        Returns:
+            The angles, and the photographs in which the two disagree.
+
+        Raises:
+            ValueError: If there is not one direction for each photograph.
+            FileNotFoundError: If the file does not exist.
         """
         errors = self.errors
         if isinstance(directions, Calibration):
@@ -91,23 +100,30 @@ class Calibration:
         if other.shape != self.directions.shape or not (np.linalg.norm(other, axis=-1) > 0).all():
             raise ValueError(
                 f"{name} must hold one unit vector for each of the {len(self.names)} photographs; got shape "
-                f"{other.shape}. The photographs are {listing(self.names)}: make the two match, if need be with a "
-                "filenames.txt in their folder that names those that count, one a line."
+                f"{other.shape}. The photographs are {listing(self.names)}: make the two match, for example with a "
+                "filenames.txt in the folder that lists the photographs to use, one per line."
             )
         return Comparison(name, self.names, degrees(self.directions, other), errors)
 
     def write(self, folder: str | Path) -> None:
         """Write photographs and lights as a folder that `read_photographs` reads, in DiLiGenT's layout.
 
-        `filenames.txt`, the photographs (linear, 16 bits; .npy where they pass 1), `mask.png`, `light_directions.txt`
-        (towards the light), `light_intensities.txt` and the ball's `normal_gt.npy`; `scene.toml` has ball, lights and
-        camera. For a camera near by, which that layout does not know, only the photographs, the mask and `scene.toml`.
-        The folder is made. Raises ValueError for several balls seen from near by, FileExistsError for a folder of
-        other things, such as the photographs themselves, and OSError.
+        The files are `filenames.txt`, the photographs (linear, 16 bits; .npy if they exceed 1), `mask.png`,
+        `light_directions.txt` (towards the light), `light_intensities.txt`, the ball's `normal_gt.npy`, and
+        `scene.toml` with ball, lights and camera. DiLiGenT's layout has no pinhole camera: with one, only the
+        photographs, the mask and `scene.toml` are written.
+
+        Args:
+            folder: The folder to write, a new or empty one or that of another calibration. It is created.
+
+        Raises:
+            NotADirectoryError: If `folder` is a file.
+            FileExistsError: If `folder` holds other files, such as the photographs themselves.
+            OSError: If a file cannot be written.
         """
         folder = check_folder(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        for name in LAYOUT:  # of another calibration
+        for name in LAYOUT:  # files of an earlier calibration
             (folder / name).unlink(missing_ok=True)
         names = []
         for i, view in enumerate(self.views):
@@ -120,11 +136,11 @@ class Calibration:
         write_scene(folder / "scene.toml", self.scene, camera=self.camera)
         if isinstance(self.camera, OrthographicCamera):
             self._write_layout(folder)
-        with replacing(folder / "filenames.txt") as temporary:  # the last, which says that all is there
+        with replacing(folder / "filenames.txt") as temporary:  # written last: its presence marks a complete folder
             temporary.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
 
     def _write_layout(self, folder: Path) -> None:
-        """Write what DiLiGenT's layout has of the lights and the ball."""
+        """Write the lights and normals in DiLiGenT's layout."""
         intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
         normals = self.normals
         texts = {
@@ -138,7 +154,7 @@ class Calibration:
                 temporary.write_text(text, encoding="utf-8")
 
     def __str__(self) -> str:
-        """Return the table of the lights, and below it the notes."""
+        """Return the table of the lights, and the notes below it."""
         where = [f"column {b.middle[0]:.2f}, row {b.middle[1]:.2f}, radius {b.radius:.2f} pixels" for b in self.balls]
         width = max(len("photograph"), *map(len, self.names))
         lines = [
@@ -173,22 +189,22 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How directions of another list differ from those of a calibration; `print` it for the sentence."""
+    """The difference between other directions and those of a calibration; `print` it for a sentence."""
 
     name: str
     photographs: tuple[str, ...]
     angles: Float[np.ndarray, " photographs"]
-    """Degrees between the two."""
+    """The angle between the two directions of each photograph, degrees."""
     errors: Float[np.ndarray, " photographs"]
-    """Root mean square errors, degrees, of the calibration and, where it is known, of the list."""
+    """Root mean square errors, degrees: the calibration's, combined with the other's where it is known."""
 
     @property
     def disagrees(self) -> list[int]:
         """The photographs in which the two differ by more than two errors."""
-        return np.flatnonzero(self.angles > CLEAR * self.errors).tolist()
+        return np.flatnonzero(self.angles > DISAGREE * self.errors).tolist()
 
     def __str__(self) -> str:
-        mean = f"on average they differ by {self.angles.mean():.2f} degrees, at most by {self.angles.max():.2f}"
+        mean = f"they differ by {self.angles.mean():.2f} degrees on average, and by at most {self.angles.max():.2f}"
         where = [
             f"{self.photographs[i]} ({self.angles[i]:.1f} degrees, {self.angles[i] / self.errors[i]:.1f} errors)"
             for i in self.disagrees
@@ -201,10 +217,10 @@ class Comparison:
 
 
 def check_folder(folder: str | Path) -> Path:
-    """Return a folder to write to: a new or an empty one, or that of another calibration."""
+    """Return a folder to write to: a new or empty one, or that of another calibration."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(f"cannot write to {folder}: it is no folder. Give the name of a new one.")
+        raise NotADirectoryError(f"cannot write to {folder}: it is not a folder. Give the name of a new folder.")
     there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     if there and not {"scene.toml", "filenames.txt"} <= set(there):
         raise FileExistsError(f"{folder} holds other files, such as {there[0]}. Give the name of a new folder.")
@@ -212,7 +228,7 @@ def check_folder(folder: str | Path) -> Path:
 
 
 def views_of(taken: Photographs, balls: tuple[Ball, ...]) -> tuple[View, ...]:
-    """Return a view for each photograph, in which the balls count and its own light is on."""
+    """Return a view for each photograph, masked to the balls and with its own light on."""
     mask = np.logical_or.reduce([ball.mask for ball in balls])
     return tuple(View(image, balls[0].camera, mask, lit=(i,)) for i, image in enumerate(taken.images))
 
@@ -224,12 +240,14 @@ def degrees(a: Vectors, b: Vectors) -> Float[np.ndarray, " photographs"]:
 
 
 def read_directions(path: Path) -> Float[np.ndarray, "n 3"]:
-    """Read three numbers a line, and pass over a first line that counts them."""
+    """Read three numbers per line, and skip a first line that holds their count."""
     if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}. Give a text of three numbers a line.")
+        raise FileNotFoundError(f"there is no file {path}. Give a text file with three numbers per line.")
     rows = [line.replace(",", " ").split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     rows = rows[1:] if rows and len(rows[0]) == 1 else rows
     try:
         return np.array(rows, np.float64).reshape(len(rows), 3)
     except ValueError:
-        raise ValueError(f"{path} must hold three numbers a line, towards each light. Correct it.") from None
+        raise ValueError(
+            f"{path} must hold three numbers per line, the direction towards each light. Correct the file."
+        ) from None

@@ -1,4 +1,4 @@
-"""Photographs of a ball as people have them: a folder, files or arrays; and the mask, which is read or found."""
+"""Photographs of a ball from a folder, files or arrays; and the mask, which is read or found."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from .balls import largest, roundness
 
 Mask = Bool[np.ndarray, "h w"]
 
-LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # of the brightest percent: where a ball may end and a background begin
-ROUND = 0.5  # of an edge, on a circle: it is a ball's
+LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # thresholds between background and ball, over the 99th percentile
+ROUND = 0.5  # the least fraction of a ball's edge on one circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,39 +30,36 @@ class Photographs:
 
     names: tuple[str, ...]
     images: tuple[Any, ...]
-    """(H, W, 1) or (H, W, 3) each, alpha left out."""
+    """(H, W, 1) or (H, W, 3) each, without alpha."""
     masks: tuple[Mask, ...]
     found: bool
     """Whether the mask was found in the photographs."""
 
     @property
     def notes(self) -> list[str]:
-        """What is to be said of where the mask is from."""
-        said = "the ball was found in the photographs, by their brightness; a mask drawn by hand may be better."
-        return [said] if self.found else []
+        """A note on a mask that was found."""
+        note = "the ball's mask was found by brightness; a mask drawn by hand may be more accurate."
+        return [note] if self.found else []
 
     def grey(self, i: int) -> Float[np.ndarray, "h w"]:
         """Return the mean of the channels of one photograph."""
         return np.asarray(self.images[i][:], np.float64).mean(-1)
 
     def clipped(self, i: int) -> Mask:
-        """Return where one photograph has a sample at 1, the top of a file's range, or beyond."""
+        """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
         return np.asarray((image >= 1.0).any(-1)) if image.max() == 1.0 else np.zeros(image.shape[:2], bool)
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
-    """Read photographs and masks, in any of the forms that people have them in.
-
-    Raises FileNotFoundError; ValueError and TypeError in one sentence.
-    """
-    names, images, beside = _read(photographs, srgb, beside=mask is None)
+    """Read photographs and masks in any of the forms that `calibrate` takes."""
+    names, images, in_same_folder = _read(photographs, srgb, find_mask=mask is None)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
         raise ValueError(
-            f"photographs must be of one size; got {names[0]} of {shapes[0]} and {names[other]} of {shapes[other]}. "
-            "Give those of one camera that did not move."
+            f"photographs must have one size; got {names[0]} of {shapes[0]} and {names[other]} of {shapes[other]}. "
+            "Give photographs by one camera that did not move."
         )
     alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
     images = [image[:][..., :-1] if image.shape[2] in (2, 4) else image for image in images]
@@ -71,7 +68,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
             raise ValueError(
                 f"{name} must be linear radiance in floats; got {image.dtype}. Read it with ds.read_image."
             )
-    mask = beside if mask is None else mask
+    mask = in_same_folder if mask is None else mask
     mask = alpha if mask is None else mask
     given = mask if isinstance(mask, tuple | list) else (mask,)
     masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in given)
@@ -85,13 +82,13 @@ def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
     if bad.any():
         row, column = np.argwhere(bad)[0]
         raise ValueError(
-            f"{name} must be finite; got {image[row, column].tolist()} at row {row}, column {column}. Mend the file, "
-            "or leave the pixel out of the mask."
+            f"{name} must be finite; got {image[row, column].tolist()} at row {row}, column {column}. Correct the "
+            "file, or exclude the pixel with the mask."
         )
 
 
-def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[str], list[Any], Path | None]:
-    """Return names and images, and the mask that lies beside them in a folder, if it is looked for."""
+def _read(photographs: Any, srgb: bool | None, *, find_mask: bool) -> tuple[list[str], list[Any], Path | None]:
+    """Return names and images, and the mask in the same folder if it is searched for."""
     masks: list[Path] = []
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
         files, masks = in_folder(Path(photographs))
@@ -113,16 +110,16 @@ def _read(photographs: Any, srgb: bool | None, *, beside: bool) -> tuple[list[st
             raise ValueError(
                 f"{name} must be an image (H, W) or (H, W, C); got shape {image.shape}. Give one image each."
             )
-    if beside and len(masks) > 1:
+    if find_mask and len(masks) > 1:
         listed = ", ".join(sorted(file.name for file in masks))
-        raise ValueError(f"{photographs} holds several masks, {listed}. Say which with mask=, at the terminal --mask.")
-    return names, images, masks[0] if beside and masks else None
+        raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
+    return names, images, masks[0] if find_mask and masks else None
 
 
 def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the images of a folder in the order that people count in, and its masks.
+    """Return the photographs of a folder and its masks.
 
-    Those that its `filenames.txt` names, or else all but the mask.
+    The photographs are those in its `filenames.txt`, or else all images but masks and normals, in natural order.
     """
     images = [file for file in folder.iterdir() if file.suffix.lower() in FORMATS and not file.name.startswith(".")]
     masks = [file for file in images if "mask" in file.stem.lower()]
@@ -130,14 +127,14 @@ def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
         files = [folder / name for name in photograph_names(folder)]
     else:
         files = sorted(
-            (file for file in images if file not in masks and "normal" not in file.stem.lower()), key=_counted
+            (file for file in images if file not in masks and "normal" not in file.stem.lower()), key=_natural_order
         )
     if not files:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(FORMATS)}.")
     return files, masks
 
 
-def _counted(file: Path) -> list[Any]:
+def _natural_order(file: Path) -> list[Any]:
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
 
 
@@ -149,18 +146,17 @@ def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:
 
 
 def _round_piece(images: Sequence[Any]) -> Mask:
-    """Return the roundest bright piece of what any photograph shows.
+    """Return the bright region whose edge is closest to a circle, among the largest regions above several thresholds.
 
-    Of the largest pieces above several thresholds, the one of whose edge most lies on a circle. Raises ValueError where
-    none is round.
+    Raises:
+        ValueError: If no region is round.
     """
     most = np.max([np.nan_to_num(np.asarray(image[:], np.float64).mean(-1), posinf=0.0) for image in images], 0)
     pieces = [largest(most > level * float(np.quantile(most, 0.99))) for level in LEVELS]
     best = max(pieces, key=roundness)
     if roundness(best) < ROUND:
         raise ValueError(
-            "no ball stands out from its background in these photographs: of the roundest bright piece "
-            f"{100 * roundness(best):.0f} % of the edge lies on a circle. Give its mask: mask='mask.png', at the "
-            "terminal --mask."
+            f"no ball stands out from the background in these photographs: only {100 * roundness(best):.0f} % of the "
+            "roundest bright region's edge lies on a circle. Give the ball's mask: mask='mask.png' (--mask)."
         )
     return best

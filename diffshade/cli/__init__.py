@@ -1,6 +1,6 @@
-"""The command `diffshade`: what the library does, for people at a terminal and for other programs.
+"""The command `diffshade`: the library at the terminal and for other programs.
 
-Nothing but click is imported before a command runs, so that help and completion answer at once.
+Only click is imported before a command runs, so that help and completion are fast.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import click
 
@@ -22,11 +22,13 @@ from .lights import calibrate
 from .maps import texels
 from .scenes import figures, new, render
 
-STOPPED = 130  # as shells have it for what Ctrl-C ended
+STOPPED = 130  # the exit status after Ctrl-C, as in shells
+
+ERRORS = (OSError, ValueError, TypeError, ArithmeticError, RuntimeError, ImportError, MemoryError)
 
 
 class InOrder(click.Group):
-    """Commands in the order in which they are met."""
+    """Commands in the order of the workflow."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -42,69 +44,94 @@ class InOrder(click.Group):
 def diffshade() -> None:
     """The classic illumination model, forwards and backwards.
 
-    Render a scene; or find k_a, k_d, k_s, n_s and what a lamp does from photographs, with error bars and a plain word
-    about what they cannot tell.
+    Render a scene; or find k_a, k_d, k_s, n_s and the parameters of lamps from photographs, with errors and notes on
+    what the photographs do not determine.
     """
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and end the process: status 0, or one sentence on standard error and another status.
 
-    1: something is wrong with what was given; 2: with how the command was typed; 130: stopped by Ctrl-C. Whatever
-    happens, a file is there whole or as it was.
+    The status is 1 if the input is wrong, 2 if the command line is wrong, and 130 after Ctrl-C. Every file is either
+    written completely or left as it was.
     """
-    logging.basicConfig(format="diffshade: %(message)s", level=logging.WARNING)
-    for noisy in ("jax", "matplotlib"):
-        logging.getLogger(noisy).setLevel(logging.ERROR)
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore")
-    sys.unraisablehook = _without_stops
+    _quiet_the_libraries()
+    sys.unraisablehook = _ignore_stops
     before = signal.signal(signal.SIGINT, _stop)
     try:
-        diffshade.main(arguments, prog_name="diffshade", standalone_mode=False)
-        sys.stdout.flush()
-        status = 0
-    except click.exceptions.NoArgsIsHelpError as help_asked:
-        click.echo(help_asked.ctx.get_help())
-        status = 0
-    except click.ClickException as error:
-        where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "diffshade"
-        status = _refused(_sentence(error.format_message()), error.exit_code, f"See '{where} --help'.")
-    except (click.Abort, KeyboardInterrupt):
-        _refused("stopped; what was being written is as it was before.", STOPPED)
-        sys.stdout.flush()
-        os._exit(STOPPED)  # at once: threads at work in XLA do not bear the interpreter's own end
-    except (BrokenPipeError, SystemExit):  # of a reader that has enough, such as head: click ends so too
-        with contextlib.suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
-    except (OSError, ValueError, TypeError, ArithmeticError, RuntimeError, ImportError, MemoryError) as error:
-        status = _refused(_sentence(str(error) or type(error).__name__), 1)
+        status = _status_of(lambda: diffshade.main(arguments, prog_name="diffshade", standalone_mode=False))
     finally:
         signal.signal(signal.SIGINT, before)
     sys.exit(status)
 
 
-def _refused(sentence: str, status: int, remedy: str = "") -> int:
-    click.echo(f"diffshade: {sentence} {remedy}".rstrip(), err=True)
-    return status
+def _quiet_the_libraries() -> None:
+    """Show warnings of diffshade, and of other libraries only errors."""
+    logging.basicConfig(format="diffshade: %(message)s", level=logging.WARNING)
+    for noisy in ("jax", "matplotlib"):
+        logging.getLogger(noisy).setLevel(logging.ERROR)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+
+
+def _status_of(command: Callable[[], object]) -> int:
+    """Run a command, print its error as one sentence, and return the exit status."""
+    try:
+        command()
+        sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as help_asked:
+        click.echo(help_asked.ctx.get_help())
+    except click.ClickException as error:
+        return _refuse_typing(error)
+    except (click.Abort, KeyboardInterrupt):
+        _end_at_once()
+    except (BrokenPipeError, SystemExit):  # the reader, such as head, has closed the pipe; click raises SystemExit then
+        _discard_output()
+    except ERRORS as error:
+        _print_error(_sentence(str(error) or type(error).__name__))
+        return 1
+    return 0
+
+
+def _refuse_typing(error: click.ClickException) -> int:
+    """Print what is wrong with the command line, and where its help is."""
+    where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "diffshade"
+    _print_error(f"{_sentence(error.format_message())} See '{where} --help'.")
+    return error.exit_code
+
+
+def _end_at_once() -> None:
+    """End the process after Ctrl-C without the interpreter's own shutdown, which threads in XLA do not survive."""
+    _print_error("stopped; unfinished files are left as they were.")
+    sys.stdout.flush()
+    os._exit(STOPPED)
+
+
+def _discard_output() -> None:
+    """Send further output to nowhere, so that closing it raises nothing."""
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _print_error(sentence: str) -> None:
+    click.echo(f"diffshade: {sentence}", err=True)
 
 
 def _stop(signum: int, frame: object) -> None:
-    """Raise KeyboardInterrupt, and again until it is heard: what falls into a callback of C code is dropped there."""
+    """Raise KeyboardInterrupt, repeatedly, since a callback of C code drops it."""
     again = threading.Timer(1.0, signal.raise_signal, (signum,))
     again.daemon = True
     again.start()
     raise KeyboardInterrupt
 
 
-def _without_stops(found: sys.UnraisableHookArgs) -> None:
-    """Say what Python could not raise, but for a Ctrl-C, which comes again."""
+def _ignore_stops(found: sys.UnraisableHookArgs) -> None:
+    """Report exceptions that Python cannot raise, except Ctrl-C, which is repeated."""
     if not issubclass(found.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(found)
 
 
 def _sentence(message: str) -> str:
-    """Return a message as one line that ends like a sentence."""
+    """Return a message as one line that ends with a full stop or question mark."""
     line = " ".join(message.split())
     return line if line.endswith((".", "?", "!")) else f"{line}."

@@ -1,4 +1,4 @@
-"""A dome of lights: the photographs from which `plan` chooses where none are given."""
+"""A dome of lights: the candidate photographs for `plan` if none are given."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..diagnosis.planning import Shot
-    from ..inverse.result import Fit
+    import diffshade as ds
+
     from ..model.lights import AbstractLight
 
 SIDES = ("right", "upper right", "above", "upper left", "left", "lower left", "below", "lower right")
-DISTANT = ((20.0, 8), (45.0, 8), (70.0, 8))  # degrees off the camera, and how many about it
+DISTANT = ((20.0, 8), (45.0, 8), (70.0, 8))  # degrees from the camera's axis, and number of lights around it
 NEAR = ((30.0, 4), (60.0, 4))
-DISTANCES = (0.6, 1.0, 2.0)  # of the lights' own
+DISTANCES = (0.6, 1.0, 2.0)  # over the lights' own distance
 
 
-def dome(fit: Fit) -> list[Shot]:
-    """Return shots under a light as the fit's first one, from all sides of the camera; none of a spot or an area light.
+def dome(fit: ds.Fit) -> list[ds.Shot]:
+    """Return shots with a light like the fit's first one from all sides of the camera; none for a spot or area light.
 
-    A light at infinity comes from 25 directions, a point light from 9, each at 3 distances from what the camera sees.
+    A light at infinity comes from 25 directions, a point light from 9, each at 3 distances from the visible surface.
     """
     import numpy as np
 
@@ -49,7 +49,7 @@ def dome(fit: Fit) -> list[Shot]:
 
 
 def place_of(light: AbstractLight) -> str:
-    """Return where a light is, or whence it comes, as a name for it."""
+    """Return a name for a light: its position, or the direction towards it."""
     import numpy as np
 
     place = getattr(light, "position", getattr(light, "corner", None))
@@ -59,7 +59,7 @@ def place_of(light: AbstractLight) -> str:
 
 
 def _directions(rings: tuple[tuple[float, int], ...], frame: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Return names and unit directions towards the lights, of a camera whose axes are right, up and backward."""
+    """Return names and unit directions towards the lights, for a camera with the axes right, up and backward."""
     import numpy as np
 
     right, up, backward = frame

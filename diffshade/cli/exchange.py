@@ -1,4 +1,4 @@
-"""`convert`: materials from one program to another."""
+"""`convert`: a material from one program to another."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from .materials import check_out, put_material, word_of
-from .terminal import FILE, answer, as_json, asks
+from .terminal import FILE, SETTINGS, answer, as_json
 
 
-@click.command(**asks, epilog="Example: diffshade convert brass.mtl brass.json --name brass")
+@click.command(**SETTINGS, epilog="Example: diffshade convert brass.mtl brass.json --name brass")
 @click.argument("given", metavar="FROM", type=FILE)
 @click.argument("wanted", metavar="TO...", nargs=-1, required=True, type=FILE)
-@click.option("--name", metavar="NAME", help="Which one, where FROM has several")
+@click.option("--name", metavar="NAME", help="The material to convert, if FROM has several")
 @as_json
 def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bool) -> None:
     """Write a material for other programs.
@@ -21,8 +21,8 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bo
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf glTF 2.0 (only
     written), .toml a diffshade scene.
 
-    It is to look the same there: where that program computes something else the material is refitted, and the error
-    that remains is printed and stands in the file.
+    The material looks the same there: if that program computes something else, the material is refitted, and the
+    remaining error is printed and written to the file.
     """
     import diffshade as ds
 

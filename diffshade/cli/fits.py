@@ -1,4 +1,4 @@
-"""`fit`, `report`, `compare`, `plan`: a scene's unknown numbers from photographs, and how far to trust them."""
+"""`fit`, `report`, `compare`, `plan`: fit parameters to photographs, and check the fit."""
 
 from __future__ import annotations
 
@@ -10,26 +10,24 @@ import click
 
 from .domes import dome, place_of
 from .materials import check_out, put_material
-from .sources import LOBE, MODEL, ROOM, VIEWS, Asked, Source, asked, by_name, with_lobe
-from .terminal import FILE, Names, answer, as_json, asks
+from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, with_lobe, with_options
+from .terminal import FILE, SETTINGS, Names, answer, as_json
 
 if TYPE_CHECKING:
-    from ..diagnosis.examination import Examination
-    from ..diagnosis.model_choice import ModelChoice
-    from ..inverse.result import Fit
+    import diffshade as ds
 
 MODELS = ("phong", "blinn", "matte")
 
 
-@click.command(**asks, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
-@asked(*VIEWS, *MODEL, LOBE, ROOM)
+@click.command(**SETTINGS, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
+@with_options(*VIEWS, *MODEL, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
 @click.option(
-    "--checkpoint", type=click.Path(path_type=Path), metavar="FOLDER", help="Keep what is found, and go on from there"
+    "--checkpoint", type=click.Path(path_type=Path), metavar="FOLDER", help="Save progress here, and resume from it"
 )
 @as_json
-def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: bool) -> None:
-    """Find numbers and their errors from photographs.
+def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json: bool) -> None:
+    """Fit parameters, with errors, to photographs.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
@@ -37,23 +35,24 @@ def fit(typed: Asked, out: tuple[Path, ...], checkpoint: Path | None, as_json: b
     source = typed.read()
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
-    doubt = f"- what is not determined stands in {', '.join(map(str, out))} as one of many values that fit as well."
-    said = [
+    files = ", ".join(map(str, out))
+    doubt = f"- {files} holds, for what is not determined, one of many values that fit equally well."
+    lines = [
         f"{source.encodings}",
         f"{found}",
         *([doubt] if out and not found.determined.all() else []),
         *map(str, written),
     ]
-    answer("\n".join(said), {**_fit_data(found, source), "written": written}, as_json=as_json)
+    answer("\n".join(lines), {**_fit_data(found, source), "written": written}, as_json=as_json)
 
 
-@click.command(**asks, epilog="Example: diffshade report photographs -o ball.html")
-@asked(*VIEWS, *MODEL, LOBE)
-@click.option("-o", "--out", type=FILE, default=Path("report.html"), help="The page  [default: report.html]")
-@click.option("--quick", is_flag=True, help="Without intervals, models and the next photo")
+@click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")
+@with_options(*VIEWS, *MODEL, LOBE)
+@click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
+@click.option("--quick", is_flag=True, help="Skip intervals, models and the next photo")
 @as_json
-def report(typed: Asked, out: Path, quick: bool, as_json: bool) -> None:
-    """Fit, and write a page to look at.
+def report(typed: Options, out: Path, quick: bool, as_json: bool) -> None:
+    """Fit, and write a report as an HTML page.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
@@ -72,16 +71,16 @@ def report(typed: Asked, out: Path, quick: bool, as_json: bool) -> None:
         more |= {"plan": ds.plan(found, shots, progress=True)} if shots else {}
     ds.write_report(out, found, titles=[Path(name).name for name in source.names], progress=True, **more)
     data = {**_fit_data(found, source, more.get("examination")), "page": out}
-    said = [source.encodings, more.get("examination", found), f"{out}: open it in a browser"]
-    answer("\n".join(map(str, said)), data, as_json=as_json)
+    lines = [source.encodings, more.get("examination", found), f"{out}: open it in a browser"]
+    answer("\n".join(map(str, lines)), data, as_json=as_json)
 
 
-@click.command(**asks, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
-@asked(*VIEWS, *MODEL)
+@click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
+@with_options(*VIEWS, *MODEL)
 @click.option("--model", type=Names(), default=("phong", "blinn"), help="Also matte  [default: phong,blinn]")
 @as_json
-def compare(typed: Asked, model: tuple[str, ...], as_json: bool) -> None:
-    """Say which model predicts photographs best.
+def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
+    """Choose the model that predicts photographs best.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
@@ -100,12 +99,12 @@ def compare(typed: Asked, model: tuple[str, ...], as_json: bool) -> None:
     answer(f"{source.encodings}\n{choice}", data, as_json=as_json)
 
 
-@click.command(**asks, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
-@asked(*VIEWS, *MODEL, LOBE)
-@click.option("--aim", type=Names(), default=(), help="What to become known  [default: all]")
-@click.option("--lights", type=FILE, help="Scene with lights to try  [default: a dome]")
+@click.command(**SETTINGS, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
+@with_options(*VIEWS, *MODEL, LOBE)
+@click.option("--aim", type=Names(), default=(), help="Parameters to improve  [default: all]")
+@click.option("--lights", type=FILE, help="Scene with candidate lights  [default: a dome]")
 @as_json
-def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool) -> None:
+def plan(typed: Options, aim: tuple[str, ...], lights: Path | None, as_json: bool) -> None:
     """Rank the photographs to take next.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
@@ -118,7 +117,7 @@ def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool)
     shots = dome(found) if candidates is None else [ds.Shot(light=light, name=place_of(light)) for light in candidates]
     if not shots:
         raise ValueError(
-            "a dome of lights takes directional or point lights. Give --lights a scene with those you have."
+            "a dome of lights needs a directional or point light. Give a scene with candidate lights: --lights FILE."
         )
     ranked = ds.plan(found, shots, aim=aim or None, progress=True)
     data = {
@@ -133,8 +132,8 @@ def plan(typed: Asked, aim: tuple[str, ...], lights: Path | None, as_json: bool)
     answer(f"{source.encodings}\n{ranked}", data, as_json=as_json)
 
 
-def _models(typed: Asked, source: Source, names: tuple[str, ...], known: Fit | None = None) -> ModelChoice:
-    """Fit each model to the photographs, but for what is fitted already, and compare them."""
+def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fit | None = None) -> ds.ModelChoice:
+    """Fit each model to the photographs, unless it is the `known` fit, and compare them."""
     import equinox as eqx
     import numpy as np
 
@@ -157,8 +156,8 @@ def _models(typed: Asked, source: Source, names: tuple[str, ...], known: Fit | N
         return ds.compare(fits, progress=True)
 
 
-def _without_highlight(typed: Asked) -> Asked:
-    """Return what was typed without k_s and n_s."""
+def _without_highlight(typed: Options) -> Options:
+    """Return the options without k_s and n_s."""
 
     def glossy(name: str) -> bool:
         return bool({"k_s", "n_s"} & set(name.split(".")))
@@ -166,12 +165,12 @@ def _without_highlight(typed: Asked) -> Asked:
     for name in typed.free:
         if not glossy(name) and name.split(".")[-1] in ("material", "objects", *map(str, range(100))):
             raise ValueError(
-                f"--model matte leaves k_s and n_s out of what is free; got --free {name}. Name them one by one."
+                f"--model matte removes k_s and n_s from --free; got --free {name}. Name the parameters one by one."
             )
     free, tied, grey = (tuple(n for n in names if not glossy(n)) for names in (typed.free, typed.tied, typed.grey))
     if not free:
         raise ValueError(
-            f"--model matte has nothing free but k_s and n_s; got --free {','.join(typed.free)}. Free k_d too."
+            f"--model matte needs a free parameter besides k_s and n_s; got --free {','.join(typed.free)}. Add k_d."
         )
     bounds = tuple(bound for bound in typed.bounds if not glossy(bound[0]))
     return dataclasses.replace(typed, free=free, tied=tied, grey=grey, bounds=bounds)
@@ -181,23 +180,23 @@ def _lobes(scene: Any) -> list[type]:
     return [type(item.material.lobe) for item in scene.objects]
 
 
-def _put(path: Path, found: Fit, source: Source, given: Path) -> Any:
-    """Write the fitted scene, or its material, by the file's suffix."""
+def _put(path: Path, found: ds.Fit, source: Source, given: Path) -> Any:
+    """Write the fitted scene, or its material, depending on the suffix."""
     import diffshade as ds
 
     if path.suffix.lower() == ".toml" and source.folder is None:
         ds.write_scene(path, found.scene, camera=found.views[0].camera)
         return path
-    written = put_material(path, found.material, about=f"a ball of the material that was fitted to {given}.")
-    return f"{written}: a ball of this material, under a lamp of its own" if written == path else written
+    written = put_material(path, found.material, about=f"a ball with the material fitted to {given}.")
+    return f"{written}: a scene with a ball of this material and a lamp" if written == path else written
 
 
 def _photographs(source: Source) -> dict[str, Any]:
     return {"photographs": source.names, "read_as": source.encodings.names}
 
 
-def _fit_data(found: Fit, source: Source, examination: Examination | None = None) -> dict[str, Any]:
-    """Return what a fit found, and what became of it by an examination."""
+def _fit_data(found: ds.Fit, source: Source, examination: ds.Examination | None = None) -> dict[str, Any]:
+    """Return the results of a fit for JSON, or of its examination."""
     determined = found.determined if examination is None else examination.determined
     errors = found.errors if examination is None else examination.errors
     intervals = [{}] * len(found.unknowns)

@@ -1,4 +1,4 @@
-"""`calibrate`: the lights of photographs, read off a ball."""
+"""`calibrate`: the lights of photographs from a ball in them."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 import click
 
 from .sources import ENCODING, Encodings
-from .terminal import FILE, FOLDER, One, answer, as_json, asks
+from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
 
 BALLS = ("mirror", "matte", "glossy")
 
 
-@click.command(**asks, epilog="Example: diffshade calibrate photographs --ball matte -o ready")
+@click.command(**SETTINGS, epilog="Example: diffshade calibrate photographs --ball matte -o ready")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--ball", type=One(BALLS), required=True, help="mirror, matte or glossy")
-@click.option("--mask", type=FILE, multiple=True, help="Of each ball  [default: beside the photos; found]")
+@click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
+@click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: in the folder; found]")
 @ENCODING
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
-@click.option("--radius", type=float, default=1.0, help="Of the ball, in scene units  [default: 1]")
-@click.option("--directions", type=FILE, help="Towards the lights, known; finds how bright they are")
-@click.option("--against", type=FILE, help="Say where these directions disagree")
-@click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Photos and lights, for fit, report, texels")
+@click.option("--radius", type=float, default=1.0, help="Radius of the ball, scene units  [default: 1]")
+@click.option("--directions", type=FILE, help="Known directions; find only the intensities")
+@click.option("--against", type=FILE, help="Compare with these directions")
+@click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for fit, report, texels")
 @as_json
 def calibrate(
     photos: tuple[Path, ...],
@@ -62,7 +62,7 @@ def calibrate(
         found.write(out)
     files = in_folder(photos[0])[0] if len(photos) == 1 and photos[0].is_dir() else photos
     encodings = Encodings.of(files, srgb)
-    said = [
+    lines = [
         f"{encodings}",
         f"{found}",
         *([f"{compared}"] if compared else []),
@@ -81,4 +81,4 @@ def calibrate(
         "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
         "folder": out,
     }
-    answer("\n".join(said), data, as_json=as_json)
+    answer("\n".join(lines), data, as_json=as_json)

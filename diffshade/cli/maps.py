@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from .sources import LOSSES, ROOM, VIEWS, Asked, asked, by_name
-from .terminal import Names, One, answer, as_json, asks
+from .sources import LOSSES, ROOM, VIEWS, Options, by_name, with_options
+from .terminal import SETTINGS, Names, OneOf, answer, as_json
 
 FREE = ("k_d", "k_s", "n_s")
 
 
-@click.command(**asks, epilog="Example: diffshade texels photographs -o maps --suffix .png --loss cauchy")
-@asked(*VIEWS, ROOM)
+@click.command(**SETTINGS, epilog="Example: diffshade texels photographs -o maps --suffix .png --loss cauchy")
+@with_options(*VIEWS, ROOM)
 @click.option(
     "-o",
     "--out",
     type=click.Path(path_type=Path),
     default=Path("maps"),
     metavar="FOLDER",
-    help="Goes on where it was stopped  [default: maps]",
+    help="Results; an interrupted run resumes  [default: maps]",
 )
 @click.option("--free", type=Names(), default=(), help="[default: k_d,k_s,n_s; without normals, normal]")
-@click.option("--loss", type=One(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
+@click.option("--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
-@click.option("--suffix", type=One((".exr", ".png")), help="Beside .npy, also write .exr or .png")
+@click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
-def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: bool) -> None:
+def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json: bool) -> None:
     """Find a material for every pixel: maps.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
@@ -37,10 +38,10 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
     import diffshade as ds
 
     from ..inverse.data.photographs import has_normals
-    from ..texels.fitting import MEMORY
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
+    memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
     with by_name(found.names):
         maps = ds.fit_texels(
             found.scene,
@@ -50,7 +51,7 @@ def texels(typed: Asked, out: Path, shared: bool, suffix: str | None, as_json: b
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
             out=out,
             progress=True,
-            memory=MEMORY if typed.memory is None else int(typed.memory * 1e9),
+            **memory,
         )
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}

@@ -1,4 +1,4 @@
-"""Materials by name, from any file, and into any file: what `new`, `fit` and `convert` share."""
+"""Materials by name or from files, and their files: shared by `new`, `fit` and `convert`."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..exchange.material_files import Exported
-    from ..model.materials import Material
+    import diffshade as ds
 
 STARTER = """\
 # A scene for diffshade: {about}
-# Lengths are in units of your own, angles in degrees, colours linear: three numbers (R, G, B), or one for grey.
+# Lengths are in any unit, angles in degrees. Colours are linear: three numbers (R, G, B), or one for grey.
 # Render it with: diffshade render {quoted}
 
-ambient = 1.0      # the light that comes from everywhere
-background = 0.0   # what a ray sees that meets nothing
+ambient = 1.0      # the ambient light
+background = 0.0   # the radiance of a ray that hits nothing
 
 [camera]
 eye = [0, 0, 4]    # x right, y up, z towards you; it looks at target = [0, 0, 0]
 fov = 35           # the full vertical angle
-shape = [256, 256] # height and width in pixels; of a photograph, its own
+shape = [256, 256] # height and width in pixels; for a fit, those of the photograph
 
 [[objects]]        # surface may also be a Plane or a Box; write [[objects]] again for another object
 surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
@@ -40,28 +39,29 @@ intensity = 0.6
 attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0 }}
 """
 
-SAID = ("k_a", "k_d", "k_s", "n_s", "lobe")  # whatever they are; the rest where it is not as usual
+ALWAYS = ("k_a", "k_d", "k_s", "n_s", "lobe")  # written always; other keys only if they are not the default
 
 
-def find_material(word: str) -> Material:
-    """Return the material of a file, or the named one of the OpenGL teapots."""
+def find_material(word: str) -> ds.Material:
+    """Return the material of a file, or a named material of the OpenGL teapots."""
     import diffshade as ds
 
     return ds.read_material(word) if Path(word).suffix else ds.material(word)
 
 
-def starter(file: Path, material: Material, about: str) -> str:
-    """Return a commented scene: a ball of a material under one lamp."""
-    from ..io.scene_files import material_table
-    from ..model.materials import Material
+def starter(file: Path, material: ds.Material, about: str) -> str:
+    """Return a commented scene: a ball of this material under one lamp."""
+    import diffshade as ds
 
-    usual, table = material_table(Material()), material_table(material)
-    lines = [f"{key} = {_inline(value)}" for key, value in table.items() if key in SAID or value != usual.get(key)]
+    from ..io.scene_files import material_table
+
+    default, table = material_table(ds.Material()), material_table(material)
+    lines = [f"{key} = {_inline(value)}" for key, value in table.items() if key in ALWAYS or value != default.get(key)]
     return STARTER.format(quoted=shlex.quote(file.name), about=about, material="\n".join(lines))
 
 
 def _inline(value: Any) -> str:
-    """Return a value as TOML on one line; a colour of three equal numbers is grey."""
+    """Return a value as TOML on one line; a colour of three equal numbers is written as one number."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_inline(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list) and len(value) == 3 and len(set(value)) == 1:
@@ -70,7 +70,7 @@ def _inline(value: Any) -> str:
 
 
 def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
-    """Refuse, before any work, what cannot be written, is no material's file, or is what is read."""
+    """Refuse, before any work, outputs that cannot be written, have no material format, or are inputs too."""
     from ..exchange.material_files import check_format
     from ..io.files import writable
 
@@ -79,12 +79,12 @@ def check_out(paths: Iterable[Path], given: Iterable[Path]) -> None:
         if path.suffix.lower() != ".toml":
             check_format(path, also=(".toml",))
         if path.resolve() in read:
-            raise ValueError(f"{path} is what is read. Give another name to write to.")
+            raise ValueError(f"{path} is an input file. Give another name for the output.")
         writable(path)
 
 
-def put_material(path: Path, material: Material, *, name: str = "", about: str = "") -> Exported | Path:
-    """Write a material by its file's suffix: for another program, or (.toml) on a ball in a scene of its own."""
+def put_material(path: Path, material: ds.Material, *, name: str = "", about: str = "") -> ds.Exported | Path:
+    """Write a material for another program, or (.toml) on a ball in a scene, depending on the suffix."""
     import diffshade as ds
 
     from ..io.files import replacing
@@ -98,6 +98,6 @@ def put_material(path: Path, material: Material, *, name: str = "", about: str =
 
 
 def word_of(path: Path) -> str:
-    """Return a file's stem as a name that every format takes."""
+    """Return a file's stem as a name that is valid in every format."""
     word = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_") or "material"
     return (word if word[0].isalpha() or word[0] == "_" else f"_{word}")[:60]

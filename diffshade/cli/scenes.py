@@ -9,13 +9,13 @@ import click
 from click.shell_completion import CompletionItem
 
 from .materials import find_material, put_material
-from .terminal import FILE, FOLDER, Names, Size, answer, as_json, asks, completions
+from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, as_json, completions
 
 
 def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    from ..model.named_materials import material_names
+    import diffshade as ds
 
-    return completions(material_names(), incomplete)
+    return completions(ds.material_names(), incomplete)
 
 
 def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -24,7 +24,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     return completions(FIGURES, incomplete)
 
 
-@click.command(**asks, epilog="Example: diffshade new ball.toml --material emerald")
+@click.command(**SETTINGS, epilog="Example: diffshade new ball.toml --material emerald")
 @click.argument("scene", type=FILE)
 @click.option(
     "--material",
@@ -32,16 +32,16 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     shell_complete=_named_materials,
     help="One of the OpenGL teapots' materials, or a file",
 )
-@click.option("--force", is_flag=True, help="Replace SCENE where there is one")
+@click.option("--force", is_flag=True, help="Overwrite SCENE if it exists")
 @as_json
 def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
     """Write a commented scene to start from: a ball under a lamp."""
     import diffshade as ds
 
     if scene.suffix.lower() != ".toml":
-        raise ValueError(f"{scene} has the suffix '{scene.suffix}'; a scene is TOML. Use .toml.")
+        raise ValueError(f"{scene} has the suffix '{scene.suffix}'; a scene is a TOML file. Use .toml.")
     if scene.exists() and not force:
-        raise FileExistsError(f"{scene} is there already. Give another name, or --force to replace it.")
+        raise FileExistsError(f"{scene} exists already. Give another name, or --force to overwrite it.")
     chosen = (
         ds.Material(k_a=0.05, k_d=(0.7, 0.25, 0.2), k_s=0.4, n_s=40) if material is None else find_material(material)
     )
@@ -50,14 +50,14 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
     answer(f"{scene}: now diffshade render {shlex.quote(str(scene))}", {"scene": scene}, as_json=as_json)
 
 
-@click.command(**asks, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
+@click.command(**SETTINGS, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
 @click.argument("scene", type=FILE)
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
-@click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, such as 0,2  [default: all]")
+@click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
 @click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
 @click.option("--srgb/--linear", default=None, help="sRGB curve or not  [default: by the kind of file]")
-@click.option("--bits", type=int, help="Of a sample  [default: 8 in .png, 32 in .exr]")
+@click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")
 @as_json
 def render(
     scene: Path,
@@ -84,7 +84,7 @@ def render(
     dtype_to_write(out, bits)
     writable(out)
     if not 0 < exposure < float("inf"):
-        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for radiance as it is.")
+        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
     on = None if lit is None else [_index(word) for word in lit]
     with showing("render"):
         world, camera = ds.read_scene(scene), ds.read_camera(scene)
@@ -105,17 +105,17 @@ def _index(word: str) -> int:
     try:
         return int(word)
     except ValueError:
-        raise ValueError(f"--lit takes numbers of lights, from 0; got '{word}'. Give for example 0,2.") from None
+        raise ValueError(f"--lit takes indices of lights, from 0; got '{word}'. Give for example 0,2.") from None
 
 
-@click.command(**asks, epilog="Example: diffshade figures lecture --only snell,lobes")
+@click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
 @click.option(
     "--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all 24]"
 )
 @as_json
 def figures(folder: Path, only: tuple[str, ...] | None, as_json: bool) -> None:
-    """Draw the figures of a lecture to FOLDER."""
+    """Write the figures of a lecture to FOLDER."""
     import diffshade as ds
 
     paths = ds.write_figures(folder, only=only, progress=True)

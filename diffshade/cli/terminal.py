@@ -1,4 +1,4 @@
-"""What the commands share at the terminal: words for what is typed, and one way of answering."""
+"""Types of arguments, and the output as text or JSON, shared by all commands."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON, for other programs")
-asks: Any = {"context_settings": {"help_option_names": ["-h", "--help"]}}
+SETTINGS: Any = {"context_settings": {"help_option_names": ["-h", "--help"]}}
 
 
 class Names(click.ParamType):
-    """Names with commas between them."""
+    """Names separated by commas."""
 
     name = "names"
 
@@ -28,11 +28,13 @@ class Names(click.ParamType):
         if isinstance(value, tuple):
             return value
         names = tuple(word for part in value.split(",") if (word := part.strip()))
-        return names or self.fail(f"names are typed with commas between them; got '{value}'.", param, ctx)
+        return names or self.fail(
+            f"names must be separated by commas; got '{value}'. Give for example k_d,n_s.", param, ctx
+        )
 
 
-class One(click.ParamType):
-    """One of a few words."""
+class OneOf(click.ParamType):
+    """One of several words."""
 
     name = "name"
 
@@ -62,12 +64,12 @@ class Bounds(click.ParamType):
         try:
             low, high = (float(end) for end in ends.split(":"))
         except ValueError:
-            self.fail(f"bounds are typed as NAME=LOW:HIGH; got '{value}'. Give for example k_s=0:1.", param, ctx)
+            self.fail(f"bounds must have the form NAME=LOW:HIGH; got '{value}'. Give for example k_s=0:1.", param, ctx)
         return name.strip(), [low, high]
 
 
 class Lit(click.ParamType):
-    """Which lights were on: a word, or the lights of each photograph."""
+    """The lights that were on: a word, or the lights of each photograph."""
 
     name = "lights"
 
@@ -78,8 +80,7 @@ class Lit(click.ParamType):
             return tuple(tuple(int(light) for light in one.split("+")) for one in value.split(","))
         except ValueError:
             self.fail(
-                f"lights are typed as each, all, or their numbers for each photograph; got '{value}'. Give for example "
-                "0,1,0+1.",
+                f"lights must be each, all, or indices for each photograph; got '{value}'. Give for example 0,1,0+1.",
                 param,
                 ctx,
             )
@@ -99,23 +100,25 @@ class Size(click.ParamType):
             width, height = 0, 0
         if width < 1 or height < 1:
             self.fail(
-                f"a size is typed as WIDTHxHEIGHT in pixels; got '{value}'. Give for example 640x480.", param, ctx
+                f"a size must have the form WIDTHxHEIGHT in pixels; got '{value}'. Give for example 640x480.",
+                param,
+                ctx,
             )
         return width, height
 
 
 def completions(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Return the words that a shell may put for what was begun."""
+    """Return the words that complete a beginning, for the shell."""
     return [CompletionItem(word) for word in words if word.startswith(incomplete)]
 
 
 def answer(text: object, data: Mapping[str, Any], *, as_json: bool) -> None:
-    """Print what was found: for people, or as one JSON object."""
+    """Print the result as text, or as one JSON object."""
     click.echo(json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) if as_json else str(text))
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: arrays as lists, records by their fields, what is not finite as null."""
+    """Return a value for JSON: arrays become lists, dataclasses objects, and numbers that are not finite null."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):

@@ -1,1 +1,1 @@
-"""Diagnosis: what the photographs determine beyond one fit: examination, choice of models, plans, resampling."""
+"""Diagnosis: what the photographs determine: examination, choice of models, plans, resampling, sensitivity."""

@@ -1,4 +1,4 @@
-"""Examination: a fit with all that can be said of it: intervals, and what moves when data are left out."""
+"""Examination: intervals of a fit, their dependence on the data, and a check against the scene description."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_erro
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from .intervals import Profile, intervals
-from .misfit.leftovers import inflated
+from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
 
 LEVELS = (0.68, 0.95)
-TOGETHER = 0.95  # correlation, from which two numbers are said to move together
+STRONG = 0.95  # a correlation above which two parameters are reported
 
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A fit with all that can be said of it; `print` it for the table. Every array is NumPy float64."""
+    """A fit with intervals and checks; `print` it for the table. Every array is NumPy float64."""
 
     fit: Fit
     errors: Vector
-    """Standard errors: plain where the views agree as far as independent noise lets them, else by clusters."""
+    """Standard errors: for independent noise if the views agree within it, else by clusters."""
     interval_68: Float[np.ndarray, "p 2"]
-    """Profile intervals that hold the truth with 68 %; one-sided at a bound."""
+    """Profile intervals; the true value lies inside 68 % of the time. One-sided at a bound."""
     interval_95: Float[np.ndarray, "p 2"]
-    """Profile intervals that hold the truth with 95 %."""
+    """Profile intervals; the true value lies inside 95 % of the time."""
     profiles: tuple[Float[np.ndarray, "_ 2"], ...]
-    """Of each unknown the values that its intervals were found by, and how many errors the cost says each is away."""
+    """For each unknown: the values at which its profile was evaluated, and their distances in errors by the cost."""
     determined: Bool[np.ndarray, " p"]
-    """What the fit determines, less what moves with the data kept, and what may be anything within its bounds."""
+    """Whether a value is determined: by the fit, whichever data are included, and within a finite interval."""
     refits: tuple[Refit, ...]
     suspicions: tuple[Suspicion, ...]
-    """What the residuals show to be other than was said."""
+    """Where the residuals contradict the scene description."""
     notes: tuple[str, ...]
-    """What these views cannot tell, how the errors were made, what moved: a sentence each."""
+    """What the views do not determine, how the errors were found, what moved: a sentence each."""
 
     def __str__(self) -> str:
-        """Return the table of parameters with intervals, and below it the notes."""
+        """Return the table of parameters with intervals, and the notes below it."""
         fit, width = self.fit, max(len("parameter"), *map(len, self.fit.names))
         counts = fit.counts
         lines = [
@@ -65,78 +65,106 @@ class Examination:
 
 
 def examine(fit: Fit, *, progress: bool = False) -> Examination:
-    """Examine a fit: intervals that cover, and in words what cannot be believed.
+    """Examine a fit: intervals, their dependence on the data, and a check against the scene description.
 
-    Errors are for independent noise where the views' own optima scatter no more than it lets them, else by delete-one
-    jackknife over the views (patches of them, where there are fewer than three), with Student's t. Intervals are where
-    the cost, the other unknowns at their best, has risen by the square of so many errors (profile likelihood; Venzon
-    and Moolgavkar 1988): they bend with the problem and end at bounds. Then the fit is made anew without half of the
-    views, without saturated pixels and 1 and 3 px about them, without the brightest half of the highlight, and without
-    2 and 5 degrees about it: a number that moves by 30 %, or by three errors, and to whose old value what is left
-    objects, is not determined. At last the residuals are asked for what is other than was said: the files' curve, an
-    exposure, a light's place, cast shadows, light between surfaces at a rim, and, in all views together, vignetting, a
-    gamma, blur, the other lobe, a sphere's size or place, and all lights turned. What such a fault moves by two errors
-    is not determined. `progress`: show a line on the terminal.
+    1. Errors are for independent noise if the views' own optima scatter no more than that noise explains. Otherwise
+       they are by delete-one jackknife over the views, with Student's t, or over patches if there are fewer than three
+       views.
+    2. Intervals are profile-likelihood intervals (Venzon and Moolgavkar 1988): the cost, minimised over the other
+       unknowns, rises by the square of the number of errors. They may be asymmetric, and end at bounds.
+    3. The fit is repeated without half of the views, without saturated pixels and 1 and 3 px around them, without the
+       brightest half of the highlight, and without 2 and 5 degrees around it. A value that moves by 30 % or by three
+       errors is not determined, unless the remaining data allow the old value too.
+    4. The residuals are checked against the scene description: the files' curve, an exposure, a light's place, cast
+       shadows, interreflection at a rim; and in all views together vignetting, a gamma, blur, the other lobe, a
+       sphere's size or place, and all lights turned. A value that such a fault moves by two errors is not determined.
 
-    Raises TypeError for anything but a fit.
+    Args:
+        fit: The fit to examine.
+        progress: Show a progress line on the terminal.
+
+    Returns:
+        The intervals, the repeated fits, the suspected faults and the notes.
+
+    Raises:
+        TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
-        clusters, alike = inflated(own, find_clusters(own))
+        clusters, inflation = inflate_errors(own, find_clusters(own))
         profile = Profile(own, clusters)
         found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
-        again, shifted = refits(own, clusters, left_out(own), report_progress)
-        report_progress("looking at the residuals")
+        refitted, unstable = refits(own, clusters, left_out(own), report_progress)
+        report_progress("checking the residuals")
         suspected = suspicions(own)
-    return _say(fit, clusters, found, profiles, again, shifted & fit.determined, suspected, alike)
+    return summarise(fit, clusters, found, profiles, refitted, unstable & fit.determined, suspected, inflation)
 
 
-def _say(
+def summarise(
     fit: Fit,
     clusters: Clusters,
     found: Float[np.ndarray, "2 p 2"],
     profiles: tuple[Float[np.ndarray, "_ 2"], ...],
-    again: list[Refit],
-    shifted: Bool[np.ndarray, " p"],
+    refitted: list[Refit],
+    unstable: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
-    alike: str = "",
+    inflation: str = "",
 ) -> Examination:
+    """Return an examination: what stays determined, and the notes.
+
+    Args:
+        fit: The fit.
+        clusters: The clusters of its errors.
+        found: The intervals at 68 % and 95 %.
+        profiles: The profile of each unknown.
+        refitted: The fits without some of the data.
+        unstable: Which values depend on the data that are included.
+        suspected: Where the residuals contradict the scene description.
+        inflation: A note on errors that were inflated; empty if they were not.
+    """
     errors = clusters.wide_errors()
     interval_68, interval_95 = found
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
-    anything = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
-    wide = _too_wide(fit, interval_95) & fit.determined & ~anything
-    corrupted = fit.determined & np.isin(fit.names, [name for of in suspected for name in of.withdrawn])
-    determined = fit.determined & ~anything & ~wide & ~shifted & ~corrupted
+    unconstrained = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
+    wide = _too_wide(fit, interval_95) & fit.determined & ~unconstrained
+    affected = fit.determined & np.isin(fit.names, [name for one in suspected for name in one.affected])
+    determined = fit.determined & ~unconstrained & ~wide & ~unstable & ~affected
     notes = [
         *(suspicion.sentence for suspicion in suspected),
-        *_withdrawn(fit, corrupted),
-        *([f"{listing(_names(fit, anything))} may be anything within the bounds."] if anything.any() else []),
+        *_affected(fit, affected),
+        *_unconstrained(fit, unconstrained),
         *_wide(fit, wide, interval_95),
-        *dependence(fit, again, shifted),
-        *_together(fit),
-        *([alike] if alike else []),
+        *dependence(fit, refitted, unstable),
+        *_correlated(fit),
+        *([inflation] if inflation else []),
         f"errors: {fit.what_errors_hold(clusters)}",
-        *(n for n in fit.notes if not n.startswith("0 within") and n not in [s.sentence for s in suspected]),
-        *_at_most(fit, determined, interval_95),
+        *(n for n in fit.notes if n.kind != "0 within noise" and n not in [s.sentence for s in suspected]),
+        *_upper_limits(fit, determined, interval_95),
     ]
     return Examination(
-        fit, errors, interval_68, interval_95, profiles, determined, tuple(again), suspected, tuple(notes)
+        fit, errors, interval_68, interval_95, profiles, determined, tuple(refitted), suspected, tuple(notes)
     )
 
 
-def _withdrawn(fit: Fit, corrupted: Bool[np.ndarray, " p"]) -> list[str]:
-    """Say what is not determined for what the residuals show to be wrong."""
-    if not corrupted.any():
+def _affected(fit: Fit, affected: Bool[np.ndarray, " p"]) -> list[str]:
+    """Name what is not determined because of a suspected fault."""
+    if not affected.any():
         return []
-    names = _names(fit, corrupted)
-    return [f"until that is corrected {listing(names)} {'is' if len(names) == 1 else 'are'} not determined."]
+    names = _names(fit, affected)
+    return [f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."]
+
+
+def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]:
+    """Name what the views do not constrain."""
+    if not unconstrained.any():
+        return []
+    return [f"the views do not constrain {listing(_names(fit, unconstrained))}: any value within the bounds fits."]
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
-    """Return what is lost in the noise by its interval, which sees what errors at a bound do not (see `vague`)."""
+    """Return what is lost in the noise by its interval, which covers cases that errors at a bound miss."""
     log = logarithms(fit.unknowns)
     half = np.where(np.isfinite(interval_95).all(1), 0.5 * (interval_95[:, 1] - interval_95[:, 0]), np.inf) / 1.96
     in_log = 0.5 * np.log(np.where(log, interval_95[:, 1], 1.0) / np.where(log, interval_95[:, 0], 1.0)) / 1.96
@@ -145,29 +173,29 @@ def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarra
 
 
 def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
-    """Say between what the unknowns may be that are lost in the noise by their intervals."""
+    """Name the unknowns that are lost in the noise, with their intervals."""
     ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in np.flatnonzero(wide)]
     quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
-    return [f"lost in the noise by the 95 % intervals: {listing(ranges)}. {remedy(quantities)}"] if ranges else []
+    return [f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {remedy(quantities)}"] if ranges else []
 
 
-def _at_most(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
-    """Say what is 0 within the noise, and what it is at most."""
+def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
+    """Name what is 0 within the noise, with upper limits."""
     lower = np.array([u.lower for u in fit.unknowns])
     small = determined & (interval_95[:, 0] <= lower) & (lower == 0.0)
     limits = [f"{fit.names[j]} {interval_95[j, 1]:.2g}" for j in np.flatnonzero(small)]
-    return [f"0 within the noise, and at most (95 %): {listing(limits)}."] if limits else []
+    return [f"0 within the noise, with upper limits (95 %): {listing(limits)}."] if limits else []
 
 
-def _together(fit: Fit) -> list[str]:
-    """Say which numbers can hardly move apart."""
+def _correlated(fit: Fit) -> list[str]:
+    """Name the quantities that are strongly correlated."""
     correlation = fit.correlation
-    pairs = np.argwhere(np.triu(np.abs(correlation) > TOGETHER, 1))
+    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG, 1))
     groups: dict[tuple[str, str], float] = {}
     for i, j in pairs:
         key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)
         groups[key] = max(groups.get(key, 0.0), abs(float(correlation[i, j])))
-    return [f"{a} and {b} move together (correlation {c:.3f})." for (a, b), c in groups.items() if a != b]
+    return [f"{a} and {b} are strongly correlated ({c:.3f})." for (a, b), c in groups.items() if a != b]
 
 
 def _names(fit: Fit, which: Bool[np.ndarray, " p"]) -> list[str]:

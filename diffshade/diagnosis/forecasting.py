@@ -1,4 +1,4 @@
-"""Forecast: what photographs will tell and what they cannot, before they are taken or fitted."""
+"""Forecast: the errors of a fit, and what it will not determine, before the photographs are taken or fitted."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from ..parallel.threads import on_all_cores
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What a fit of a scene to photographs of it can tell; `print` it for the table."""
+    """The errors to expect of a fit to photographs of a scene; `print` it for the table."""
 
     names: tuple[str, ...]
     values: Vector
-    """What the scene says."""
+    """The scene's values."""
     errors: Vector
-    """The standard errors to expect for independent noise; infinite where nothing will be determined."""
+    """The standard errors to expect for independent noise; infinite where a value will not be determined."""
     determined: Bool[np.ndarray, " p"]
     notes: tuple[str, ...]
-    """What these views will not tell, and what would: a sentence each."""
+    """What these views will not determine, and a remedy: a sentence each."""
 
     def __str__(self) -> str:
-        """Return the table of expected errors, and below it the notes."""
+        """Return the table of expected errors, and the notes below it."""
         width = max(len("parameter"), *map(len, self.names))
         lines = [f"{'parameter':<{width}} {'value':>12} {'expected error':>15}"]
         for name, value, error, known in zip(self.names, self.values, self.errors, self.determined, strict=True):
-            said = f"{error:>15.2g}" if known else f"{'not determined':>15}"
-            lines.append(f"{name:<{width}} {value:>12.6g} {said}")
+            cell = f"{error:>15.2g}" if known else f"{'not determined':>15}"
+            lines.append(f"{name:<{width}} {value:>12.6g} {cell}")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
 
@@ -62,16 +62,31 @@ def forecast(
     priors: Mapping[str, Sequence[Any]] | None = None,
     noise: Noise | float = 0.01,
 ) -> Forecast:
-    r"""Return the errors to expect of a fit, were the scene the truth, and in words what it would not determine.
+    r"""Return the errors to expect of a fit if the scene is the truth, and what the fit would not determine.
 
     $$ Cov = \sigma^2 (J^T J)^{-1} $$
 
-    at the scene's values, J the derivatives of every sample (the inverse of Fisher's information of independent noise;
-    Rao 1945). Of the views the camera, mask, lights, exposure, noise and saturation count, not the images, which may be
-    anything of their shape. `noise`: the standard deviation of a sample, for views that have no `Noise` of their own;
-    other arguments as of `fit`.
+    at the scene's values, with J the derivatives of every sample: the inverse of the Fisher information for independent
+    noise (Rao 1945).
 
-    Raises as `fit` does.
+    Args:
+        scene: The scene, with the values that are assumed to be true.
+        views: The photographs to be taken. Camera, mask, lights, exposure, noise and saturation count; the images may
+            hold anything of the right shape.
+        free: The parameters to fit, as in `fit`.
+        tied: Parameters with one value for all lamps, as in `fit`.
+        constraints: As in `fit`.
+        bounds: As in `fit`.
+        priors: As in `fit`.
+        noise: The standard deviation of a sample (white = 1), above 0, or a `Noise`; 0.01 by default. Used for views
+            without a `Noise` of their own.
+
+    Returns:
+        The expected errors.
+
+    Raises:
+        ValueError: If `noise` is not above 0, or an argument is refused by `fit`.
+        TypeError: If an argument has another type.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
@@ -80,7 +95,7 @@ def forecast(
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
     with in_float64((scene, views)) as (scene, views):
         scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
-        views = tuple(_taken(scene, view, noise) for view in views)
+        views = tuple(_with_expected_image(scene, view, noise) for view in views)
         unknowns = find_unknowns(
             scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=all(map(is_grey, views))
         )
@@ -96,8 +111,8 @@ def forecast(
     return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 
-def _taken(scene: Scene, view: View, noise: Noise | float) -> View:
-    """Return a view with the photograph that the scene would give, without noise."""
+def _with_expected_image(scene: Scene, view: View, noise: Noise | float) -> View:
+    """Return a view with the photograph to expect of the scene, without noise."""
     image = photograph(scene, view)
     if view.image.shape[2] in (2, 4):
         image = np.concatenate([image, view.image[:][..., -1:]], -1)

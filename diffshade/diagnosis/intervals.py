@@ -1,4 +1,4 @@
-"""Intervals: how far a number can go before the photographs object, by refits with it held (profile likelihood)."""
+"""Intervals by profile likelihood: how far a value can move before the photographs contradict it."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import coordinate_slopes
 
-CLOSE = 0.01  # relative, of the number of errors that an end is to be away
+CLOSE = 0.01  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
-FAR = 1e6  # errors, beyond which there is no end
+FAR = 1e6  # errors; beyond this an interval has no end
 
 
 class Profile:
-    """The cost of a fit as a function of one unknown, the others at their best.
+    """The cost of a fit as a function of one unknown, minimised over the others.
 
-    2 (C(t) - C_min) / (sigma^2 phi) is the square of how many errors t is from the best, where phi is the clusters'
-    variance over that of independent noise (Venzon and Moolgavkar 1988). To be used in float64.
+    2 (C(t) - C_min) / (sigma^2 phi) is the square of the number of errors between t and the minimum. phi is the
+    clusters' variance over that of independent noise (Venzon and Moolgavkar 1988). Runs in float64.
     """
 
     def __init__(self, fit: Fit, clusters: Clusters):
@@ -34,27 +34,27 @@ class Profile:
         self.errors = clusters.errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
         self.best = self.laid.cost()
-        # a difference of costs is known to a rounding of the sum of squares
-        self.asked: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
+        # A difference of costs is known to within the rounding of the sum of squares.
+        self.evaluated: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
         self.visible = 1e-2 * self.variance > 64.0 * np.finfo(float).eps * fit.squares
 
     def errors_away(self, j: int, t: float) -> float:
-        """Return how many errors the cost says that t is from the best; t in the solver's coordinates."""
+        """Return the distance of t from the minimum in errors, by the cost; t in the solver's coordinates."""
         rtol = 1e-3 * float(self.variance[j]) / max(self.best, 1e-300)
         end = self.laid.minimise({j: t}, self._start(j, t), self.laid.chunks, rtol=min(rtol, 1e-6))
         away = float(np.sqrt(2.0 * max(float(end.point.total.cost) - self.best, 0.0) / self.variance[j]))
-        self.asked[j].append((t, away))
+        self.evaluated[j].append((t, away))
         return away
 
     def curve(self, j: int) -> Float[np.ndarray, "points 2"]:
-        """Return what was asked of an unknown so far: its values in order, and how many errors each is away."""
-        points = np.array(sorted([(float(self.laid.theta[j]), 0.0), *self.asked[j]]))
+        """Return the values at which an unknown's profile was evaluated, in order, and their distances in errors."""
+        points = np.array(sorted([(float(self.laid.theta[j]), 0.0), *self.evaluated[j]]))
         if self.fit.unknowns[j].logarithmic:
             points[:, 0] = np.exp(points[:, 0])
         return points
 
     def _start(self, j: int, t: float) -> Vector:
-        """Return where the others are to first order when one unknown is held."""
+        """Return the other unknowns to first order when one is held at t."""
         fit = self.fit
         which = ~fit.at_bound
         which[j] = True
@@ -66,7 +66,7 @@ class Profile:
         return theta
 
     def end(self, j: int, side: int, errors: float) -> float:
-        """Return the end of the interval on one side, in the unknown's own unit; its bound where that comes first."""
+        """Return the interval's end on one side, in the unknown's own unit, or its bound if that comes first."""
         unknown, fit = self.fit.unknowns[j], self.fit
         bound = unknown.lower if side < 0 else unknown.upper
         if fit.values[j] == bound:
@@ -83,7 +83,7 @@ class Profile:
         return float(np.exp(t)) if unknown.logarithmic else float(t)
 
     def _search(self, j: int, side: int, errors: float, to_bound: float) -> float:
-        """Find how far t can go: first as the errors say, then along the chord of what the cost says."""
+        """Find the distance to the end: a first guess from the standard error, then along chords of the profile."""
         inner, outer = (0.0, 0.0), (np.inf, np.inf)
         reach = min(errors * self.errors[j], to_bound)
         for _ in range(EVALUATIONS):
@@ -107,9 +107,9 @@ class Profile:
 def intervals(
     profile: Profile, levels: Sequence[float], report_progress: ReportProgress = silent
 ) -> Float[np.ndarray, "levels p 2"]:
-    """Return the two-sided intervals at each level; an end at a bound is the bound.
+    """Return the two-sided intervals at each level; they end at the bounds.
 
-    An unknown that is not determined has all of its range.
+    The interval of an unknown that is not determined is its whole range.
     """
     reach = [profile.clusters.quantiles(level) for level in levels]
     found = np.zeros((len(reach), len(profile.fit.unknowns), 2))

@@ -1,4 +1,4 @@
-"""Patches: squares of a view, wider than its residuals are correlated, as clusters where there are too few views."""
+"""Patches: squares of a view, wider than its correlation length, as clusters if there are too few views."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ..inverse.statistics.clusters import Clusters, compared, independent
 from ..inverse.unknowns.unknown import coordinate_slopes
 from ..parallel.threads import on_all_cores
 
-FEWEST = 6  # patches for a jackknife
+FEWEST = 6  # patches that a jackknife needs
 MOST = 64
 
 
 def find_clusters(fit: Fit) -> Clusters:
-    """Return the views where there are three or more, else patches wider than the correlation of the residuals."""
+    """Return the views if there are three or more, else patches wider than the correlation length of the residuals."""
     if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
     differences, counts = residual_images(fit)
@@ -44,8 +44,8 @@ def find_clusters(fit: Fit) -> Clusters:
     grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.model, chunk), laid_out)
 
     def by_patch(found: Sequence[Array]) -> Float[np.ndarray, "patches ..."]:
-        of = np.concatenate([np.asarray(one) for one in found])[: len(parts)]
-        return np.array([of[patch == k].sum(0) for k in range(count)])
+        blocks = np.concatenate([np.asarray(one) for one in found])[: len(parts)]
+        return np.array([blocks[patch == k].sum(0) for k in range(count)])
 
     H, g = (by_patch([getattr(gram, name) for gram in grams]) for name in ("hessian", "gradient"))
     slope = coordinate_slopes(fit.values, fit.unknowns)
@@ -76,7 +76,7 @@ def _waves_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block
 
 
 def residual_images(fit: Fit) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
-    """Return of each view what is left over, the sum of the channels, and the pixels that count."""
+    """Return for each view the residuals, summed over the channels, and the pixels that count."""
     predictions = [fit.predict(view) for view in fit.views]
     return [p.difference.sum(-1) for p in predictions], [np.all(p.counts, -1) for p in predictions]
 
@@ -84,10 +84,10 @@ def residual_images(fit: Fit) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool
 def correlation_length(
     differences: Sequence[Float[np.ndarray, "h w"]], counts: Sequence[Bool[np.ndarray, "h w"]]
 ) -> int:
-    """Return over how many pixels residuals hang together: 0 where neighbours do not.
+    """Return the correlation length of the residuals in pixels; 0 if neighbours are not correlated.
 
-    The lag along rows and columns at which their correlation has fallen to 1/e of that of neighbours; white noise on
-    top of a smooth error lowers both alike.
+    It is the lag along rows and columns at which the correlation has fallen to 1/e of that of neighbours. White noise
+    on top of a smooth error lowers both by the same factor.
     """
 
     def correlation(lag: int) -> tuple[float, int]:
@@ -110,23 +110,23 @@ def correlation_length(
 
 
 def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> int:
-    """Return the width of patches: twice the correlation length at least, and so that there are not too many."""
+    """Return the width of patches: at least twice the correlation length, and at most 64 patches."""
     pixels = sum(int(c.sum()) for c in counts)
     return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MOST))))
 
 
 def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> tuple[list[Piece], Int[np.ndarray, " n"]]:
-    """Cut the pixels into squares of a grid, and say which patch each is of.
+    """Cut the pixels into squares of a grid, and return the patch of each square.
 
-    The same square of views that were taken alike is one patch: what it has wrong it has wrong in all of them.
+    Views with the same camera and lights share their patches, since they share the errors there.
     """
-    alike = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
+    setup = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
     parts, keys = [], []
     for view, of_view in enumerate(samples):
         row, column = np.divmod(of_view.pixels, of_view.inside.shape[1])
         square = (row // width) * of_view.inside.shape[1] + column // width
         for number in np.unique(square):
             parts.append(Piece(view, of_view, of_view.pixels[square == number]))
-            keys.append((alike[view], int(number)))
+            keys.append((setup[view], int(number)))
     order = {key: k for k, key in enumerate(dict.fromkeys(keys))}
     return parts, np.array([order[key] for key in keys], int)

@@ -1,4 +1,4 @@
-"""Resampling: the fit over and over, each time of views drawn anew."""
+"""Resampling: repeated fits to views drawn with replacement."""
 
 from __future__ import annotations
 
@@ -15,19 +15,31 @@ from ..inverse.unknowns.unknown import values_at
 
 
 def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = False) -> Float[np.ndarray, "draws p"]:
-    """Return the values of fits of as many views drawn with replacement, one row a draw (Efron 1979).
+    """Fit again to views drawn with replacement, and return the fitted values (the bootstrap; Efron 1979).
 
-    Views that were taken alike, by one camera under the same lights, are drawn together. The standard deviation of a
-    column is the error of that unknown, its percentiles an interval; both see what a whole view shares, and nothing
-    that all views share. Each fit begins at the end of the fit given. An unknown that no view of a draw shows stays
-    where it was. `progress`: show a line on the terminal.
+    Views with the same camera and lights are drawn together. The standard deviation of a column is the error of that
+    unknown, and its percentiles are an interval. Both include errors that the samples of one view share, and not errors
+    that all views share. Each fit starts at the given fit. An unknown that no view of a draw shows keeps its value.
 
-    Raises TypeError for anything but a fit; ValueError for fewer than three views or draws below 1.
+    Args:
+        fit: The fit to resample, of at least three views with different cameras or lights.
+        draws: The number of fits, at least 1.
+        seed: The seed of the random draws, at least 0.
+        progress: Show a progress line on the terminal.
+
+    Returns:
+        The fitted values, one row per draw, in the order of `fit.names`.
+
+    Raises:
+        ValueError: If there are fewer than three different views, or `draws` or `seed` is out of range.
+        TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     groups = setups(fit.scene, fit.views)
     if len(groups) < 3:
-        raise ValueError(f"bootstrap needs three or more views taken in different ways; got {len(groups)}. Add views.")
+        raise ValueError(
+            f"bootstrap needs at least three views with different cameras or lights; got {len(groups)}. Add views."
+        )
     if not (isinstance(draws, int | np.integer) and draws >= 1):
         raise ValueError(f"draws must be a whole number of at least 1; got {draws!r}. Give for example 200.")
     if not (isinstance(seed, int | np.integer) and seed >= 0):

@@ -1,4 +1,4 @@
-"""Sensitivity: how the fitted numbers move with the photographs and with what was taken as known."""
+"""Sensitivity: the derivatives of the fitted values by the photographs and by known parameters."""
 
 from __future__ import annotations
 
@@ -28,15 +28,27 @@ from ..parallel.threads import on_all_cores
 
 
 def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
-    r"""Return the derivative of the fitted values by the known numbers that `name` names, in the scene's order.
+    r"""Return the derivatives of the fitted values by known parameters.
 
-    `name` is any run of whole segments of a dotted path, as in `fit`: "lights.0.intensity" has k = 3. At the minimum
-    the gradient F of the cost by the unknowns theta is 0 whatever the known numbers phi are, so
+    At the minimum the gradient F of the cost by the unknowns theta is 0 for all values of the known parameters phi.
+    Therefore
 
     $$ d\theta / d\phi = -(dF / d\theta)^{-1} \; dF / d\phi $$
 
     with all second derivatives (the implicit function theorem). Values at a bound do not move. The weights of the noise
-    and the scale of a robust loss are held. Raises ValueError where the number is free, or a value is not determined.
+    and the scale of a robust loss are held fixed.
+
+    Args:
+        fit: The fit.
+        name: The known parameters: any run of whole segments of a dotted path, as in `fit`. "lights.0.intensity" has
+            k = 3 numbers.
+
+    Returns:
+        The derivatives, one row per fitted value and one column per known number, in the scene's order.
+
+    Raises:
+        ValueError: If a parameter is free in this fit, or a fitted value is not determined.
+        TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
@@ -46,9 +58,9 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     for unknown in known:
         for path, channel in unknown.places:
             if (path, channel) in places:
-                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a number that was known.")
+                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a parameter that was known.")
     with in_float64(fit) as fit:
-        at = _At(fit)
+        at = _FitAtMinimum(fit)
         slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
         phi = values_in(fit.scene, fit.views, known)
         bases = [x.base for u in fit.unknowns for x in u.products]
@@ -56,7 +68,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
             len(bases), len(known)
         )
         z = jnp.asarray(np.concatenate([at.theta, phi]))
-        second = total(on_all_cores(lambda chunk: _second(z, slots, along, at.model, chunk), at.chunks))
+        second = total(on_all_cores(lambda chunk: _second_derivatives(z, slots, along, at.model, chunk), at.chunks))
         p = len(at.theta)
         moves = at.solve(second[:p, :p], second[:p, p:])
     values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
@@ -66,21 +78,32 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
 
 
 def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
-    """Return the derivative of the fitted values by each sample of the photograph of one view; 0 where none counts.
+    """Return the derivatives of the fitted values by each sample of one view's photograph.
 
-    As `sensitivity`, with the photograph for the known numbers. A clipped sample has no derivative: it is no number.
-    The result is (p, H, W, C), one picture an unknown. Raises ValueError for a view that the fit has not, or a value
-    that is not determined; TypeError for anything but a fit.
+    As `sensitivity`, with the photograph in place of the known parameters.
+
+    Args:
+        fit: The fit.
+        view: The index of the view, from 0.
+
+    Returns:
+        One image of derivatives per fitted value; 0 where a sample does not count or is clipped.
+
+    Raises:
+        ValueError: If the fit has no such view, or a fitted value is not determined.
+        TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     if not isinstance(view, int | np.integer) or not 0 <= view < len(fit.views):
-        raise ValueError(f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Count the views of the fit.")
+        raise ValueError(
+            f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Give the index of one of the fit's views."
+        )
     with in_float64(fit) as fit:
-        at = _At(fit)
+        at = _FitAtMinimum(fit)
         theta = jnp.asarray(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
-        second = total(on_all_cores(lambda chunk: _second(theta, empty, along, at.model, chunk), at.chunks))
+        second = total(on_all_cores(lambda chunk: _second_derivatives(theta, empty, along, at.model, chunk), at.chunks))
         slopes = on_all_cores(lambda chunk: _by_sample(theta, at.model, chunk), at.chunks)
         views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
@@ -95,37 +118,42 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     return image.reshape(len(moves), *samples.inside.shape, used)
 
 
-class _At(LaidOutFit):
-    """A fit laid out again at its end, by the model that serves any scene."""
+class _FitAtMinimum(LaidOutFit):
+    """A fit laid out at its minimum, with the forward model that serves any scene."""
 
     def __init__(self, fit: Fit):
         singular = ~fit.evidence.determined
         if singular.any():
             name = fit.names[int(singular.argmax())]
-            raise ValueError(f"{name} is not determined, so that the fit has no derivative. Fix it and fit again.")
+            raise ValueError(f"{name} is not determined, so the fit has no derivative. Fix {name} and fit again.")
         super().__init__(fit, rendered=True)
         self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
 
     def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
         """Return -H^-1 of the mixed derivatives, in the values' own units."""
-        everything = np.asarray(hessian) + np.asarray(_soft_hessian(self.priors, jnp.asarray(self.theta)))
+        whole = np.asarray(hessian) + np.asarray(_prior_hessian(self.priors, jnp.asarray(self.theta)))
         inner = np.ix_(self.free, self.free)
         moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
-        moves[self.free] = -inverse(everything[inner]) @ np.asarray(mixed)[self.free]
+        moves[self.free] = -inverse(whole[inner]) @ np.asarray(mixed)[self.free]
         return moves * self.unit[:, None]
 
 
 @jax.jit
-def _soft_hessian(soft: Any, theta: Array) -> Array:
-    return jax.hessian(lambda q: soft.gram(q).cost)(theta)
+def _prior_hessian(priors: Any, theta: Array) -> Array:
+    return jax.hessian(lambda q: priors.gram(q).cost)(theta)
 
 
 @partial(jit_quickly, options=SOONER)
-def _second(z: Array, slots: Slots, along: Array, model: AbstractForwardModel, chunk: Block) -> Array:
+def _second_derivatives(z: Array, slots: Slots, along: Array, model: AbstractForwardModel, chunk: Block) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
 
-    `along` is 1 where a product of the unknowns (a row) holds a known number (a column) as its constant.
+    Args:
+        z: The unknowns, and the known numbers after them.
+        slots: Where the known numbers are in the scene.
+        along: 1 where a product of the unknowns (a row) has a known number (a column) as its constant.
+        model: The forward model.
+        chunk: Blocks of pixels.
     """
     p = model.setting.slots.logarithmic.shape[0]
 

@@ -1,4 +1,4 @@
-"""Drafts: the text of a material for another program, with what is different there."""
+"""Exports: the text of a material for another program, and notes on the differences there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .refits import Refit
 
 
 class Draft(NamedTuple):
-    """The text of a file, the error of the material in it, and the sentences about it."""
+    """The text of a file, the error of the material in it, and its notes."""
 
     text: str
     rms: float
@@ -26,35 +26,35 @@ def stated(rms: float, largest: float) -> str:
     """Return the sentence that states an error."""
     return (
         f"under a light of intensity 1 the radiance differs by {rms:.2g} (rms) and {largest:.2g} (at most) over a "
-        "sphere lit from 0 to 80 degrees off the viewer."
+        "sphere, with the light at 0 to 80 degrees from the viewer."
     )
 
 
-def said_of(refit: Refit) -> list[str]:
-    """Return what is to be said of a refit: nothing, where the material is as it was."""
+def notes_on_refit(refit: Refit) -> list[str]:
+    """Return the note on a refit; none if the material is unchanged."""
     return [f"{refit}"] if refit.largest else []
 
 
 def opacity(material: Material) -> float:
-    """Return d = 1 - k_t; of a coloured k_t, 1 less its mean."""
+    """Return d = 1 - k_t; for a coloured k_t, 1 minus its mean."""
     return 1.0 if material.k_t is None else 1.0 - float(np.mean(material.k_t))
 
 
-def said_of_glass(material: Material, program: str, *, colour: bool, eta: bool) -> list[str]:
-    """Say what of k_t and eta a program does not know."""
-    said = []
+def notes_on_glass(material: Material, program: str, *, colour: bool, eta: bool) -> list[str]:
+    """Return notes on k_t and eta for a program without `colour` of k_t or without `eta`."""
+    notes = []
     if material.k_t is not None and not colour and np.ptp(material.k_t) > 0:
-        said.append(f"{program} has one opacity for all colours: k_t {in_short(material.k_t)} is written as its mean.")
+        notes.append(f"{program} has one opacity for all colours: k_t {in_short(material.k_t)} is written as its mean.")
     if material.eta is not None and not eta:
-        said.append(f"{program} does not bend light: eta {in_short(material.eta)} is left out.")
-    return said
+        notes.append(f"{program} does not refract light: eta {in_short(material.eta)} is not written.")
+    return notes
 
 
-def said_of_lights(lights: Sequence[AbstractLight], program: str) -> list[str]:
-    """Say that lights are not written, and with them their attenuation."""
+def notes_on_lights(lights: Sequence[AbstractLight], program: str) -> list[str]:
+    """Return a note that lights and their attenuation are not written."""
     if not lights:
         return []
-    return [f"lights, and with them their attenuation a0, a1, a2, are no part of a material in {program} and left out."]
+    return [f"a material in {program} has no lights: the lights and their attenuation a0, a1, a2 are not written."]
 
 
 def comment(notes: Sequence[str], mark: str) -> str:
@@ -63,5 +63,5 @@ def comment(notes: Sequence[str], mark: str) -> str:
 
 
 def plain(values: Any, between: str = ", ", after: str = "") -> str:
-    """Return a number, or several, as text that reads back as they were."""
+    """Return one number or several as text that is read back exactly."""
     return between.join(f"{float(x)!r}{after}" for x in np.ravel(values))

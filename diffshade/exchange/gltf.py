@@ -1,9 +1,9 @@
-"""glTF 2.0, metallic-roughness with KHR_materials_specular: written only, since GGX is no lobe of this library.
+"""glTF 2.0, metallic-roughness with KHR_materials_specular: written only, since this library has no GGX lobe.
 
 Under a light of pi I it reflects I (n.l) ((1 - F) base + pi F V D): D and V are GGX and its Smith term with alpha =
 roughness^2, F = f0 + (f90 - f0)(1 - v.h)^5, f0 = min(.04 specularColor, 1) specular and f90 = specular (glTF 2.0,
-appendix B; KHR_materials_specular). The highlight is taken times 1 + f0 (1/E - 1), with E the part of the light that
-GGX keeps: what is scattered more than once (Turquin 2019), which the appendix leaves to programs, and three.js adds.
+appendix B; KHR_materials_specular). The highlight is multiplied by 1 + f0 (1/E - 1) for multiple scattering (Turquin
+2019), with E the fraction of the light that GGX reflects. The appendix leaves this to programs; three.js does it.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from scipy.optimize import least_squares
 
 from ..core.fields import in_short
 from ..model.materials import Material, Phong
-from .exports import Draft, opacity, said_of_glass, said_of_lights, stated
+from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
 from .refits import check_plain, named
 
-F0 = 0.04  # of the index 1.5 that a dielectric has in glTF
-ROUGHNESS = (0.045, 1.0)  # three.js and Filament take what is below for .045, so that a lamp's highlight can be seen
+F0 = 0.04  # for the refractive index 1.5 that glTF gives a dielectric
+ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
 
 
 class Surface(NamedTuple):
-    """What glTF says of a surface: roughness, base colour and the reflectance head on of each channel."""
+    """A surface in glTF: roughness, base colour, and the reflectance of each channel at normal incidence."""
 
     roughness: float
     base: Float[np.ndarray, "3"]
@@ -47,15 +47,15 @@ def ggx(points: Reference, alpha: float) -> Cosines:
 
 
 def smith(n_l: Any, n_v: Any, alpha: float) -> Any:
-    """Return V, the part that is neither shadowed nor masked over 4 (n.l)(n.v) (Heitz 2014)."""
+    """Return V, the fraction that is neither shadowed nor masked, over 4 (n.l)(n.v) (Heitz 2014)."""
     a2 = alpha * alpha
     return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))
 
 
 def kept(n_v: Cosines, alpha: float) -> Cosines:
-    """Return E(n.v), the integral of V D (n.l) over all l: what GGX with F = 1 reflects of what it meets.
+    """Return E(n.v), the integral of V D (n.l) over all l: the fraction of the light that GGX with F = 1 reflects.
 
-    The mean of 4 V (n.l)(v.h)/(n.h) over h that are spread as D (n.h) is, at 32 cosines, linear between them.
+    It is the mean of 4 V (n.l)(v.h)/(n.h) over h distributed as D (n.h), at 32 cosines, interpolated linearly.
     """
     u, turn = (np.arange(48) + 0.5) / 48, 2 * np.pi * (np.arange(48) + 0.5) / 48
     n_h = np.sqrt((1 - u) / (1 + (alpha**2 - 1) * u))[:, None]
@@ -68,12 +68,12 @@ def kept(n_v: Cosines, alpha: float) -> Cosines:
 
 
 def fitted(material: Material) -> tuple[Surface, float, float]:
-    """Return the surface that looks most like a material, by squares, and the error."""
+    """Return the surface nearest to a material by least squares, and the error."""
     check_plain(material)
     points = reference_of(material)
     target = radiance(material, points)
     blinn = np.min(material.n_s) * (4.0 if isinstance(material.lobe, Phong) else 1.0)
-    alpha = np.sqrt(2.0 / (blinn + 2.0))  # whose D falls off at its peak as Blinn's lobe does
+    alpha = np.sqrt(2.0 / (blinn + 2.0))  # D and Blinn's lobe then have the same curvature at the peak
     head_on = np.clip(4.0 * alpha**2 * np.asarray(material.k_s), 1e-4, 0.9)
     start = [np.log(np.clip(np.sqrt(alpha), 0.05, 0.99)), *np.clip(np.asarray(material.k_d), 1e-3, 0.99), *head_on]
 
@@ -87,17 +87,17 @@ def fitted(material: Material) -> tuple[Surface, float, float]:
 
 
 def write_gltf(name: str, material: Material, lights: Any) -> Draft:
-    """Return a glTF file that holds the material alone."""
+    """Return a glTF file with the material only."""
     surface, rms, largest = fitted(material)
     notes = [f"the highlight, {named(material)}, is refitted as GGX with roughness {surface.roughness:.3g}:"]
     notes[0] += f" {stated(rms, largest)}"
     if np.any(material.k_a):
-        notes.append(f"glTF has no ambient reflection: k_a {in_short(material.k_a)} is left out.")
+        notes.append(f"glTF has no ambient reflection: k_a {in_short(material.k_a)} is not written.")
     if lights:
-        notes += said_of_lights(lights, "glTF")
-        notes.append("KHR_lights_punctual, its lights, knows no fall-off but 1/d^2.")
-    notes += said_of_glass(material, "glTF", colour=False, eta=False)
-    notes.append("give pi times the intensity of each light: glTF divides the diffuse term by pi.")
+        notes += notes_on_lights(lights, "glTF")
+        notes.append("KHR_lights_punctual, glTF's lights, has only the falloff 1/d^2.")
+    notes += notes_on_glass(material, "glTF", colour=False, eta=False)
+    notes.append("multiply the intensity of each light by pi: glTF divides the diffuse term by pi.")
     k_e, strength = np.asarray(material.k_e), max(1.0, float(np.max(material.k_e)))
     specular = float(surface.head_on.max())
     alpha = opacity(material)

@@ -1,4 +1,4 @@
-"""Materials in the files of other programs: which suffix is which, reading and writing."""
+"""Material files of other programs: formats by suffix, reading and writing."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ WRITERS = {
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written, and how far the other program's picture is from this one's."""
+    """A written file, and the difference between the other program's picture and this one's."""
 
     path: Path
     rms: float
-    """Root mean square difference of radiance over the reference (see `with_lobe`), under a light of intensity 1; of
-    several materials that of the worst."""
+    """Root mean square difference of radiance over the reference (see `with_lobe`), under a light of intensity 1; the
+    largest of several materials."""
     largest: float
     """The largest difference."""
     notes: tuple[str, ...]
-    """What is different there, and what to do about it: the sentences that stand in the file as a comment."""
+    """The differences there, and what to do about them; the file has them as comments."""
 
     def __str__(self) -> str:
-        same = [] if self.largest else ["the material is the same there, to its last digit."]
+        same = [] if self.largest else ["the material is written exactly."]
         return "\n".join([f"{self.path}: {note}" for note in (*same, *self.notes)])
 
 
@@ -65,24 +65,38 @@ def write_material(
     name: str = "material",
     lights: Sequence[AbstractLight] | AbstractLight = (),
 ) -> Exported:
-    """Write a material for another program, so that it looks the same there; the suffix says which.
+    """Write a material for another program, chosen by the suffix, so that it looks the same there.
 
-    `.mtl` Wavefront, which also takes several, name to material; `.c` OpenGL's fixed function, with `lights` where they
-    are given; `.json`, `.js` three.js's MeshPhongMaterial; `.py` VTK and PyVista; `.inc` POV-Ray; `.gltf` glTF 2.0.
-    Where the other program computes something else the material is refitted, and the error that remains is returned
-    and stands in the file. Raises ValueError in one sentence, before anything is written.
+    If the other program computes something else, the material is refitted. The remaining error is returned, and written
+    to the file as a comment.
+
+    Args:
+        path: The file: `.mtl` Wavefront, `.c` OpenGL's fixed function, `.json` or `.js` three.js's MeshPhongMaterial,
+            `.py` VTK and PyVista, `.inc` POV-Ray, `.gltf` glTF 2.0.
+        material: The material; for `.mtl` also several, as a mapping from name to material.
+        name: The material's name in the file.
+        lights: Lights to write with it, for OpenGL only; by default none.
+
+    Returns:
+        The path, the error and the notes.
+
+    Raises:
+        ValueError: If the suffix, the name, a coefficient or a light is not possible in this format; nothing is written
+            then.
+        TypeError: If an argument has another type.
+        OSError: If the file cannot be written.
     """
     path, lights = Path(path), (lights,) if isinstance(lights, AbstractLight) else tuple(lights)
     suffix = check_format(path)
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
     if isinstance(material, Mapping) and suffix != ".mtl":
-        raise ValueError(f"a {suffix} file holds one material; got {len(material)}. Write each to a file of its own.")
+        raise ValueError(f"a {suffix} file holds one material; got {len(material)}. Write one file for each.")
     named = dict(material) if isinstance(material, Mapping) else {name: material}
     for word in named:
         _check_name(word, suffix)
     if not named:
-        raise ValueError("a material's file needs at least one material; got none. Give a Material.")
+        raise ValueError("a material file needs at least one material; got none. Give a Material.")
     for word, one in named.items():
         check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
     if suffix == ".mtl":
@@ -96,19 +110,29 @@ def write_material(
 
 
 def check_format(path: Path, *, also: tuple[str, ...] = ()) -> str:
-    """Return the suffix of a material's file, in lower case; refuse one that is not written, nor `also` is."""
+    """Return the suffix of a material file in lower case; refuse one that is neither written nor in `also`."""
     suffix = path.suffix.lower()
     if suffix not in (".mtl", *WRITERS):
         raise ValueError(
-            f"no format of materials ends in '{path.suffix}'. Known ends: {', '.join(['.mtl', *WRITERS, *also])}."
+            f"'{path.suffix}' is not the suffix of a material format. Use one of "
+            f"{', '.join(['.mtl', *WRITERS, *also])}."
         )
     return suffix
 
 
 def read_material(path: str | Path, *, name: str | None = None) -> Material:
-    """Read a material of another program: the one of that name, or the only one; see `read_materials`.
+    """Read a material of another program from a file; see `read_materials` for the formats.
 
-    Raises as `read_materials` does, and ValueError where there are several or none of that name.
+    Args:
+        path: The file.
+        name: The material's name; may be omitted if the file holds only one.
+
+    Returns:
+        The material.
+
+    Raises:
+        ValueError: If the file is malformed, holds several materials and no name is given, or holds none of this name.
+        FileNotFoundError: If the file does not exist.
     """
     found = read_materials(path)
     if name is None:
@@ -123,12 +147,22 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
 
 
 def read_materials(path: str | Path) -> dict[str, Material]:
-    """Read the materials of a file by name: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc`, as `write_material` has them.
+    """Read the materials of a file by name.
 
-    Of a scene (`.toml`, as of `write_scene`) they are those of its objects, by their names or as object_0 and so on.
-    Formats of the same lobe are read as they are; three.js's MeshPhongMaterial is refitted, and the logger "diffshade"
-    warns of the error, as it does of maps, which are never opened. Reading takes at most 64 times the file's size of
-    memory. Raises FileNotFoundError, or ValueError in one sentence.
+    Formats with Phong's or Blinn's lobe are read exactly. three.js's MeshPhongMaterial is refitted, and the logger
+    "diffshade" warns of the error. It also warns of texture maps, which are never opened. Reading needs at most 64
+    times the file's size of memory.
+
+    Args:
+        path: The file: `.mtl`, `.c`, `.json`, `.js`, `.py` or `.inc`, as for `write_material`, or a scene (`.toml`, as
+            for `write_scene`), whose objects' materials are named as the objects, or else object_0 and so on.
+
+    Returns:
+        The materials by name.
+
+    Raises:
+        ValueError: If the suffix is unknown, or the file is malformed.
+        FileNotFoundError: If the file does not exist.
     """
     path = Path(path)
     if path.suffix.lower() == ".toml":
@@ -136,7 +170,7 @@ def read_materials(path: str | Path) -> dict[str, Material]:
     if path.suffix.lower() not in READERS:
         also = " (glTF is only written)" if path.suffix.lower() == ".gltf" else ""
         raise ValueError(
-            f"no material can be read from '{path.suffix}'{also}. Known ends: {', '.join([*READERS, '.toml'])}."
+            f"no material can be read from '{path.suffix}'{also}. Use one of {', '.join([*READERS, '.toml'])}."
         )
     return READERS[path.suffix.lower()](read_text(path, "material file"), f"{path}")
 
@@ -144,7 +178,15 @@ def read_materials(path: str | Path) -> dict[str, Material]:
 def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
     """Read the lights that C code sets by glLight: position, colour, attenuation and spot (OpenGL's fixed function).
 
-    Raises FileNotFoundError, or ValueError in one sentence.
+    Args:
+        path: A `.c` file.
+
+    Returns:
+        The lights, in the order of their numbers.
+
+    Raises:
+        ValueError: If the suffix is not .c, or the file is malformed.
+        FileNotFoundError: If the file does not exist.
     """
     if Path(path).suffix.lower() != ".c":
         raise ValueError(f"lights are read from C code; got '{Path(path).suffix}'. Give a .c file, or use read_scene.")

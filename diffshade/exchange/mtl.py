@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..core.words import count
 from ..model.materials import Blinn, Material
-from .exports import Draft, comment, plain, said_of, said_of_lights
+from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain
 from .parsing import number, numbers, short
 from .refits import with_lobe
 
@@ -23,23 +24,23 @@ _LOGGER = logging.getLogger("diffshade")
 
 def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
     """Return the text of an MTL file; the error is that of the worst material."""
-    text, notes, errors = "", said_of_lights(lights, "MTL"), [(0.0, 0.0)]
+    text, notes, errors = "", notes_on_lights(lights, "MTL"), [(0.0, 0.0)]
     for name, material in materials.items():
         refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
-        said = said_of(refit)
+        own = notes_on_refit(refit)
         m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
         if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
-            said.append("coefficients above 1 are written as they are; many programs clamp them to 1.")
+            own.append("coefficients above 1 are written unchanged; many programs clamp them to 1.")
         most = float(k_t.max())
         rows = {key: plain(getattr(m, field), " ") for key, field in COLOURS.items()}
         rows |= {"Ns": plain(m.n_s, " "), "d": plain(1.0 - most, " ")}
         if most > 0 and np.ptp(k_t) > 0:
-            rows["Tf"] = plain(k_t / most, " ")  # what passes is k_t = (1 - d) Tf
+            rows["Tf"] = plain(k_t / most, " ")  # k_t = (1 - d) Tf
         if m.eta is not None:
             rows["Ni"] = plain(m.eta, " ")
         rows["illum"] = "2" if np.any(m.k_s) else "1"
-        text += comment(said, "#") + f"newmtl {name}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
-        notes += [f"{name}: {note}" for note in said] if len(materials) > 1 else said
+        text += comment(own, "#") + f"newmtl {name}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
+        notes += [f"{name}: {note}" for note in own] if len(materials) > 1 else own
         errors.append((refit.rms, refit.largest))
     rms, largest = (max(of) for of in zip(*errors, strict=True))
     return Draft(text, rms, largest, tuple(notes))
@@ -49,7 +50,7 @@ def read_mtl(text: str, where: str) -> dict[str, Material]:
     """Read the materials of an MTL file by name. Maps are named in a warning and never opened."""
     found: dict[str, dict[str, list[str]]] = {}
     rows: dict[str, list[str]] | None = None
-    maps = 0
+    maps = 0  # texture maps
     for i, line in enumerate(text.replace("\\\n", " ").splitlines(), 1):
         key, _, rest = line.partition("#")[0].strip().replace("\t", " ").partition(" ")
         if key == "newmtl":
@@ -61,9 +62,9 @@ def read_mtl(text: str, where: str) -> dict[str, Material]:
             maps += key.startswith(("map_", "bump", "disp", "decal", "refl", "norm"))
             rows[key] = rest.split()
     if not found:
-        raise ValueError(f"{where} has no newmtl line, so no material. Give an MTL file.")
+        raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
     if maps:
-        _LOGGER.warning("%s: %d maps are not read, only colours.", where, maps)
+        _LOGGER.warning("%s: %s ignored; only colours are read.", where, count(maps, "texture map"))
     return {name: _material(rows, f"{where}: {short(name)}") for name, rows in found.items()}
 
 

@@ -1,6 +1,6 @@
 """OpenGL's fixed function as C: glMaterial and glLight (OpenGL 1.0 to 3.0; Blinn's lobe, shininess 0 to 128).
 
-It computes E1 to E6 and E9 as they stand, at the vertices of the model.
+It computes exactly E1 to E6 and E9, at the vertices of the mesh.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.materials import Blinn, Material
-from .exports import Draft, comment, opacity, plain, said_of, said_of_glass
+from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain
 from .parsing import NUMBER, number, short
 from .refits import with_lobe
 
@@ -26,12 +26,12 @@ _COLOURS = {"GL_AMBIENT": "k_a", "GL_DIFFUSE": "k_d", "GL_SPECULAR": "k_s", "GL_
 
 
 def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight]) -> Draft:
-    """Return C functions `NAME_material` and, where there are lights, `NAME_lights`."""
+    """Return the C functions `NAME_material` and, with lights, `NAME_lights`."""
     refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
     m, alpha = refit.material, opacity(material)
-    notes = [*said_of(refit), *said_of_glass(material, "OpenGL", colour=False, eta=False)]
+    notes = [*notes_on_refit(refit), *notes_on_glass(material, "OpenGL", colour=False, eta=False)]
     if alpha < 1:
-        notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND and draw what is transparent last.")
+        notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND, and draw transparent objects last.")
     calls = [
         _set(f"glMaterialfv(GL_FRONT_AND_BACK, {key}", [*np.asarray(getattr(m, field)), alpha])
         for key, field in _COLOURS.items()
@@ -42,7 +42,7 @@ def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight])
         written, more = _lights(lights)
         notes += more
         functions.append(_function(f"{name}_lights", written))
-    notes.append("k_a is for an ambient light of 1; OpenGL shades at vertices, so give it many.")
+    notes.append("k_a is for an ambient light of 1. OpenGL shades per vertex: use a fine mesh.")
     return Draft(comment(notes, "//") + "\n" + "\n\n".join(functions) + "\n", refit.rms, refit.largest, tuple(notes))
 
 
@@ -89,7 +89,7 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
                     f"the exponent of lights[{i}], {float(light.exponent):g}, is written as 128, OpenGL's highest."
                 )
             if light.softness > 0:
-                notes.append(f"OpenGL's spots have a hard edge: softness of lights[{i}] is left out.")
+                notes.append(f"OpenGL's spots have a hard edge: the softness of lights[{i}] is not written.")
         calls += [_set(f"glLightfv(GL_LIGHT{i}, GL_{key}", value) for key, value in vectors.items()]
         calls += [f"    glLightf(GL_LIGHT{i}, GL_{key}, {_floats(value)});" for key, value in single.items()]
         calls.append(f"    glEnable(GL_LIGHT{i});")
@@ -97,7 +97,7 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
 
 
 def read_opengl(text: str, where: str) -> dict[str, Material]:
-    """Read the material that calls of glMaterial set; what is not set is OpenGL's default."""
+    """Read the material that calls of glMaterial set; other parameters have OpenGL's defaults."""
     set_ = _calls(text, "Material", where)
     if not set_:
         raise ValueError(f"{where} has no call of glMaterial. Give C code with glMaterialfv(face, GL_DIFFUSE, ...).")
@@ -111,7 +111,7 @@ def read_opengl(text: str, where: str) -> dict[str, Material]:
             raise ValueError(f"{where}: {name} must be four numbers; got {len(values[name])}. Give R, G, B and alpha.")
     n_s = values["GL_SHININESS"][0]
     if not 0 <= n_s <= HIGHEST:
-        raise ValueError(f"{where}: GL_SHININESS must be 0 to 128; got {n_s:g}. OpenGL refuses it too.")
+        raise ValueError(f"{where}: GL_SHININESS must be 0 to 128, as in OpenGL; got {n_s:g}. Correct the file.")
     alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
@@ -152,8 +152,8 @@ def _light(set_: dict[str, list[float]]) -> AbstractLight:
 
 
 def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:
-    """Return the target, the name and the numbers of each call; arrays are named, or stand in the call."""
-    first, *comments = text.split("/*")  # a pattern would look for each end anew
+    """Return the target, the name and the numbers of each call; an array is named, or written in the call."""
+    first, *comments = text.split("/*")  # a regular expression would take quadratic time
     text = re.sub(r"//[^\n]*", " ", " ".join([first, *(comment.partition("*/")[2] for comment in comments)]))
     arrays = dict(_ARRAY.findall(text))
     found = []

@@ -1,4 +1,4 @@
-"""Text files of other programs: read whole within a bound, and their numbers without surprises."""
+"""Text files of other programs: reading them within a size limit, and parsing their numbers strictly."""
 
 from __future__ import annotations
 
@@ -7,25 +7,31 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-LARGEST = 16 * 2**20  # bytes: no material and no lamp is nearly as large; reading takes at most 64 times a file's size
+LARGEST = 16 * 2**20  # bytes, far above any material or lamp; reading needs at most 64 times a file's size
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_text(path: str | Path, noun: str) -> str:
-    """Return the text of a file, UTF-8 or else Latin-1, which these formats are written in.
+    """Return the text of a file, decoded as UTF-8 or else as Latin-1.
 
-    Raises FileNotFoundError where there is none, and ValueError for one that is no text or too large.
+    Args:
+        path: The file.
+        noun: What the file is, for messages.
+
+    Raises:
+        ValueError: If the file is too large or not a text.
+        FileNotFoundError: If the file does not exist.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no {noun} {path}. Give the path of a file.")
     if (size := path.stat().st_size) > LARGEST:
         raise ValueError(
-            f"{path} has {size} bytes, too many for a {noun}; at most {LARGEST} are read. Give another file."
+            f"{path} has {size} bytes, too many for a {noun}; at most {LARGEST} are read. Give a smaller file."
         )
     data = path.read_bytes()
     if b"\0" in data:
-        raise ValueError(f"{path} is no {noun}: it holds zero bytes, which no text has. Give another file.")
+        raise ValueError(f"{path} is not a {noun}: it holds zero bytes, which a text does not. Give a text file.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -33,27 +39,27 @@ def read_text(path: str | Path, noun: str) -> str:
 
 
 def number(word: str, where: str) -> float:
-    """Return the number that a word is; not `nan`, `inf`, `1_000` or one too large, which Python would take."""
+    """Parse a finite number; unlike Python, refuse `nan`, `inf`, `1_000` and numbers that overflow."""
     found = float(word) if NUMBER.fullmatch(word) and len(word) < 400 else math.nan
     if not math.isfinite(found):
-        raise ValueError(f"{where} must be a finite number; got {short(word)}. Mend it.")
+        raise ValueError(f"{where} must be a finite number; got {short(word)}. Correct the file.")
     return found
 
 
 def count(word: str, where: str, *, least: int = 1) -> int:
-    """Return the whole number that a word is, at least `least`."""
+    """Parse a whole number of at least `least`."""
     found = number(word, where)
     if not (found == int(found) and found >= least):
-        raise ValueError(f"{where} must be a whole number of at least {least}; got {short(word)}. Mend it.")
+        raise ValueError(f"{where} must be a whole number of at least {least}; got {short(word)}. Correct the file.")
     return int(found)
 
 
 def numbers(words: Sequence[str], where: str) -> list[float]:
-    """Return the numbers that words are."""
+    """Parse several numbers."""
     return [number(word, where) for word in words]
 
 
 def short(word: str) -> str:
-    """Return a word as a message shows it: one line of a few characters, whatever the file holds."""
+    """Return a word for a message: one line, at most 40 characters."""
     shown = repr(word)
     return shown if len(shown) <= 40 else f"{shown[:36]}...'"

@@ -1,4 +1,4 @@
-"""POV-Ray 3.7: a texture with a finish (phong is Phong's lobe, specular Blinn's; both are E5 and E6 as they stand).
+"""POV-Ray 3.7: a texture with a finish (phong is exactly Phong's lobe, specular Blinn's: E5 and E6).
 
 phong and specular are single numbers. A coloured highlight is POV-Ray's `metallic`, which tints it with the pigment:
 1 + metallic (1 - F) (pigment - 1), F = .014567225/(x - 1.12)^2 - .011612903 within 0 and 1, x the angle of the light
@@ -16,12 +16,12 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from ..model.materials import Blinn, Material, Phong
-from .exports import Draft, comment, plain, said_of, said_of_lights, stated
+from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated
 from .parsing import NUMBER, number, numbers, short
 from .reference import Cosines, Reference, differences, radiance, reference_of
 from .refits import named, with_lobe
 
-LEAST = 1e-6  # of a pigment's channel: ambient and emission are multiplied by it, so that 0 would put them out
+LEAST = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
 _PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
 _COLOUR = re.compile(r"\b(ambient|emission)\s+" + _VECTOR, re.ASCII)
@@ -40,7 +40,7 @@ def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Floa
 
 
 def write_povray(name: str, material: Material, lights: Any) -> Draft:
-    """Return `#declare NAME = texture {...}` and, for glass, `#declare NAME_interior`."""
+    """Return `#declare NAME = texture {...}` and, with eta, `#declare NAME_interior`."""
     lobe = Blinn() if isinstance(material.lobe, Blinn) else Phong()
     refit = with_lobe(material, lobe)
     m, points = refit.material, reference_of(material)
@@ -48,7 +48,7 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
     diffuse = float(k_d.max())
     hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
     pigment = np.maximum(hue / hue.max(), LEAST)
-    notes, rms, largest = said_of(refit), refit.rms, refit.largest
+    notes, rms, largest = notes_on_refit(refit), refit.rms, refit.largest
     strength, metallic = float(k_s.max()), 0.0
     if np.ptp(k_s) > 0:
         strength, metallic = _metallic(points, lobe, float(m.n_s), pigment, k_s)
@@ -56,13 +56,15 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
             points.highlights(lobe)(float(m.n_s))[:, None] * tint(pigment, metallic, points.n_l)
         )
         rms, largest = differences(radiance(material, points), found)
-        notes.append(f"POV-Ray colours no highlight but with its pigment, {named(m)} by metallic {metallic:.2g}:")
+        notes.append(
+            f"POV-Ray colours a highlight only with the pigment; {named(m)} is written with metallic {metallic:.2g}:"
+        )
         notes[-1] += f" {stated(rms, largest)}"
     k_t = np.zeros(3) if m.k_t is None else np.asarray(m.k_t)
     transmit = float(k_t.mean())
     if transmit > 0:
         notes.append(
-            "POV-Ray does not take k_t from the highlight, and filters no colour by transmit: k_t is its mean."
+            "POV-Ray does not reduce the highlight by k_t, and transmit has no colour: the mean of k_t is written."
         )
     words = {Phong: ("phong", "phong_size", float(m.n_s)), Blinn: ("specular", "roughness", _roughness(float(m.n_s)))}
     kind, size, exponent = words[type(lobe)]
@@ -73,7 +75,7 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
         f"    diffuse {diffuse!r} {highlight if np.any(k_s) else ''} }}",
     ]
     notes.append("set global_settings { assumed_gamma 1 ambient_light rgb 1 }: k_a is for an ambient light of 1.")
-    notes += said_of_lights(lights, "POV-Ray")
+    notes += notes_on_lights(lights, "POV-Ray")
     text = "\n".join([f"#declare {name} = texture {{", *rows, "}"]) + "\n"
     if m.eta is not None:
         text += f"#declare {name}_interior = interior {{ ior {plain(m.eta)} }}\n"
@@ -87,7 +89,7 @@ def _roughness(n_s: float) -> float:
 def _metallic(
     points: Reference, lobe: Phong | Blinn, n_s: float, pigment: Float[np.ndarray, "3"], k_s: Float[np.ndarray, "3"]
 ) -> tuple[float, float]:
-    """Return the strength and the metallic, 0 to 1, of the highlight that is nearest, by squares."""
+    """Return the strength and the metallic, 0 to 1, of the nearest highlight by least squares."""
     shape = points.highlights(lobe)(n_s)[:, None]
     target = shape * k_s
 
@@ -104,7 +106,7 @@ def _metallic(
 
 
 def read_povray(text: str, where: str) -> dict[str, Material]:
-    """Read the first texture: one pigment and one finish, as `write_material` writes them or by hand in that form."""
+    """Read the first texture: one pigment and one finish, in the form that `write_material` writes."""
     text = re.sub(r"//[^\n]*", "", text)
     texture = text[: end + 2] if (end := text.find("\n}")) > 0 else text
     found = _PIGMENT.search(texture)
@@ -126,14 +128,14 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
     for key, inside in _COLOUR.findall(texture):
         colours[key] = np.asarray(_vector(inside, where)[:3])
     if one["phong"] and one["specular"]:
-        raise ValueError(f"{where} has phong and specular, two highlights. Leave one of them.")
+        raise ValueError(f"{where} has two highlights, phong and specular. Keep one of them.")
     blinn = bool(one["specular"])
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
     n_s = 1.0 / one["roughness"] if blinn else one["phong_size"]
     if one["metallic"]:
         _LOGGER.warning(
-            "%s: the tint of a metallic highlight fades at grazing light; it is read as it is head on.", where
+            "%s: the tint of a metallic highlight varies with the angle; its value at normal incidence is read.", where
         )
     k_s = (one["specular"] + one["phong"]) * (1.0 + one["metallic"] * (pigment - 1.0))
     given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
@@ -150,6 +152,6 @@ def _vector(inside: str, where: str) -> list[float]:
     words = inside.replace(",", " ").split()
     if len(words) not in (3, 4):
         raise ValueError(
-            f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Mend it."
+            f"{where}: a colour must be three numbers, or four with transmit; got <{short(inside)}>. Correct the file."
         )
     return numbers(words, f"{where}: a colour")

@@ -1,9 +1,9 @@
-"""The reference under which two formulas are compared: points of a surface, seen by one viewer, lit from many sides.
+"""The reference for comparing two materials: points of a surface, one viewer, and lights from several directions.
 
-The viewer is far away along +z, a light of intensity 1 far away at 0, 20, 40, 60 and 80 degrees from it. Under each
-light 256 normals lie evenly over the highlight (about the halfway vector, as far as Blinn's highlight is above a
-thousandth of its peak) and 256 evenly over the half sphere about it; those that the viewer cannot see are left out. An
-error is a difference of radiance at these points: its root mean square over points and channels, and its largest.
+The viewer is far away along +z, and a light of intensity 1 is far away at 0, 20, 40, 60 and 80 degrees from it. Under
+each light there are 256 normals spread evenly over the highlight (around the halfway vector, to where Blinn's highlight
+is a thousandth of its peak) and 256 over the hemisphere around it. Normals that the viewer cannot see are excluded. An
+error is a difference of radiance at these points: the root mean square over points and channels, and the largest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..model.vectors import Vec3
 
 ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
 POINTS = 256
-EDGE = 1e-3  # of the highlight's peak; and cosines below which a point is left out, where rounding decides a gate
+EDGE = 1e-3  # the edge of a highlight over its peak; also the least cosine of a point, as rounding decides smaller ones
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 Normals = Float[np.ndarray, "n 3"]
@@ -30,7 +30,7 @@ Radiance = Float[np.ndarray, "n 3"]
 
 
 class Reference(NamedTuple):
-    """Points of the reference: unit normals and unit directions to the light; the viewer is at (0, 0, 1)."""
+    """Points of the reference: unit normals and unit directions to the light; the viewer is in direction (0, 0, 1)."""
 
     n: Normals
     l: Normals
@@ -101,7 +101,7 @@ def reference_of(material: Material) -> Reference:
 
 
 def radiance(material: Material, points: Reference) -> Radiance:
-    """Return what a material reflects at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
+    """Return the radiance of a material at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
     with in_float64(material) as material:
         return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, *points.vectors).stack())
 

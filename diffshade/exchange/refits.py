@@ -1,4 +1,4 @@
-"""Refits: the material of another lobe, or of narrower limits, that looks most like a given one."""
+"""Refits: the material with another lobe, or within limits, that is nearest to a given one."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..model.fresnel import NoFresnel
 from ..model.materials import AbstractLobe, Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
-EXPONENTS = (0.1, 1e5)  # within which a highlight is looked for
+EXPONENTS = (0.1, 1e5)  # the range of n_s that is searched
 
 
 @dataclass(frozen=True)
 class Refit:
-    """A material that looks like another one: `material`, and what is left of the difference."""
+    """A material refitted to look like another one, and the remaining difference."""
 
     material: Material
     rms: float
@@ -32,7 +32,7 @@ class Refit:
 
     def __str__(self) -> str:
         if not self.largest:
-            return "the highlight is the same."
+            return "the highlight is unchanged."
         return (
             f"the highlight, {named(self.before)}, becomes {named(self.material)}: under a light of intensity 1 the "
             f"radiance differs by {self.rms:.2g} (rms) and {self.largest:.2g} (at most)."
@@ -49,23 +49,34 @@ def named(material: Material) -> str:
 def with_lobe(
     material: Material, lobe: AbstractLobe, *, highest_n_s: float | int = EXPONENTS[1], highest_k: float | int = np.inf
 ) -> Refit:
-    r"""Return the material of this lobe, with a constant k_s and one n_s, that looks most like the given one.
+    r"""Return the material with this lobe, constant k_s and one n_s that is nearest to a given material.
 
     $$ \min \sum (I - I_{given})^2 $$
 
-    over a reference: a viewer and lights of intensity 1 far away, at 0, 20, 40, 60 and 80 degrees from one another;
-    under each 256 normals evenly over the highlight, to where it is a thousandth of its peak, and 256 over the half
-    sphere about it. A Phong highlight becomes a Blinn one of about 4 n_s, and back. `highest_n_s`, `highest_k`: limits
-    of another program on n_s and on each of k_d and k_s. A material that is of this lobe and within the limits is
-    returned as it is. Raises ValueError for one whose coefficients are patterns, TypeError for what is no material or
-    no lobe.
+    The sum is over a reference: a viewer far away, and a light of intensity 1 far away at 0, 20, 40, 60 and 80 degrees
+    from it. Under each light there are 256 normals spread evenly over the highlight, to where it is a thousandth of its
+    peak, and 256 over the hemisphere around it. A Phong highlight becomes a Blinn highlight of about 4 n_s, and back. A
+    material that has this lobe and is within the limits is returned unchanged.
+
+    Args:
+        material: The given material, without patterns.
+        lobe: The lobe to refit with.
+        highest_n_s: The largest n_s allowed, as in another program; 100,000 by default.
+        highest_k: The largest k_d and k_s allowed; by default without limit.
+
+    Returns:
+        The material and the remaining difference.
+
+    Raises:
+        ValueError: If a coefficient is a pattern.
+        TypeError: If an argument has another type.
     """
     check_plain(material)
     check_kind("lobe", lobe, AbstractLobe, "Blinn()")
     n_s = np.unique(np.asarray(material.n_s))
     within = all(np.all(np.asarray(k) <= highest_k) for k in (material.k_d, material.k_s)) and n_s[-1] <= highest_n_s
-    alike = type(material.lobe) is type(lobe) and isinstance(material.fresnel, NoFresnel) and len(n_s) == 1
-    if within and alike:
+    same_lobe = type(material.lobe) is type(lobe) and isinstance(material.fresnel, NoFresnel) and len(n_s) == 1
+    if within and same_lobe:
         return Refit(dataclasses.replace(material, n_s=float(n_s[0])), 0.0, 0.0, material)
     points = reference_of(material)
     target = radiance(material, points)
@@ -86,9 +97,9 @@ class Shape:
     base: Callable[[float], Cosines] | None = None
 
     def fit(self, target: Radiance) -> tuple[float, Float[np.ndarray, "3"]]:
-        """Return n, and k of each channel, of the highlight nearest to the target, by squares.
+        """Return n and each channel's k of the highlight nearest to the target by least squares.
 
-        k is solved for at each n, and of n a whole range is searched before the best place is refined.
+        k is solved for at each n. n is searched over its whole range, then refined.
         """
         if not np.any(target):
             return float(np.clip(10.0, *self.exponents)), np.zeros(3)
@@ -102,7 +113,7 @@ class Shape:
         return n, self.weights(n, target)
 
     def weights(self, n: float, target: Radiance) -> Float[np.ndarray, "3"]:
-        """Return the best k, 0 to the highest, at one n."""
+        """Return the best k within its limits at one n."""
         basis, base = self.basis(n), self._base(n)
         size = float(basis @ basis)
         best = basis @ (target - base[:, None]) / (size if size > 0 else 1.0)
@@ -117,20 +128,20 @@ class Shape:
 
 
 def lowest(cost: Callable[[float], float], lower: float, upper: float) -> float:
-    """Return where a function of one number is lowest: the best of 40, refined between its neighbours, or an end."""
-    tried = np.linspace(lower, upper, 40)
-    best = int(np.argmin([cost(float(x)) for x in tried]))
-    low, high = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
+    """Return the minimiser of a function of one number: the best of 40 points, refined between its neighbours."""
+    grid = np.linspace(lower, upper, 40)
+    best = int(np.argmin([cost(float(x)) for x in grid]))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     found: Any = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
     return min((float(found.x), float(low), float(high)), key=cost)
 
 
 def check_plain(material: Material) -> None:
-    """Refuse what is no material, and patterns, which no file of a material holds."""
+    """Refuse what is not a material, and patterns, which material files cannot hold."""
     check_kind("material", material, Material, "Material(k_d=0.7)")
     check(material)
     if material.patterns:
         raise ValueError(
-            f"a material's file holds colours; got a {type(material.patterns[0]).__name__}. Give one colour for each "
+            f"a material file holds colours; got a {type(material.patterns[0]).__name__}. Give one colour for each "
             "coefficient, or write the scene with write_scene."
         )

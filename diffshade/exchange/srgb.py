@@ -1,4 +1,4 @@
-"""Colours as web programs write them: three bytes on the sRGB curve."""
+"""Colours as in web programs: three bytes on the sRGB curve."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """three.js: MeshPhongMaterial as JSON for its MaterialLoader, or as JavaScript.
 
 Under a light of pi I it computes I (n.l) (diffuse + F (n_s/2 + 1)/4 (n.h)^n_s), where F is Schlick's weight of the
-specular colour with (1 - v.h)^5 as 2^((-5.55473 v.h - 6.98316) v.h): no lobe of this library, so that both ways are
-refits. JSON holds colours as bytes on the sRGB curve.
+specular colour with (1 - v.h)^5 as 2^((-5.55473 v.h - 6.98316) v.h). This library has no such lobe, so materials are
+refitted both ways. JSON holds colours as bytes on the sRGB curve.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..model.materials import Blinn, Material
-from .exports import Draft, comment, opacity, plain, said_of_glass, said_of_lights, stated
+from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated
 from .parsing import NUMBER, number, short
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
 from .refits import EXPONENTS, Shape, check_plain, named
@@ -27,7 +27,7 @@ _LOGGER = logging.getLogger("diffshade")
 
 
 def fresnel(points: Reference) -> Cosines:
-    """Return what three.js takes for (1 - v.h)^5."""
+    """Return three.js's approximation of (1 - v.h)^5."""
     return np.exp2((-5.55473 * points.v_h - 6.98316) * points.v_h)
 
 
@@ -42,7 +42,7 @@ def highlights(points: Reference) -> Shape:
 
 
 def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float, float, list[str]]:
-    """Return the settings of a MeshPhongMaterial, its error, and what is to be said."""
+    """Return the settings of a MeshPhongMaterial, its error, and the notes."""
     check_plain(material)
     points = reference_of(material)
     target, shape, k_d = radiance(material, points), highlights(points), np.asarray(material.k_d)
@@ -55,12 +55,14 @@ def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float,
         colour, specular, glow = (from_hex(to_hex(k)) for k in (colour, specular, emissive / strength))
         emissive = glow * strength
     found: Radiance = points.n_l[:, None] * colour + shape.of(n_s, specular)
-    if not np.any(own):  # three.js reflects at grazing light even where the specular colour is black
+    if not np.any(own):  # three.js reflects at grazing angles even if the specular colour is black
         found, n_s = points.n_l[:, None] * colour + shape.of(EXPONENTS[0], specular), EXPONENTS[0]
     rms, largest = differences(target + np.asarray(material.k_e) + np.asarray(material.k_a), found + emissive)
     notes.append(f"the highlight, {named(material)}, is refitted with shininess {n_s:.4g}: {stated(rms, largest)}")
-    notes.append("give three.js pi times the intensity of each light, and no AmbientLight: k_a, for an ambient light")
-    notes[-1] += " of 1, is part of emissive."
+    notes.append(
+        "multiply the intensity of each light by pi, and use no AmbientLight: emissive includes k_a for an ambient "
+        "light of 1."
+    )
     settings = {"color": colour, "emissive": emissive, "specular": specular, "shininess": n_s}
     return settings | {"strength": strength, "opacity": opacity(material)}, rms, largest, notes
 
@@ -68,7 +70,7 @@ def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float,
 def write_json(name: str, material: Material, lights: Any) -> Draft:
     """Return the JSON that THREE.MaterialLoader reads."""
     settings, rms, largest, notes = _fitted(material, bytes_=True)
-    notes += _dropped(material, lights)
+    notes += _notes_on_omissions(material, lights)
     strength = settings["strength"]
     document = {
         "metadata": {"version": 4.6, "type": "Material", "generator": "diffshade"},
@@ -90,7 +92,7 @@ def write_json(name: str, material: Material, lights: Any) -> Draft:
 def write_js(name: str, material: Material, lights: Any) -> Draft:
     """Return a JavaScript module that exports the material."""
     settings, rms, largest, notes = _fitted(material, bytes_=False)
-    notes += _dropped(material, lights)
+    notes += _notes_on_omissions(material, lights)
     rows = [
         f"  {key}: new THREE.Color().setRGB({plain(settings[key])}, THREE.LinearSRGBColorSpace),"
         for key in ("color", "emissive", "specular")
@@ -103,8 +105,11 @@ def write_js(name: str, material: Material, lights: Any) -> Draft:
     return Draft(f"{comment(notes, '//')}\n{body}\n}});\n", rms, largest, tuple(notes))
 
 
-def _dropped(material: Material, lights: Any) -> list[str]:
-    return [*said_of_glass(material, "MeshPhongMaterial", colour=False, eta=False), *said_of_lights(lights, "three.js")]
+def _notes_on_omissions(material: Material, lights: Any) -> list[str]:
+    return [
+        *notes_on_glass(material, "MeshPhongMaterial", colour=False, eta=False),
+        *notes_on_lights(lights, "three.js"),
+    ]
 
 
 def read_json(text: str, where: str) -> dict[str, Material]:
@@ -112,20 +117,24 @@ def read_json(text: str, where: str) -> dict[str, Material]:
     try:
         document = json.loads(text)
     except (json.JSONDecodeError, RecursionError, ValueError) as error:
-        raise ValueError(f"{where} is no JSON: {short(str(error))}. Mend it.") from None
+        raise ValueError(f"{where} is not JSON: {short(str(error))}. Correct the file.") from None
     if not isinstance(document, dict) or document.get("type") != "MeshPhongMaterial":
-        raise ValueError(f"{where} is no MeshPhongMaterial of three.js. Give what its toJSON() returns.")
+        raise ValueError(f"{where} does not hold a MeshPhongMaterial of three.js. Give the JSON of its toJSON().")
 
     def one(key: str, default: float) -> float:
         value = document.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
-            raise ValueError(f"{where}: {key} must be a finite number; got {short(repr(value)[:80])}. Mend it.")
+            raise ValueError(
+                f"{where}: {key} must be a finite number; got {short(repr(value)[:80])}. Correct the file."
+            )
         return float(value)
 
     def colour(key: str, default: int) -> np.ndarray:
         value = document.get(key, default)
         if type(value) is not int or not 0 <= value <= 0xFFFFFF:
-            raise ValueError(f"{where}: {key} must be a colour, 0 to 16777215; got {short(repr(value)[:80])}. Mend it.")
+            raise ValueError(
+                f"{where}: {key} must be a colour, 0 to 16777215; got {short(repr(value)[:80])}. Correct the file."
+            )
         return from_hex(value)
 
     glow = colour("emissive", 0) * one("emissiveIntensity", 1.0)
@@ -142,14 +151,16 @@ def read_json(text: str, where: str) -> dict[str, Material]:
 def read_js(text: str, where: str) -> dict[str, Material]:
     """Read a MeshPhongMaterial as `write_js` writes one."""
     if "MeshPhongMaterial" not in text:
-        raise ValueError(f"{where} makes no MeshPhongMaterial. Give JavaScript as write_material writes it.")
+        raise ValueError(
+            f"{where} creates no MeshPhongMaterial. Give JavaScript in the form that write_material writes."
+        )
     text = re.sub(r"//[^\n]*", "", text)
     values = {"color": [1.0] * 3, "emissive": [0.0] * 3, "specular": list(from_hex(0x111111))}
     for key, inside in _COLOUR.findall(text):
         words = [word.strip() for word in inside.split(",")]
         if words[-1:] != ["THREE.LinearSRGBColorSpace"] or len(words) != 4 or not all(map(NUMBER.fullmatch, words[:3])):
             raise ValueError(
-                f"{where}: {key} must be three numbers and LinearSRGBColorSpace; got {short(inside)}. Mend it."
+                f"{where}: {key} must be three numbers and LinearSRGBColorSpace; got {short(inside)}. Correct the file."
             )
         values[key] = [number(word, f"{where}: {key}") for word in words[:3]]
     scalars = {"shininess": 30.0, "opacity": 1.0}
@@ -161,9 +172,11 @@ def read_js(text: str, where: str) -> dict[str, Material]:
 def _as_material(
     colour: np.ndarray, emissive: np.ndarray, specular: np.ndarray, shininess: float, alpha: float, where: str
 ) -> dict[str, Material]:
-    """Return the Blinn material that looks like a MeshPhongMaterial, and warn of what is different."""
+    """Return the Blinn material nearest to a MeshPhongMaterial, and warn of the difference."""
     if not 0 <= shininess <= EXPONENTS[1] or (specular < 0).any():
-        raise ValueError(f"{where}: shininess must be 0 to 100000 and specular at least 0; got {shininess:g}. Mend it.")
+        raise ValueError(
+            f"{where}: shininess must be 0 to 100000 and specular at least 0; got {shininess:g}. Correct the file."
+        )
     points = reference(shininess)
     target = highlights(points).of(shininess, specular)
     blinn = Shape(points.highlights(Blinn()), EXPONENTS)

@@ -1,6 +1,6 @@
 """VTK and PyVista: the settings of a vtkProperty as Python (Phong's lobe; exponent to 128, coefficients to 1).
 
-vtkProperty clamps its exponent and its coefficients without a word; a colour is a coefficient times a colour.
+vtkProperty clamps its exponent and its coefficients silently; a term is a coefficient times a colour.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core.fields import Array
 from ..model.materials import Material, Phong
-from .exports import Draft, comment, opacity, plain, said_of, said_of_glass, said_of_lights, stated
+from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated
 from .parsing import NUMBER, number, short
 from .reference import differences, radiance, reference_of
 from .refits import with_lobe
@@ -25,10 +25,14 @@ def write_vtk(name: str, material: Material, lights: Any) -> Draft:
     """Return a Python function `set_NAME(property)`, for a vtkProperty or PyVista's `actor.prop`."""
     refit = with_lobe(material, Phong(), highest_n_s=HIGHEST_N, highest_k=HIGHEST_K)
     m, rms, largest = refit.material, refit.rms, refit.largest
-    notes = [*said_of(refit), *said_of_glass(material, "VTK", colour=False, eta=False), *said_of_lights(lights, "VTK")]
+    notes = [
+        *notes_on_refit(refit),
+        *notes_on_glass(material, "VTK", colour=False, eta=False),
+        *notes_on_lights(lights, "VTK"),
+    ]
     ambient = np.asarray(m.k_a) + np.asarray(m.k_e)
     if np.any(m.k_e):
-        notes.append("VTK has no emission: k_e is added to k_a, which is the same where the ambient light is 1.")
+        notes.append("VTK has no emission: k_e is added to k_a, which is equivalent for an ambient light of 1.")
     if ambient.max() > HIGHEST_K:
         lost, points = ambient - np.minimum(ambient, HIGHEST_K), reference_of(material)
         rms, largest = differences(radiance(material, points) + lost, radiance(m, points))
@@ -45,7 +49,7 @@ def write_vtk(name: str, material: Material, lights: Any) -> Draft:
 
 
 def read_vtk(text: str, where: str) -> dict[str, Material]:
-    """Read the material that calls of a vtkProperty set; what is not set is VTK's default."""
+    """Read the material that calls of a vtkProperty set; other parameters have VTK's defaults."""
     values = {"Ambient": [0.0], "Diffuse": [1.0], "Specular": [0.0], "SpecularPower": [1.0], "Opacity": [1.0]}
     colours = {"AmbientColor": [1.0] * 3, "DiffuseColor": [1.0] * 3, "SpecularColor": [1.0] * 3}
     known, found = values | colours, False

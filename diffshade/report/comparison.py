@@ -19,9 +19,17 @@ if TYPE_CHECKING:
 
 
 def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> None:
-    """Write what `draw_comparison` draws, as PNG, PDF or SVG by the suffix.
+    """Write the figure of `draw_comparison` to a file.
 
-    Raises ValueError for a view that does not fit the scene or an unknown suffix, FileNotFoundError without the folder.
+    Args:
+        path: The file, .png, .pdf or .svg.
+        fit: The fit.
+        views: The views to show.
+        titles: A title for each view; by default its index.
+
+    Raises:
+        ValueError: If the suffix is unknown, a view does not match the scene, or the number of titles is wrong.
+        FileNotFoundError: If the folder does not exist.
     """
     if Path(path).suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a comparison is .png, .pdf or .svg. Use one.")
@@ -31,12 +39,22 @@ def write_comparison(path: str | Path, fit: Fit, views: Sequence[View] | View, *
 
 
 def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[str] = ()) -> Figure:
-    """Draw photograph | fit | difference, a row a view; in a notebook the figure shows itself.
+    """Draw photograph, fit and difference side by side, one row per view; a notebook displays the figure.
 
-    Photograph and fit share one exposure, that which brings the brightest 0.5 % of the photographs to white, and the
-    sRGB curve. The difference is the mean over the channels of fit - photograph, in the photograph's units, blue where
-    the fit is darker and red where it is brighter; what does not count is left white. `titles`: one for each view.
-    Raises ValueError for a view that does not fit the scene, or another number of titles.
+    Photograph and fit are shown with the sRGB curve and one exposure, at which the brightest 0.5 % of the photographs
+    are white. The difference is the mean over the channels of fit - photograph, in the photograph's units: blue where
+    the fit is darker, red where it is brighter, and white where no sample counts.
+
+    Args:
+        fit: The fit.
+        views: The views to show.
+        titles: A title for each view; by default its index.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: If a view does not match the scene, or the number of titles is wrong.
     """
     import matplotlib.figure
 
@@ -62,7 +80,7 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
 
 
 def _display(image: Float[np.ndarray, "h w c"], p: Prediction, white: float) -> Float[np.ndarray, "h w 3"]:
-    """Return what the eye should see of linear radiance; what does not show the object is white."""
+    """Return linear radiance as sRGB for display; pixels that do not count are white."""
     inside = p.counts.any(-1, keepdims=True)
     shown = srgb_encode(np.clip(np.where(inside, image, white) / white, 0.0, 1.0))
     return np.broadcast_to(shown, (*shown.shape[:2], 3))

@@ -16,11 +16,12 @@ from diffshade.diagnosis.model_choice import (
     ModelChoice,
     _check_same_photographs,
     _check_same_pixels,
+    _of_convergence,
     _of_few_views,
-    _own_numbers,
-    _paired,
-    _unknowns,
-    _verdict,
+    _of_single_views,
+    count_determined,
+    paired_difference,
+    verdict,
 )
 
 MATTE = standard_scene(dataclasses.replace(MATERIAL, k_s=np.zeros(3)))
@@ -49,15 +50,15 @@ def test_a_matte_model_of_a_shiny_ball_loses_and_a_term_that_is_not_needed_gets_
     assert set(found.names) == set(fits())
     assert found.names[2] == "matte"
     assert found.worse.tolist() == [False, False, True]
-    assert found.what == "8 views"
-    assert found.clusters == 8
+    assert found.held_out == "8 views"
+    assert found.folds == 8
     assert found.differences[0] == 0.0
     assert found.differences[2] > 10 * found.difference_errors[2]
     assert found.image_differences[1] < 0.5 / 255 < found.image_differences[2]
-    assert any(f"{found.names[0]} predicts what it has not seen better than matte" in note for note in found.notes)
-    assert any(f"these views cannot tell {found.names[0]} from {found.names[1]}" in note for note in found.notes)
+    assert any(note.startswith(found.names[0]) and "better than matte" in note for note in found.notes)
+    assert any(f"undecided between {found.names[0]} and {found.names[1]}" in note for note in found.notes)
     assert any("less than half a grey level, 0.002" in note for note in found.notes)
-    assert any("exposure, which one view alone shows, stayed as fitted" in note for note in found.notes)
+    assert any("exposure, determined by one view only, kept the fitted value" in note for note in found.notes)
     alone = ds.compare({name: fits()[name] for name in ("matte", "Phong")})
     assert alone.best == "Phong"
     np.testing.assert_allclose(alone.errors, found.errors[[found.names.index("Phong"), 2]], rtol=1e-9)
@@ -68,13 +69,13 @@ def test_the_table_has_all_models_and_a_footnote():
     unknowns = dict(zip(found.names, found.unknowns, strict=True))
     assert unknowns == {"Phong": 12, "an exposure": 13, "matte": 6}
     lines = str(found).splitlines()
-    assert lines[0] == "3 models by their error on what they have not seen: 8 views, left out one at a time"
+    assert lines[0] == "3 models by their held-out error: 8 views, held out one at a time"
     for line, name, error in zip(lines[2:5], found.names, found.errors, strict=True):
         assert line.startswith(name)
         assert f"{error:.4g}" in line
     assert "+-" not in lines[2]
     assert "+-" in lines[3]
-    assert "n = 8, the clusters left out" in lines[-1]
+    assert "n = 8 folds" in lines[-1]
     bic = [8 * np.log(r**2) + k * np.log(8) for r, k in zip(found.rmse, found.unknowns, strict=True)]
     np.testing.assert_allclose(found.bic, bic)
     np.testing.assert_allclose(found.rmse, [fits()[name].rmse for name in found.names], rtol=1e-9)
@@ -102,8 +103,8 @@ def test_patches_of_one_view_are_left_out_and_a_fit_is_not_told_from_itself():
     view = one_light_each(noisy_images())[:1]
     (matte,) = (ds.fit(MATTE, view, free=("k_a", "k_d")),)
     found = ds.compare({"one": matte, "other": matte})
-    assert found.what.endswith("pixels")
-    assert found.clusters > 6
+    assert found.held_out.endswith("pixels")
+    assert found.folds > 6
     assert found.best is None
     assert found.differences[1] == 0.0
     assert "Add photographs under other lights." in str(found)
@@ -112,31 +113,35 @@ def test_patches_of_one_view_are_left_out_and_a_fit_is_not_told_from_itself():
 
 def test_the_jackknife_of_equal_clusters_is_that_of_a_mean():
     d = np.random.default_rng(0).standard_normal(8)
-    mean, error = _paired(50 * d, np.full(8, 50.0))
+    mean, error = paired_difference(50 * d, np.full(8, 50.0))
     np.testing.assert_allclose((mean, error), (d.mean(), d.std(ddof=1) / np.sqrt(8)), rtol=1e-12)
     count = np.array([1.0, 3.0, 2.0])
     without = [2.0, 7 / 3, 1.75]  # the ratios of the others' sums
     error = np.sqrt(2 / 3 * np.sum((np.array(without) - np.mean(without)) ** 2))
-    np.testing.assert_allclose(_paired(np.array([2.0, 5.0, 5.0]), count), (2.0, error))
+    np.testing.assert_allclose(paired_difference(np.array([2.0, 5.0, 5.0]), count), (2.0, error))
 
 
 # --- words
 
 
-def verdict(difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01) -> str:
+def verdict_on(difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01) -> str:
     differences, errors, images = (np.array([0.0, x]) for x in (difference, error, apart))
-    return _verdict(["a", "b"], 1, differences, errors, images, np.array([rmse, rmse]), np.array([False, worse]))
+    return verdict(["a", "b"], 1, differences, errors, images, np.array([rmse, rmse]), np.array([False, worse]))
 
 
 def test_a_verdict_says_why():
     for said, words, not_said in (
-        (verdict(3.0, 1.0, 0.1, worse=True), ("a predicts", "better than b", "3.0 standard errors", "0.1"), "cannot"),
-        (verdict(0.5, 0.0, 0.1, worse=True), ("inf standard errors",), "cannot"),
-        (verdict(1.9, 1.0, 0.1), ("cannot tell a from b", "1.9 standard errors, where 2"), "grey level"),
-        (verdict(3.0, 1.0, 0.0019), ("half a grey level",), "asked for"),
-        (verdict(3.0, 1.0, 0.0021, rmse=0.1), ("less than 10% of the residuals",), "grey level"),
-        (verdict(1.0, 1.0, 0.0), ("asked for", "grey level"), "residuals"),
-        (verdict(0.0, 0.0, 0.0), ("0.0 standard errors, where 2",), "inf"),
+        (
+            verdict_on(3.0, 1.0, 0.1, worse=True),
+            ("a predicts", "better than b", "3.0 standard errors", "0.1"),
+            "undecided",
+        ),
+        (verdict_on(0.5, 0.0, 0.1, worse=True), ("inf standard errors",), "undecided"),
+        (verdict_on(1.9, 1.0, 0.1), ("undecided between a and b", "1.9 standard errors", "needs 2"), "grey level"),
+        (verdict_on(3.0, 1.0, 0.0019), ("half a grey level",), "needs"),
+        (verdict_on(3.0, 1.0, 0.0021, rmse=0.1), ("less than 10% of the residuals",), "grey level"),
+        (verdict_on(1.0, 1.0, 0.0), ("needs 2", "grey level"), "residuals"),
+        (verdict_on(0.0, 0.0, 0.0), ("0.0 standard errors", "needs 2"), "inf"),
     ):
         assert all(word in said for word in words), said
         assert not_said not in said, said
@@ -147,15 +152,19 @@ def test_what_is_said_of_few_views_and_of_numbers_of_one():
     told, not_told = np.array([False, True]), np.array([False, False])
     few: Any = _of_few_views
     assert [len(few(*of)) for of in ((patches, not_told), (patches, told), (views, not_told))] == [1, 0, 0]
-    tried: Any = {"a": SimpleNamespace(held=("exposure",), stuck=True), "b": SimpleNamespace(held=(), stuck=False)}
+    scores: Any = {
+        "a": SimpleNamespace(held=("exposure",), converged=False),
+        "b": SimpleNamespace(held=(), converged=True),
+    }
     fits: Any = {name: SimpleNamespace(converged=True) for name in "ab"}
-    held, stuck = _own_numbers(["b", "a"], tried, fits)
-    assert held.startswith("exposure, which one view alone shows")
-    assert stuck.startswith("a fit of a did not converge")
-    tried["a"] = tried["b"]
-    assert _own_numbers(["b", "a"], tried, fits) == []
+    (held,) = _of_single_views(["b", "a"], scores)
+    (failed,) = _of_convergence(["b", "a"], scores, fits)
+    assert held.startswith("exposure, determined by one view only")
+    assert failed.startswith("a fit of a did not converge")
+    scores["a"] = scores["b"]
+    assert _of_single_views(["b", "a"], scores) == _of_convergence(["b", "a"], scores, fits) == []
     fits["b"].converged = False
-    assert "a fit of b did not" in _own_numbers(["b", "a"], tried, fits)[0]
+    assert "a fit of b did not" in _of_convergence(["b", "a"], scores, fits)[0]
 
 
 def test_the_unknowns_are_those_that_a_fit_determines():
@@ -164,7 +173,7 @@ def test_the_unknowns_are_those_that_a_fit_determines():
     changed = dataclasses.replace(
         fit, clusters=dataclasses.replace(fit.clusters, evidence=some), at_bound=np.arange(12) == 11
     )
-    assert _unknowns(changed) == 10
+    assert count_determined(changed) == 10
 
 
 def changed(**options: Any) -> ds.Fit:
@@ -177,10 +186,10 @@ def changed(**options: Any) -> ds.Fit:
     ("other", "words"),
     [
         (lambda: dataclasses.replace(noisy_fit(), views=noisy_fit().views[:7]), ("got 8 and 7", "Fit both to all")),
-        (lambda: changed(image=noisy_images(1)[7]), ("views[7] has another image",)),
-        (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] has another mask",)),
-        (lambda: changed(saturation=0.9), ("views[7] has another saturation",)),
-        (lambda: changed(noise=0.1), ("views[7] has another noise",)),
+        (lambda: changed(image=noisy_images(1)[7]), ("views[7] differs in its image",)),
+        (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] differs in its mask",)),
+        (lambda: changed(saturation=0.9), ("views[7] differs in its saturation",)),
+        (lambda: changed(noise=0.1), ("views[7] differs in its noise",)),
         (lambda: dataclasses.replace(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
         (
             lambda: dataclasses.replace(
@@ -201,7 +210,7 @@ def test_fits_of_the_same_photographs_in_other_scenes_are_not_refused_but_of_oth
     one, other = (SimpleNamespace(samples=[SimpleNamespace(pixels=np.arange(n))]) for n in (9, 1200))
     check: Any = _check_same_pixels
     check("a", one, "b", one)
-    with pytest.raises(ValueError, match="must look at the same pixels") as caught:
+    with pytest.raises(ValueError, match="must use the same pixels") as caught:
         check("a", one, "b", other)
     assert all(word in str(caught.value) for word in ("views[0]", "9 and 1,200", "Give the view a mask"))
 

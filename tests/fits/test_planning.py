@@ -10,7 +10,10 @@ from scenarios import noisy_fit
 from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 
 import diffshade as ds
-from diffshade.diagnosis.planning import Plan, _aimed, _holders, _information, _notes, _order, _percent, _sizes, _with
+from diffshade.diagnosis.plan_notes import Ranked, plan_notes
+from diffshade.diagnosis.planning import Plan, find_aim, percent
+from diffshade.diagnosis.shot_ranking import add_shot, information, rank_shots, reference_sizes
+from diffshade.diagnosis.shots import unknowns_of_lamp
 from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.slots import put_back
@@ -117,14 +120,14 @@ def test_clipped_pixels_do_not_count():
 def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
     fit = noisy_fit()
     lamp = ds.PointLight((0, 0, 8), 1.0, ds.RadialAttenuation(1.0, 3.0, 0.5))
-    of = {leaf: holders for (leaf, _), holders in _holders(fit, lamp).items()}
+    of = {leaf: unknowns for (leaf, _), unknowns in unknowns_of_lamp(fit, lamp).items()}
     names = list(fit.names)
     assert of["attenuation.linear"] == {names.index("linear")}
     assert of["attenuation.quadratic"] == {names.index("quadratic")}
     assert of["intensity"] == of["attenuation.constant"] == {None}
     assert not {"position", "direction"} & set(of)
     spot = ds.SpotLight((0, 0, 8), (0, 0, -1), 1.0, 60.0)
-    assert not any(_holders(fit, spot).values())  # of another kind
+    assert not any(unknowns_of_lamp(fit, spot).values())  # of another kind
 
 
 def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said():
@@ -132,9 +135,7 @@ def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said
     unknowns = list(fit.unknowns)
     unknowns[0] = dataclasses.replace(unknowns[0], places=[("lights.1.intensity", 0)], quantity="intensity")
     unknowns[1] = dataclasses.replace(unknowns[1], places=[("views.0.exposure", 0)], quantity="views.0.exposure")
-    (note,) = [
-        n for n in notes_of(dataclasses.replace(fit, unknowns=tuple(unknowns))) if n.startswith("taken as known")
-    ]
+    (note,) = [n for n in notes_of(dataclasses.replace(fit, unknowns=tuple(unknowns))) if n.startswith("assumed known")]
     assert "exposure of a view and intensity" in note
 
 
@@ -145,7 +146,7 @@ def notes_of(fit: ds.Fit, aim: Any = None, **change: Any) -> list[str]:
     """What a plan of one shot says, of errors half as large as now but for a change."""
     now = fit.plain_errors
     given = {"now": now, "errors": 0.5 * now[None], "rank": np.array([0]), "clipped": np.array([0.0])} | change
-    return _notes(fit, [FRONT], [FRONT.name], [0], _aimed(fit.unknowns, aim), *given.values())
+    return plan_notes(Ranked(fit, [FRONT], [FRONT.name], [0], find_aim(fit.unknowns, aim), **given))
 
 
 def test_what_the_first_choice_does_is_said():
@@ -162,14 +163,14 @@ def test_what_the_first_choice_does_is_said():
     unknown = np.where(n_s, np.inf, fit.plain_errors)
     said = notes_of(fit, now=unknown, rank=np.array([1]))
     assert said[0] == "in front determines n_s, which the views do not."
-    assert any("- in place of an error" in note for note in said)
+    assert any("- marks an unknown" in note for note in said)
     assert any(note.startswith("new:") for note in said)
     said = notes_of(fit, now=unknown, errors=unknown[None])
     assert any("none of these shots determines n_s (-). Fix it, or plan with other lights" in note for note in said)
     lost = dataclasses.replace(fit, determined=~n_s)
     for share, count in ((0.45, 0), (0.55, 1)):  # of the value, which is the error of the logarithm
         vague = np.where(n_s, share * fit.values, fit.plain_errors)[None]
-        assert sum("with in front too n_s would be lost" in note for note in notes_of(lost, errors=vague)) == count
+        assert sum("with in front, n_s would be lost" in note for note in notes_of(lost, errors=vague)) == count
     for share, count in ((0.04, 0), (0.06, 1)):
         assert sum("of its pixels clipped" in note for note in notes_of(fit, clipped=np.array([share]))) == count
 
@@ -180,18 +181,18 @@ def test_shots_are_ranked_by_rank_then_by_the_aim_or_the_gain_and_ties_by_name()
     names, none = ("b", "a", "c"), np.zeros(12, bool)
     errors = np.ones((3, 12)) * fit.values
     rank, gain = np.zeros(3, int), np.array([1.0, 1.0 + 1e-12, 2.0])
-    assert _order(fit, names, none, errors, rank, gain) == (2, 1, 0)
-    assert _order(fit, names, none, errors, np.array([1, 0, 0]), gain) == (0, 2, 1)
+    assert rank_shots(fit, names, none, errors, rank, gain) == (2, 1, 0)
+    assert rank_shots(fit, names, none, errors, np.array([1, 0, 0]), gain) == (0, 2, 1)
     errors[1, n_s] *= 0.5
-    assert _order(fit, names, n_s, errors, rank, gain) == (1, 0, 2)
+    assert rank_shots(fit, names, n_s, errors, rank, gain) == (1, 0, 2)
     errors[1, 0] = np.inf
-    assert _order(fit, names, n_s | (np.arange(12) == 0), errors, rank, gain) == (0, 2, 1)
+    assert rank_shots(fit, names, n_s | (np.arange(12) == 0), errors, rank, gain) == (0, 2, 1)
 
 
 def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
     fit, p = noisy_fit(), len(noisy_fit().values)
-    np.testing.assert_allclose(_sizes(fit), fit.values)
-    rank, log = _information(fit, fit.evidence)
+    np.testing.assert_allclose(reference_sizes(fit), fit.values)
+    rank, log = information(fit, fit.evidence)
     relative = fit.covariance / np.outer(fit.values, fit.values)
     assert rank == p
     np.testing.assert_allclose(log, -np.linalg.slogdet(relative)[1], rtol=1e-6)
@@ -201,13 +202,13 @@ def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
         fit.evidence, hessian=H[None], gradient=np.zeros((1, p)), known_hessian=0 * H, sigma2=4.0,
         determined=np.arange(p) > 0,
     )  # fmt: skip
-    assert _information(fit, blind) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
-    more = _with(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
+    assert information(fit, blind) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
+    more = add_shot(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
     assert more.determined.all()
-    assert _information(fit, more) == (p, pytest.approx(-p * np.log(4.0)))
+    assert information(fit, more) == (p, pytest.approx(-p * np.log(4.0)))
     assert len(more.hessian) == len(more.gradient) == 2
     held = dataclasses.replace(more, at_bound=np.arange(p) == 1)
-    assert _information(fit, held)[0] == p - 1
+    assert information(fit, held)[0] == p - 1
 
 
 def test_where_something_is_open_the_table_says_how_many_directions_are_new():
@@ -223,7 +224,7 @@ def test_where_something_is_open_the_table_says_how_many_directions_are_new():
     assert now.split()[1] == "-"
     assert first.split()[-2:] == ["1", "2.00"]
     assert note == "- a note."
-    assert [_percent(share) for share in (0.0123, 0.994, 0.996, 12.3, 1e5)] == [
+    assert [percent(share) for share in (0.0123, 0.994, 0.996, 12.3, 1e5)] == [
         "1.2 %",
         "99 %",
         "100 %",
@@ -235,10 +236,10 @@ def test_where_something_is_open_the_table_says_how_many_directions_are_new():
 def test_an_aim_is_any_run_of_a_name():
     unknowns = noisy_fit().unknowns
     names = np.array([u.name for u in unknowns])
-    assert names[_aimed(unknowns, "k_d")].tolist() == ["k_d.r", "k_d.g", "k_d.b"]
-    assert names[_aimed(unknowns, ["k_d.g", "material.n_s"])].tolist() == ["k_d.g", "n_s"]
-    assert names[_aimed(unknowns, "attenuation")].tolist() == ["linear", "quadratic"]
-    assert not _aimed(unknowns, None).any()
+    assert names[find_aim(unknowns, "k_d")].tolist() == ["k_d.r", "k_d.g", "k_d.b"]
+    assert names[find_aim(unknowns, ["k_d.g", "material.n_s"])].tolist() == ["k_d.g", "n_s"]
+    assert names[find_aim(unknowns, "attenuation")].tolist() == ["linear", "quadratic"]
+    assert not find_aim(unknowns, None).any()
 
 
 @pytest.mark.parametrize(
@@ -246,8 +247,8 @@ def test_an_aim_is_any_run_of_a_name():
     [
         ([], {}, ValueError, ("plan needs at least one shot", "Give for example")),
         ([ds.PointLight((0, 0, 3))], {}, TypeError, ("shots[0]", "Shot", "got PointLight")),
-        (FRONT, {"aim": "ns"}, ValueError, ("aim names 'ns'", "no unknown", "Did you mean 'n_s'?")),
-        (FRONT, {"aim": "intensity"}, ValueError, ("aim names 'intensity'", "no unknown")),
+        (FRONT, {"aim": "ns"}, ValueError, ("aim names 'ns'", "not an unknown", "Did you mean 'n_s'?")),
+        (FRONT, {"aim": "intensity"}, ValueError, ("aim names 'intensity'", "not an unknown")),
         (FRONT, {"aim": [3]}, TypeError, ("aim must hold names", "got 3")),
         (
             [FRONT, ds.Shot(camera=ds.Camera((0, 0, 4), target=(0, 0, 8), shape=(24, 24)))],

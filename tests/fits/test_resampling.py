@@ -33,7 +33,7 @@ def test_a_seed_gives_the_same_draws():
 
 
 def test_too_few_views_and_no_draws_are_refused():
-    with pytest.raises(ValueError, match="three or more views taken in different ways; got 2"):
+    with pytest.raises(ValueError, match="at least three views with different cameras or lights; got 2"):
         ds.bootstrap(dataclasses.replace(noisy_fit(), views=noisy_fit().views[:2]))
     with pytest.raises(ValueError, match="draws must be a whole number of at least 1; got 0"):
         ds.bootstrap(noisy_fit(), draws=0)

@@ -88,7 +88,7 @@ def test_the_derivative_by_a_free_number_is_refused(name):
     with pytest.raises(ValueError, match="is free in this fit") as refusal:
         ds.sensitivity(noisy_fit(), name)
     message = str(refusal.value)
-    assert all(part in message for part in (f"'{name}'", "objects.0.material.", "Name a number that was known."))
+    assert all(part in message for part in (f"'{name}'", "objects.0.material.", "Name a parameter that was known."))
 
 
 @pytest.mark.parametrize("view", [-1, 8])
@@ -104,7 +104,7 @@ def test_a_fit_that_is_not_determined_has_no_derivative():
     for derivative in (lambda: ds.sensitivity(fit, "lights.0.intensity"), lambda: ds.image_sensitivity(fit, 0)):
         with pytest.raises(ValueError, match=r"k_a\.g is not determined") as refusal:
             derivative()
-        assert "Fix it and fit again." in str(refusal.value)
+        assert "Fix k_a.g and fit again." in str(refusal.value)
     for derivative in (lambda: ds.sensitivity("x", "k_d"), lambda: ds.image_sensitivity("x", 0)):  # pyright: ignore
         with pytest.raises(TypeError, match="fit"):
             derivative()

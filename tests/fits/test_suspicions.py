@@ -15,11 +15,11 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, standard
 from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.examination import _say
+from diffshade.diagnosis.examination import summarise
 from diffshade.diagnosis.misfit import explanations
 from diffshade.diagnosis.misfit.explanations import Explanation, MisfitSearch, matters
 from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
-from diffshade.diagnosis.misfit.suspicions import Suspicion, _said, _views, _where, suspicions
+from diffshade.diagnosis.misfit.suspicions import Suspicion, _views, _where, describe, suspicions
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.checks.stability import Refit
 
@@ -52,7 +52,7 @@ def test_of_the_model_itself_all_is_determined_and_nothing_suspected():
     for points, value in zip(examination.profiles, fit.values, strict=True):
         assert np.all(np.diff(points[:, 0]) > 0)
         np.testing.assert_allclose(points[points[:, 1] == 0.0, 0], value)
-    together = {note.split(" move together")[0] for note in examination.notes if "move together" in note}
+    together = {note.split(" are strongly")[0] for note in examination.notes if "strongly correlated" in note}
     pairs = np.argwhere(np.triu(np.abs(fit.correlation) > 0.95, 1))
     quantity = [unknown.quantity for unknown in fit.unknowns]
     assert together == {f"{quantity[i]} and {quantity[j]}" for i, j in pairs if quantity[i] != quantity[j]}
@@ -84,7 +84,7 @@ def said(
     interval_95 = examined().interval_95 if interval_95 is None else interval_95
     shifted = np.zeros(len(fit.names), bool) if shifted is None else shifted
     found: Any = np.stack([examined().interval_68, interval_95])
-    return _say(fit, find_clusters(fit), found, examined().profiles, list(again), shifted, suspected)
+    return summarise(fit, find_clusters(fit), found, examined().profiles, list(again), shifted, suspected)
 
 
 def test_what_may_be_anything_or_much_is_not_determined():
@@ -96,11 +96,11 @@ def test_what_may_be_anything_or_much_is_not_determined():
     interval_95[linear] = 0.0, 0.02
     examination = said(interval_95)
     assert np.flatnonzero(~examination.determined).tolist() == [j, n_s]
-    assert any(note.startswith("k_d.g may be anything within the bounds") for note in examination.notes)
-    (lost,) = [note for note in examination.notes if "lost in the noise by the 95 %" in note]
+    assert any("do not constrain k_d.g:" in note for note in examination.notes)
+    (lost,) = [note for note in examination.notes if "lost in the noise, by the 95 %" in note]
     assert "n_s in 18.4 to 136" in lost
     assert "Fix n_s" in lost
-    (most,) = [note for note in examination.notes if "at most (95 %)" in note]
+    (most,) = [note for note in examination.notes if "upper limits (95 %)" in note]
     assert "linear 0.02" in most
     row = next(line for line in str(examination).splitlines() if line.startswith("n_s "))
     assert row.split() == ["n_s", "not", "determined"]
@@ -137,7 +137,7 @@ def test_what_is_suspected_and_what_the_fit_said_is_said_too():
     gamma = Suspicion("gamma", (0,), None, "other.", ("n_s", "k_d.r"))
     examination = said(fit=fit, suspected=(gamma,))
     assert examination.notes[0] == "other."
-    assert examination.notes[1] == "until that is corrected k_d.r and n_s are not determined."
+    assert examination.notes[1] == "k_d.r and n_s are not determined until this is corrected."
     assert examination.notes.count("other.") == 1
     assert [n for n, known in zip(fit.names, examination.determined, strict=True) if not known] == ["k_d.r", "n_s"]
 
@@ -214,7 +214,7 @@ def test_a_bright_rim_is_found():
     assert f"{sum(region.sum() for region in found.region):,} pixels" in found.sentence
 
 
-def test_faults_of_all_views_are_named_with_their_size_and_withdraw_what_they_move():
+def test_faults_of_all_views_are_named_with_their_size_and_what_they_move_is_not_determined():
     row, column = np.mgrid[:24, :24] - 11.5
     rho2 = (row**2 + column**2) / (2 * 12**2)
     dim = [image * (1 - 0.3 * rho2[..., None]) for image in clean_images()]
@@ -223,10 +223,10 @@ def test_faults_of_all_views_are_named_with_their_size_and_withdraw_what_they_mo
     assert (found.kind, found.region, found.views) == ("vignetting", None, tuple(range(8)))
     assert float(found.sentence.split(" by about ")[1].split("%")[0]) == pytest.approx(30, abs=5)
     assert "Divide them by" in found.sentence
-    assert set(found.withdrawn) <= set(fit.names)
+    assert set(found.affected) <= set(fit.names)
     moved = np.abs(fit.values - noisy_fit().values) > 3 * fit.errors
     assert moved.any()
-    assert not (moved & fit.determined & ~np.isin(fit.names, found.withdrawn)).any()
+    assert not (moved & fit.determined & ~np.isin(fit.names, found.affected)).any()
     scene = standard_scene()
     for i, light in enumerate(scene.lights):
         x, y, z = np.asarray(light.position)  # pyright: ignore[reportAttributeAccessIssue]
@@ -235,7 +235,7 @@ def test_faults_of_all_views_are_named_with_their_size_and_withdraw_what_they_mo
     images = [photograph(scene, CAMERA, (i,)) for i in range(8)]
     (found,) = suspicions(standard_fit(noisy(images, 0.003, 0)))
     assert found.kind == "rotation"
-    assert "2.9 degrees about the axis (" in found.sentence
+    assert "2.9 degrees around the axis (" in found.sentence
     assert "'position'" in found.sentence
 
 
@@ -350,7 +350,7 @@ def test_how_bright_a_rim_is_and_how_certain():
 
 
 class Of(SimpleNamespace):
-    """What the sentences ask of a desk: a fit of so many views, with the factor or the tilt of each."""
+    """What the sentences need of a search: a fit of so many views, with the factor or the tilt of each."""
 
     def factor(self, end, i):
         return self.effects[i]
@@ -362,7 +362,7 @@ class Of(SimpleNamespace):
         return self.effects[key[1]]
 
 
-def desk(effects: Sequence[float]) -> Any:
+def search_of(effects: Sequence[float]) -> Any:
     views = [SimpleNamespace(exposure=2.0)] * len(effects)
     fit = SimpleNamespace(views=views, scene=SimpleNamespace(lights=[None] * len(effects)))
     return Of(effects=effects, fit=fit, alternatives=Of(effects=effects))
@@ -370,7 +370,7 @@ def desk(effects: Sequence[float]) -> Any:
 
 def explained(kind: str, i: int) -> Explanation:
     nothing: Any = None
-    return Explanation(kind, 0.5, nothing, nothing, key=(kind, i), gone=0.8)
+    return Explanation(kind, 0.5, nothing, nothing, key=(kind, i), own_share=0.8)
 
 
 def test_an_exposure_is_said_beside_the_other_views():
@@ -378,27 +378,27 @@ def test_an_exposure_is_said_beside_the_other_views():
     for effects, words in (
         (
             [1.0, 0.5, 1.0, 1.0],
-            ("views[1] is 0.5 times", "the others say", "80%", "exposure=1 or", "'views.1.exposure'"),
+            ("views[1] is 0.5 times", "the other views predict", "80%", "exposure=1 or", "'views.1.exposure'"),
         ),
-        ([1.0, 0.5], ("views[0] says (or the other is wrong by the inverse)",)),
+        ([1.0, 0.5], ("views[0] predicts (or the other view is wrong by the inverse factor)",)),
     ):
-        (found,) = _said(desk(effects), nothing, [explained("exposure", 1)])
+        (found,) = describe(search_of(effects), nothing, [explained("exposure", 1)])
         assert (found.kind, found.views) == ("exposure", (1,))
         assert all(word in found.sentence for word in words), found.sentence
-    (found,) = _said(desk([0.5]), nothing, [explained("exposure", 0)])
-    assert "the scene says" in found.sentence
-    assert _said(desk([1.02, 1.0, 1.0]), nothing, [explained("exposure", 0)]) == ()
+    (found,) = describe(search_of([0.5]), nothing, [explained("exposure", 0)])
+    assert "the scene predicts" in found.sentence
+    assert describe(search_of([1.02, 1.0, 1.0]), nothing, [explained("exposure", 0)]) == ()
 
 
 def test_views_or_lights_that_all_disagree_are_told_as_one():
     nothing: Any = None
     dark = [0.5, 0.6, 0.7, 1.4, 1.0]
-    (found,) = _said(desk(dark), nothing, [explained("exposure", i) for i in (3, 1, 0, 2)])
+    (found,) = describe(search_of(dark), nothing, [explained("exposure", i) for i in (3, 1, 0, 2)])
     assert (found.kind, found.views) == ("exposure", (0, 1, 2, 3))
     assert "4 of the 5 views" in found.sentence
-    assert "0.5 to 1.4 times" in found.sentence
+    assert "0.5 to 1.4" in found.sentence
     assert "attenuation" in found.sentence
-    assert len(_said(desk(dark), nothing, [explained("exposure", i) for i in (0, 1)])) == 2
+    assert len(describe(search_of(dark), nothing, [explained("exposure", i) for i in (0, 1)])) == 2
     assert matters(("light", 0), 2.6)
     assert not matters(("light", 0), 2.4)
     assert matters(("exposure", 0), 0.96)
@@ -409,7 +409,7 @@ def test_views_or_lights_that_all_disagree_are_told_as_one():
 def test_a_factor_is_over_the_median_of_three_or_more():
     end: Any = None
     for effects, expected in (([0.5, 2.0, 4.0, 2.0], 0.25), ([0.5, 2.0], 0.5), ([0.5], 0.5)):
-        of, like = MisfitSearch.__new__(MisfitSearch), desk(effects)
+        of, like = MisfitSearch.__new__(MisfitSearch), search_of(effects)
         of.fit, of.alternatives = like.fit, like.alternatives
         assert of.factor(end, 0) == expected
 
@@ -437,7 +437,7 @@ def test_when_another_encoding_is_believed(monkeypatch, cost, rival, change, bel
 
 
 def test_places_are_said_in_words():
-    assert _where(PATCH) == "about row 12, column 10"
+    assert _where(PATCH) == "around row 12, column 10"
     assert _views((0, 3)) == "views[0] and views[3]"
     assert _views((0, 1, 2, 3)).count("views[") == 4
     assert _views(tuple(range(5))) == "5 views (views[0] to views[4])"

@@ -59,13 +59,13 @@ def test_a_matte_model_of_a_shiny_ball_loses(fits):
     choice = ds.compare({name: fits[name] for name in ("Lambert", "Phong")})
     assert choice.best == "Phong"
     assert choice.differences[1] > 10 * choice.difference_errors[1]
-    assert "Phong predicts what it has not seen better than Lambert" in str(choice)
+    assert "Phong predicts held-out samples better than Lambert" in str(choice)
 
 
 def test_with_a_highlight_in_eight_views_phong_is_told_from_blinn(fits):
     choice = ds.compare({name: fits[name] for name in ("Blinn", "Phong")})
     assert choice.best == "Phong"
-    assert choice.what == "8 views"
+    assert choice.held_out == "8 views"
     assert choice.image_differences[1] > 0.5 / 255
 
 
@@ -73,7 +73,7 @@ def test_a_term_that_is_not_needed_gets_no_verdict(fits):
     choice = ds.compare({name: fits[name] for name in ("Phong", "Phong that fades")})
     assert choice.best is None
     assert not choice.worse.any()
-    assert "these views cannot tell Phong" in str(choice)
+    assert "undecided between Phong and" in str(choice)
     assert "less than half a grey level, 0.002" in str(choice)
 
 
@@ -100,10 +100,10 @@ def test_from_one_view_phong_is_not_told_from_blinn():
         views = views_of(scene_of(count=1), seed)
         choice = ds.compare({"Phong": phong(views), "Blinn": blinn(views)})
         assert choice.best is None
-        assert choice.what.endswith("pixels")
-        assert choice.clusters > 30
+        assert choice.held_out.endswith("pixels")
+        assert choice.folds > 30
         assert choice.image_differences[1] < 0.5 / 255
-        assert "these views cannot tell" in str(choice)
+        assert "undecided between" in str(choice)
         assert "Add photographs under other lights." in str(choice)
 
 
@@ -111,7 +111,7 @@ def test_from_two_views_a_verdict_is_the_right_one():
     views = views_of(scene_of(count=2))
     choice = ds.compare({"Phong": phong(views), "Blinn": blinn(views)})
     assert choice.best in (None, "Phong")
-    assert choice.what.endswith("pixels")
+    assert choice.held_out.endswith("pixels")
 
 
 def test_an_unneeded_term_gets_no_verdict_whatever_the_noise():
@@ -172,13 +172,13 @@ def test_a_view_that_is_another_again_is_no_cluster(eight):
     views = [*eight[:3], eight[0]]
     scene, matte = (scene_of(m, 3) for m in (MATERIAL, MATTE))
     choice = ds.compare({"Phong": ds.fit(scene, views, free=PHONG), "Lambert": ds.fit(matte, views, free=("k_d",))})
-    assert choice.what == "3 views"
+    assert choice.held_out == "3 views"
 
 
 def test_what_one_view_alone_shows_is_held_and_said(eight):
     views = eight[:4]
     choice = ds.compare({"exposures": phong(views, ("k_d", "views.1.exposure")), "none": phong(views, ("k_d",))})
-    assert any("exposure, which one view alone shows, stayed as fitted" in note for note in choice.notes)
+    assert any("exposure, determined by one view only, kept the fitted value" in note for note in choice.notes)
 
 
 def test_scenes_of_several_objects_are_compared_too():

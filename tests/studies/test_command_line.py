@@ -132,7 +132,7 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
         out, err = running.communicate(timeout=120)
     assert running.returncode == 130
     assert out == ""
-    assert err.lstrip("\n") == "diffshade: stopped; what was being written is as it was before.\n"
+    assert err.lstrip("\n") == "diffshade: stopped; unfinished files are left as they were.\n"
     left = list((tmp_path / "lecture").iterdir())
     assert 0 < len(left) < 24
     for path in left:

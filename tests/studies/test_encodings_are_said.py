@@ -51,7 +51,7 @@ def test_a_command_says_what_it_took_the_photographs_for(command, folder, capfd,
         main([command, str(folder), *COMMANDS[command]])
     out, err = capfd.readouterr()
     assert end.value.code == 0, err
-    assert out.startswith(f"photographs read as sRGB: {COUNT} JPEG (by kind of file; --linear to change)\n")
+    assert out.startswith(f"photographs read as sRGB: {COUNT} JPEG (by file type; --linear to change)\n")
     if command == "fit":
         with pytest.raises(SystemExit):
             main([command, str(folder), *COMMANDS[command], "--linear", "--json"])

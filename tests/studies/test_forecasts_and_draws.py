@@ -69,5 +69,7 @@ def test_its_spread_is_the_jackknifes_size(off):
 
 def test_two_views_are_refused(off):
     fit = ds.fit(standard_scene(), one_light_each(off)[:2], free=("k_d",))
-    with pytest.raises(ValueError, match=r"bootstrap needs three or more views taken in different ways; got 2\."):
+    with pytest.raises(
+        ValueError, match=r"bootstrap needs at least three views with different cameras or lights; got 2\."
+    ):
         ds.bootstrap(fit)

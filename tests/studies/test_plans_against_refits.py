@@ -143,7 +143,7 @@ def test_numbers_of_each_lamp_alone_are_known_of_a_new_one():
         SCENE, one_light_each(noisy(photographs(SCENE), SIGMA, 0)), free=("k_d", "lights.1.intensity"), start="scene"
     )
     plan = ds.plan(fit, SHOTS[:2])
-    assert "taken as known of a shot, though unknown in the views: intensity." in plan.notes
+    assert "assumed known for each shot, though unknown in the views: intensity." in plan.notes
 
 
 def test_the_exposures_of_the_views_are_not_the_shots():
@@ -193,7 +193,7 @@ def test_a_number_that_stays_lost_in_the_noise_is_said_to():
     fit = ds.fit(scene, one_light_each(images), free=("k_d", "n_s"), start="scene")
     assert not fit.determined[fit.names.index("n_s")]
     plan = ds.plan(fit, ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front"), aim="n_s")
-    assert "with in front too n_s would be lost in the noise." in plan.notes
+    assert "even with in front, n_s would be lost in the noise." in plan.notes
 
 
 def test_what_a_shot_determines_that_the_views_do_not_is_said():

@@ -143,7 +143,7 @@ def test_an_examination_withdraws_nothing_for_rounding(tmp_path):
             fit = one.fit(one.read_back(one.images(), bits, False))
             examination = ds.examine(fit)
             assert examination.suspicions == ()
-            assert not any("residuals are alike" in note for note in examination.notes)
+            assert not any("residuals are correlated" in note for note in examination.notes)
             assert not (fit.determined & ~examination.determined).any()
 
 

@@ -174,7 +174,7 @@ def test_of_two_views_it_is_said_that_either_may_be_wrong(clean):
     scene = standard_scene(lights=point_lights()[2:4])
     (found,) = suspicions(ds.fit(forget(scene), one_light_each(noisy(images, 0.005, 0)), free=MATERIAL_FREE))
     assert found.kind == "exposure"
-    assert "or the other is wrong by the inverse" in found.sentence
+    assert "or the other view is wrong by the inverse" in found.sentence
 
 
 @pytest.mark.slow

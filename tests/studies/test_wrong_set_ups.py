@@ -8,9 +8,9 @@ from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
-from diffshade.diagnosis.misfit.leftovers import CERTAIN, SIDES, cells, residuals
+from diffshade.diagnosis.misfit.residual_correlation import CERTAIN, SIDES, cell_correlation, residuals
+from diffshade.diagnosis.misfit.setup_faults import setup_faults
 from diffshade.diagnosis.misfit.suspicions import suspicions
-from diffshade.diagnosis.misfit.wrong_set_ups import wrong_set_ups
 
 
 def remarks(fit: ds.Fit) -> list[str]:
@@ -24,7 +24,7 @@ def judge(right: ds.Fit, fit: ds.Fit, fault: str) -> tuple[bool, bool, bool]:
     found = suspicions(fit)
     named = bool(set(remarks(fit)) & set(KINDS[fault]))
     moved = np.abs(fit.values - right.values) > 2.0 * fit.errors  # what the fit's own checks withdraw counts as well
-    left = moved & fit.determined & ~np.isin(fit.names, [name for of in found for name in of.withdrawn])
+    left = moved & fit.determined & ~np.isin(fit.names, [name for of in found for name in of.affected])
     return bool((moved & fit.evidence.determined).any()), named, not left.any()
 
 
@@ -81,8 +81,8 @@ def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
     for seed in range(1000, 1500):
         fit = fitted(set_up(seed), None)
         with in_float64(fit) as own:
-            found = [fault.sentence for fault in wrong_set_ups(own)]
-            alike = [side for side in SIDES if cells(residuals(own)[0], side).errors > CERTAIN]
+            found = [fault.sentence for fault in setup_faults(own)]
+            alike = [side for side in SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN]
         if found or alike or any("outline" in note or "the prior" in note for note in fit.notes):
             alarms.append((seed, found, alike))
     assert len(alarms) <= 5, alarms

@@ -30,23 +30,20 @@ GROUPS = {
     ),
     "solver": (
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
-        "inverse/forward/residuals inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
+        "inverse/forward/rendered inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/starts inverse/unknowns/constraints "
-        "inverse/unknowns/parameters texels/blocks texels/descent texels/geometry texels/lighting "
-        "texels/linear_systems texels/normal_equations texels/photometric_stereo texels/prediction "
-        "texels/region_exponents"
+        "inverse/unknowns/parameters texels/linear_systems texels/descent texels/normal_equations texels/region_exponents texels/geometry"
     ),
     "statistics": (
-        "diagnosis/examination diagnosis/forecasting diagnosis/intervals diagnosis/misfit/explanations "
-        "diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice diagnosis/patches "
-        "diagnosis/planning diagnosis/resampling diagnosis/sensitivity inverse/checks/stability inverse/refits "
-        "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty "
-        "texels/estimates texels/light_directions texels/minima texels/profile_errors texels/standard_errors "
-        "texels/status"
+        "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
+        "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice "
+        "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
+        "diagnosis/shot_ranking diagnosis/shots inverse/checks/stability inverse/refits inverse/statistics/clusters "
+        "inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (
-        "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/planes "
-        "exchange/material_files exchange/mtl exchange/opengl exchange/texts exchange/threejs "
+        "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/c_planes "
+        "exchange/material_files exchange/mtl exchange/opengl exchange/parsing exchange/threejs "
         "inverse/data/photographs io/image_formats io/image_headers io/images io/lazy_images io/meshes "
         "io/scene_files"
     ),

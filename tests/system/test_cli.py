@@ -308,12 +308,12 @@ BAD = {
     "which pixel": (["fit", "ball.toml", "nan.npy", "--lit", "0"], "row 12, column 13"),
     "an unknown parameter": (["fit", "ball.toml", "0.exr", "--lit", "0", "--free", "kd"], "Did you mean 'k_d'?"),
     "all pixels masked": (["fit", "ball.toml", "0.exr", "--lit", "0", "--mask", "black.png"], "0.exr: no pixel"),
-    "fewer photographs than lights": (["fit", "ball.toml", "0.exr", "1.exr"], "2 photographs, each under one light"),
+    "fewer photographs than lights": (["fit", "ball.toml", "0.exr", "1.exr"], "2 photographs with one light each"),
     "lights for other photographs": (["fit", "ball.toml", "0.exr", "--lit", "0,1"], "each of the 1 photographs; got 2"),
-    "a folder and photographs": (["fit", "photographs", "0.exr"], "PHOTOS and a folder of photographs"),
-    "a folder and lights": (["fit", "photographs", "--lit", "0"], "--lit and a folder of photographs"),
-    "lights for a render": (["render", "ball.toml", "--lit", "left"], "numbers of lights, from 0; got 'left'"),
-    "a scene for a scene": (["new", "ball.toml"], "ball.toml is there already"),
+    "a folder and photographs": (["fit", "photographs", "0.exr"], "PHOTOS cannot be combined with a folder"),
+    "a folder and lights": (["fit", "photographs", "--lit", "0"], "--lit cannot be combined with a folder"),
+    "lights for a render": (["render", "ball.toml", "--lit", "left"], "indices of lights, from 0; got 'left'"),
+    "a scene for a scene": (["new", "ball.toml"], "ball.toml exists already"),
     "a scene that is no scene": (["new", "ball.png"], "has the suffix '.png'"),
     "a model that there is not": (["compare", "photographs", "--model", "fong,matte"], "no model is named 'fong'"),
     "one model": (["compare", "photographs", "--model", "matte"], "two or more"),
@@ -325,13 +325,13 @@ BAD = {
     ),
     "one of several materials": (["convert", "gold.mtl", "gold.c", "gold.foo"], "'.foo'"),
     "a folder for a material": (["convert", "gold.mtl", "gold.c", "nowhere/gold.c"], "no folder"),
-    "what is read": (["convert", "gold.mtl", "gold.mtl"], "gold.mtl is what is read"),
+    "what is read": (["convert", "gold.mtl", "gold.mtl"], "gold.mtl is an input file"),
     "a light that is not there": (["fit", "ball.toml", "0.exr", "--lit", "8"], "0.exr: lit must hold indices"),
     "a PNG that is cut off": (["fit", "ball.toml", "cut.png", "--lit", "0"], "cut.png"),
     "a negative n_s": (["render", "negative.toml"], "Material.n_s must be at least 0"),
     "a misspelt key": (["render", "misspelt.toml"], "has no key 'backgrund'. Did you mean 'background'?"),
     "no photographs": (["fit", "ball.toml"], "ball.toml needs photographs"),
-    "no source": (["fit", "nowhere"], "nowhere is not there"),
+    "no source": (["fit", "nowhere"], "nowhere does not exist"),
     "a page of another kind": (["report", "ball.toml", "0.exr", "--lit", "0", "-o", "page.pdf"], "Use .html."),
     "a folder that is missing": (["render", "ball.toml", "-o", "nowhere/ball.exr"], "there is no folder"),
     "noise of nothing": (["fit", "ball.toml", "0.exr", "--lit", "0", "--noise", "0"], "--noise must be above 0"),
@@ -341,8 +341,8 @@ BAD = {
     "an exposure below 0": (["render", "ball.toml", "--exposure", "-1"], "--exposure must be above 0"),
     "an exposure that is not finite": (["render", "ball.toml", "--exposure", "inf"], "--exposure must be above 0"),
     "bits that no PNG has": (["render", "ball.toml", "--bits", "9"], "9"),
-    "the scene for the picture": (["fit", "ball.toml", "0.exr", "--lit", "0", "-o", "ball.toml"], "is what is read"),
-    "nothing free": (["fit", "ball.toml", "0.exr", "--free", ","], "names are typed with commas"),
+    "the scene for the picture": (["fit", "ball.toml", "0.exr", "--lit", "0", "-o", "ball.toml"], "is an input file"),
+    "nothing free": (["fit", "ball.toml", "0.exr", "--free", ","], "names must be separated by commas"),
     "the photographs' own folder": (["calibrate", ".", "--ball", "matte", "-o", "."], "holds other files"),
     "a file for a folder": (["calibrate", "0.exr", "--ball", "matte", "-o", "1.exr"], "1.exr"),
     "a group for a matte model": (
@@ -351,7 +351,7 @@ BAD = {
     ),
     "nothing for a matte model": (
         ["compare", "ball.toml", "0.exr", "--lit", "0", "--model", "phong,matte", "--free", "n_s"],
-        "nothing free but k_s and n_s",
+        "needs a free parameter besides k_s and n_s",
     ),
     "a size of one number": (["render", "ball.toml", "--size", "64"], "640x480"),
     "a size of nothing": (["render", "ball.toml", "--size", "0x3"], "640x480"),
@@ -391,5 +391,5 @@ def test_a_stop_is_told_in_one_sentence(typed, monkeypatch):
     done = typed("render", "ball.toml", "-o", "new.png")
     assert ended == [130]
     assert (done.status, done.out) == (130, "")
-    assert done.err.lstrip("\n") == "diffshade: stopped; what was being written is as it was before.\n"
+    assert done.err.lstrip("\n") == "diffshade: stopped; unfinished files are left as they were.\n"
     assert not Path("new.png").exists()

@@ -64,7 +64,7 @@ def test_an_unknown_name_or_a_file_is_one_sentence_and_writes_nothing(tmp_path):
         draw_figure("zzz")
     assert not list(tmp_path.iterdir())
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(NotADirectoryError, match="it is no folder"):
+    with pytest.raises(NotADirectoryError, match="it is not a folder"):
         ds.write_figures(tmp_path / "file", only="cosine_powers")
     assert (tmp_path / "file").read_text() == "kept"
 

@@ -18,7 +18,7 @@ import diffshade as ds
 from diffshade.core.progress import silent
 from diffshade.report.page import MOST_SHOTS, MOST_VIEWS
 from diffshade.report.page.ball import ball_scene
-from diffshade.report.page.residuals import curve, look_at_residuals
+from diffshade.report.page.residuals import collect_residuals, curve
 
 HOSTILE = "</script><img src=x onerror=alert(1)>'\"&{{7*7}}"
 CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(24, 24))
@@ -57,10 +57,10 @@ def test_what_is_not_known_is_said_in_words(fit, tmp_path):
     page = Page(tmp_path / "fit.html")
     assert [text for _, text in page.all("td")].count("not determined") == 1
     assert dull.notes[0] in [text for _, text in page.all("li")]
-    assert any("these are not determined: n_s." in text for _, text in page.all("p"))
+    assert any("not determined: n_s." in text for _, text in page.all("p"))
     (lead,) = [text for attributes, text in page.all("p") if attributes.get("class") == "lead"]
     assert "did not converge" in lead
-    assert "9 of the 10 numbers" in lead
+    assert "9 of the 10 parameters" in lead
 
 
 def test_it_runs_nothing_but_its_own_scripts_and_asks_for_nothing(page):
@@ -149,9 +149,9 @@ def test_of_many_photographs_to_take_the_best_are_shown_and_the_others_on_demand
 
 def test_a_wrong_model_shows_over_the_angle_of_the_highlight(fit):
     with jax.enable_x64(True):
-        residuals = look_at_residuals(fit, silent)
+        residuals = collect_residuals(fit, silent)
         dull = eqx.tree_at(lambda s: s.objects[0].material.k_s, fit.scene, np.zeros(3))
-        wrong = look_at_residuals(dataclasses.replace(fit, scene=dull), silent)
+        wrong = collect_residuals(dataclasses.replace(fit, scene=dull), silent)
     right, off = curve(residuals, residuals.to_mirror), curve(wrong, wrong.to_mirror)
     assert right is not None
     assert off is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.cli.sources import Asked, Encodings
+from diffshade.cli.sources import Encodings, Options
 
 LEVEL = 0.2  # linear; .484 behind the sRGB curve
 
@@ -38,7 +38,7 @@ KINDS = {
 def test_the_kind_of_file_decides_how_a_folder_is_read(tmp_path, name):
     options, kind, srgb = KINDS[name]
     folder = write_folder(tmp_path / "photographs", name, **options)
-    read = Asked(folder, ()).read(normals=False)
+    read = Options(folder, ()).read(normals=False)
     assert abs(read.views[0].image[:].mean() - LEVEL) < 0.003
     said = f"{read.encodings}"
     assert f"{'sRGB' if srgb else 'linear'}: {kind}" in said
@@ -62,10 +62,10 @@ def test_a_flag_is_honoured_for_folders_and_for_files(tmp_path, srgb, as_files):
         camera = ds.OrthographicCamera((0, 0, 1), shape=(6, 8))
         lights = [ds.DirectionalLight((0, 0, -1))] * 3
         ds.write_scene(source, ds.Scene(ds.Object(ds.Sphere()), lights), camera=camera)
-    read = Asked(source, photos, srgb=srgb).read(normals=False)
+    read = Options(source, photos, srgb=srgb).read(normals=False)
     assert abs(read.views[0].image[:].mean() - LEVEL) < 0.003
     assert read.encodings.names == (("sRGB" if srgb else "linear"),) * 3
-    assert "as asked" in f"{read.encodings}"
+    assert "as requested" in f"{read.encodings}"
 
 
 def test_the_folder_of_a_camera_near_by_takes_the_flag_too(tmp_path):
@@ -75,7 +75,7 @@ def test_the_folder_of_a_camera_near_by_takes_the_flag_too(tmp_path):
     lights = [ds.DirectionalLight((0, 0, -1))] * 3
     ds.write_scene(folder / "scene.toml", ds.Scene(ds.Object(ds.Sphere()), lights), camera=camera)
     for srgb, level in ((None, LEVEL), (True, LEVEL), (False, float(ds.srgb_encode(LEVEL)))):
-        assert abs(Asked(folder, (), srgb=srgb).read().views[0].image[:].mean() - level) < 0.003
+        assert abs(Options(folder, (), srgb=srgb).read().views[0].image[:].mean() - level) < 0.003
 
 
 def test_what_is_mixed_is_said_of_each(tmp_path):

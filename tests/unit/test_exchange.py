@@ -54,7 +54,7 @@ def test_formats_of_the_same_lobe_keep_a_material(case, tmp_path):
     suffix, material = SAME[case]
     written = ds.write_material(tmp_path / f"ball{suffix}", material)
     assert (written.rms, written.largest) == (0, 0)
-    assert "the material is the same there" in str(written)
+    assert "the material is written exactly" in str(written)
     found = ds.read_material(written.path)
     if not np.any(material.k_s):  # MTL says illum 1, and no exponent then matters
         material = dataclasses.replace(material, n_s=found.n_s)
@@ -115,7 +115,7 @@ def test_phong_becomes_blinn_and_back(n_s):
 
 def test_what_is_within_the_limits_is_left_alone_and_what_is_not_is_refitted():
     refit = ds.with_lobe(PHONG, ds.Phong(), highest_n_s=40, highest_k=0.7)
-    assert (refit.rms, refit.largest, str(refit)) == (0, 0, "the highlight is the same.")
+    assert (refit.rms, refit.largest, str(refit)) == (0, 0, "the highlight is unchanged.")
     assert_same(refit.material, PHONG, 0)
     same = ds.with_lobe(dataclasses.replace(PHONG, n_s=(40, 40, 40)), ds.Phong())
     assert float(same.material.n_s) == 40
@@ -199,7 +199,7 @@ def test_an_mtl_by_hand(tmp_path, caplog):
     (tmp_path / "a.mtl").write_text(text + "newmtl flat\nillum 0\nKd 1 0 0\nd -halo 1\nTf 1 1 1\n")
     with caplog.at_level(logging.WARNING):
         found = ds.read_materials(tmp_path / "a.mtl")
-    assert "1 maps are not read, only colours." in caplog.text
+    assert "1 texture map ignored; only colours are read." in caplog.text
     assert_same(found["a b"], ds.Material(0, 0.5, 0, 50, ds.Blinn(), k_t=0.25))
     assert_same(found["flat"], ds.Material(n_s=10, lobe=ds.Blinn(), k_e=(1, 0, 0)))
 
@@ -239,11 +239,11 @@ def test_opengl_and_vtk_by_hand(tmp_path):
 
 
 LOST = {
-    ".c": "OpenGL does not bend light: eta 1.5 is left out.",
-    ".py": "VTK does not bend light: eta 1.5 is left out.",
+    ".c": "OpenGL does not refract light: eta 1.5 is not written.",
+    ".py": "VTK does not refract light: eta 1.5 is not written.",
     ".js": "MeshPhongMaterial has one opacity for all colours: k_t (0.9, 0.6, 0.3) is written as its mean.",
-    ".gltf": "glTF has no ambient reflection: k_a (0.1, 0.05, 0.02) is left out.",
-    ".inc": "k_t is its mean.",
+    ".gltf": "glTF has no ambient reflection: k_a (0.1, 0.05, 0.02) is not written.",
+    ".inc": "the mean of k_t is written.",
 }
 
 
@@ -262,7 +262,7 @@ def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
     spot = ds.SpotLight((0, 0, 1), (0, 0, -1), 1, 30, 200, fades, softness=10)
     said = str(ds.write_material(tmp_path / "a.c", BLINN, lights=spot))
     assert "OpenGL does not clamp attenuation at 1, as lights[0] does." in said
-    assert "softness of lights[0] is left out" in said
+    assert "softness of lights[0] is not written" in said
     assert "the exponent of lights[0], 200, is written as 128" in said
 
 
@@ -294,8 +294,8 @@ def test_bytes_of_a_colour():
 
 AREA, CHEQUERED = ds.AreaLight((0, 0, 1), (1, 0, 0), (0, 1, 0)), ds.Material(k_d=ds.Chequer(0.1, 0.9))
 WRONG = [
-    ("a.obj", PHONG, {}, "no format of materials ends in '.obj'. Known ends: .mtl, .c,"),
-    ("a.c", {"a": PHONG, "b": PHONG}, {}, "a .c file holds one material; got 2. Write each to a file of its own."),
+    ("a.obj", PHONG, {}, "'.obj' is not the suffix of a material format. Use one of .mtl, .c,"),
+    ("a.c", {"a": PHONG, "b": PHONG}, {}, "a .c file holds one material; got 2. Write one file for each."),
     ("a.c", PHONG, {"name": "a b"}, "a material's name must be a name of letters, digits and _; got 'a b'. Rename it."),
     ("a.c", PHONG, {"name": "a" * 61}, "a material's name must be a name of letters, digits and _"),
     ("a.mtl", {"a b": PHONG}, {}, "a material's name must be one word; got 'a b'."),
@@ -304,7 +304,7 @@ WRONG = [
     ("a.mtl", {"a": ds.Sphere()}, {}, "the material 'a' must be a Material; got Sphere"),
     ("a.c", PHONG, {"lights": LIGHTS * 3}, "OpenGL has 8 lights; got 9."),
     ("a.c", PHONG, {"lights": AREA}, "OpenGL has no AreaLight; got one as lights[0]."),
-    *((f"a{of}", CHEQUERED, {}, "a material's file holds colours; got a Chequer.") for of in (".mtl", ".gltf", ".js")),
+    *((f"a{of}", CHEQUERED, {}, "a material file holds colours; got a Chequer.") for of in (".mtl", ".gltf", ".js")),
 ]
 
 
@@ -317,7 +317,7 @@ def test_nothing_is_written_where_something_is_wrong(tmp_path, file, material, o
 
 
 BAD = [
-    ("a.mtl", "Kd 1 1 1", "has no newmtl line, so no material."),
+    ("a.mtl", "Kd 1 1 1", "has no newmtl line, hence no material."),
     ("a.mtl", "newmtl a\nnewmtl a", "line 2 must name a new material; got 'a'."),
     ("a.mtl", "newmtl a\nKd spectral /etc/passwd 1", "Spectral files and CIE XYZ are not read; write RGB."),
     ("a.mtl", "newmtl a\nKd 1 nan 1", "'a': Kd must be a finite number; got 'nan'."),
@@ -326,23 +326,23 @@ BAD = [
     ("a.mtl", "newmtl a\nKd 1 1", "'a': Kd must be one number or three; got '1 1'."),
     ("a.c", "int main;", "has no call of glMaterial."),
     ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, n);", "GL_SHININESS must be given numbers; got 'n'."),
-    ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, 129);", "GL_SHININESS must be 0 to 128; got 129."),
+    ("a.c", "glMaterialf(GL_FRONT, GL_SHININESS, 129);", "GL_SHININESS must be 0 to 128, as in OpenGL; got 129."),
     ("a.c", "glMaterialfv(GL_FRONT, GL_DIFFUSE, (GLfloat[]){1, 2});", "GL_DIFFUSE must be four numbers; got 2."),
     ("a.py", "print(1)", "sets nothing of a vtkProperty."),
     ("a.py", "p.SetDiffuse(x)", "SetDiffuse must be given 1 numbers; got 'x'."),
     ("a.inc", "finish { phong 1 }", "has no pigment { rgb <r, g, b> }."),
     ("a.inc", "pigment { rgb <1, 1> }", "a colour must be three numbers, or four with transmit"),
     ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong x }", "phong must be a number; got 'x'."),
-    ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong 1 specular 1 }", "has phong and specular, two highlights."),
-    ("a.json", "{", "is no JSON: "),
-    ("a.json", "[]", "is no MeshPhongMaterial of three.js."),
+    ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong 1 specular 1 }", "has two highlights, phong and specular."),
+    ("a.json", "{", "is not JSON: "),
+    ("a.json", "[]", "does not hold a MeshPhongMaterial of three.js."),
     ("a.json", '{"type": "MeshPhongMaterial", "color": -1}', "color must be a colour, 0 to 16777215; got '-1'."),
     ("a.json", '{"type": "MeshPhongMaterial", "shininess": NaN}', "shininess must be a finite number; got 'nan'."),
     ("a.json", '{"type": "MeshPhongMaterial", "shininess": -1}', "shininess must be 0 to 100000"),
-    ("a.js", "x", "makes no MeshPhongMaterial."),
+    ("a.js", "x", "creates no MeshPhongMaterial."),
     ("a.js", "MeshPhongMaterial color: new THREE.Color().setRGB(1, 2, 3)", "color must be three numbers and Linear"),
     ("a.inc", "pigment { rgb <1, 1, 1> } finish { specular 1 roughness 0 }", "roughness must be above 0; got 0."),
-    ("a.txt", "", "no material can be read from '.txt'. Known ends: .mtl,"),
+    ("a.txt", "", "no material can be read from '.txt'. Use one of .mtl,"),
     ("a.gltf", "{}", "no material can be read from '.gltf' (glTF is only written)."),
 ]
 

@@ -163,11 +163,11 @@ def test_a_mask_of_another_form(folder):
 
 
 def test_the_command_lines_mask_replaces_the_folders(folder, tmp_path, monkeypatch, capfd):
-    from diffshade.cli.sources import Asked
+    from diffshade.cli.sources import Options
 
     ds.write_image(tmp_path / "other.png", np.ones((*PIXELS, 1)), srgb=False)
     (folder / "mask.png").unlink()
-    source = Asked(folder, (), mask=tmp_path / "other.png", noise=0.01).read()
+    source = Options(folder, (), mask=tmp_path / "other.png", noise=0.01).read()
     assert all(view.mask is not None and view.mask.all() for view in source.views)
     assert source.scene.objects[0].surface.mask.all()  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(SystemExit):

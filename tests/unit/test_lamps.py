@@ -168,30 +168,34 @@ def test_tilt_factors_are_passed_over(tmp_path):
 
 IES, LDT, PLANES = ies([0], ROW), ldt(1, 1, ROW), "\r\n1\r\n360"
 BAD = [
-    ("a.ies", "IESNA\n1 2 3", "is no IES file: it has no line TILT=. Give"),
+    ("a.ies", "IESNA\n1 2 3", "is not an IES file: it has no line TILT=. Give"),
     ("a.ies", IES[:-20], "must have 26 numbers after TILT, for 6 vertical and 1 horizontal angles; got 2"),
     ("a.ies", "TILT=NONE\n1 2 3", "ends after TILT at '1 2 3'. It is cut off"),
     ("a.ies", ies([0], ROW, kind=2), "is of photometric type B; only C is read. Convert it."),
     ("a.ies", ies([0], ROW, kind=3), "is of photometric type A;"),
-    ("a.ies", IES.replace("45", "4_5"), "an angle or a candela value must be a finite number; got '4_5'. Mend it."),
+    (
+        "a.ies",
+        IES.replace("45", "4_5"),
+        "an angle or a candela value must be a finite number; got '4_5'. Correct the file.",
+    ),
     ("a.ies", IES.replace("45", "1e999"), "must be a finite number; got '1e999'"),
     ("a.ies", ies([0, 100], [ROW[0], ROW[0]]), "horizontal angles must go from 0 to 0, 90, 180 or 360 degrees"),
-    ("a.ies", ies([0, 0, 90], [ROW[0]] * 3), "the horizontal angles must differ and lie within the circle"),
+    ("a.ies", ies([0, 0, 90], [ROW[0]] * 3), "the horizontal angles must differ and be at most 360 degrees"),
     ("a.ies", ies([0], ROW, VERTICAL[::-1]), "Profile.vertical must be angles that increase"),
     ("a.ies", ies([0], 0 * ROW), "the intensities must be finite, at least 0 and not all 0."),
     ("a.ies", ies([0], -ROW), "the intensities must be finite, at least 0 and not all 0."),
     ("a.ies", "TILT=NONE\n1 1 1 1e9 1e9 1 1 0 0 0 1 1 1", "must have 1000000002000000013 numbers"),
     ("a.ies", "TILT=NONE\0", "it holds zero bytes"),
-    ("a.ldt", "maker\n2\n1\n", "ends before line 4, Mc. It is cut off"),
+    ("a.ldt", "maker\n2\n1\n", "ends before line 4, Mc. Give the whole"),
     ("a.ldt", LDT.replace("\r\n1\r\n1\r\nLED", "\r\n1e15\r\n1\r\nLED"), "ends before line 6000"),
-    ("a.ldt", LDT[: LDT[:-2].rindex("\r\n")], "the last intensity. It is cut off"),
+    ("a.ldt", LDT[: LDT[:-2].rindex("\r\n")], "the last intensity. Give the whole"),
     ("a.ldt", LDT + "3\n", "goes on after its 6 intensities."),
     ("a.ldt", ldt(5, 4, ROW), "line 3, the symmetry, must be 0 to 4 and its planes"),
     ("a.ldt", ldt(4, 6, ROW), "its planes must divide the circle; got 4 with 6 planes"),
     ("a.ldt", ldt(2, 5, ROW), "its planes must divide the circle; got 2 with 5 planes"),
     ("a.ldt", LDT.replace(PLANES, "\r\n1.5\r\n360"), "line 4, Mc, must be a whole number of at least 1; got '1.5'"),
     ("a.ldt", LDT.replace(PLANES, "\r\n0\r\n360"), "line 4, Mc, must be a whole number of at least 1; got '0'"),
-    ("a.txt", "", "a lamp's file must end in .ies or .ldt; got '.txt'."),
+    ("a.txt", "", "a lamp file must end in .ies or .ldt; got '.txt'."),
 ]
 
 
@@ -250,7 +254,7 @@ def test_a_lamp_that_is_no_spot_is_said_to_be_none():
     wing = ds.Profile([0, 30, 60, 90], [0], [[0.3, 0.6, 1, 0]])  # a street light, brightest to its sides
     found = ds.as_spot(ds.MeasuredLight((0, 0, 0), (0, -1, 0), wing))
     assert not found.fits
-    assert str(found).startswith("no cos^a fits this lamp: the nearest is cos^")
+    assert str(found).startswith("no spot light fits this lamp; the nearest is cos^")
 
 
 def test_the_falloff_of_a_real_lamp():

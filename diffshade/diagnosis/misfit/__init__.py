@@ -1,1 +1,1 @@
-"""Misfit: what in the scene description the residuals contradict."""
+"""Misfit: where the residuals contradict the scene description."""

@@ -1,7 +1,7 @@
-"""Alternatives: a fit with one more thing let go, an exposure, a light's place or a region, and how much that explains.
+"""Alternatives: the fit with one more parameter freed (an exposure or a light's place) or a region excluded.
 
-All are laid out alike: beside the unknowns of the fit stand one view's exposure and one light's direction or position,
-each held unless it is let go, so that two compiled programs serve them all.
+All have the same layout, so that two compiled programs serve them all: one view's exposure and one light's direction or
+position are added to the unknowns of the fit, and each is held unless it is freed.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from ...inverse.unknowns.unknown import Unknown, values_at
 from ...model.lights import DirectionalLight, PointLight, SpotLight
 from ...model.measured_lights import MeasuredLight
 
-PIXELS = 1 << 14  # of all views, on which alternatives are judged
-EXPOSURE_WIDTH = 1.0  # standard deviation of an exposure over its value: holds the gauge, and nothing that is seen
-DISTANCE_WIDTH = 0.3  # of a light's position over its distance
+PIXELS = 1 << 14  # number of pixels, in all views together, on which alternatives are judged
+EXPOSURE_WIDTH = 1.0  # prior width of an exposure over its value: fixes the gauge, too wide to affect what is visible
+DISTANCE_WIDTH = 0.3  # prior width of a light's position over its distance
 RTOL = 1e-6
 
 Key = tuple[str, int]
@@ -36,33 +36,34 @@ Mask = Bool[np.ndarray, "h w"]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A minimum, with what was let go put in its place, and some pixels left out."""
+    """A minimum with some parameters freed and some pixels excluded."""
 
     fit: Fit
-    """The fit with the scene, the views and the values of this minimum; the rest of it is as it was."""
+    """The fit with the scene, the views and the values of this minimum; its other fields are unchanged."""
     costs: Float[np.ndarray, " views"]
-    """The cost of each view; a pixel left out costs what one of its view's others does."""
-    out: tuple[Mask | None, ...]
-    taken: tuple[Key, ...] = ()
-    """What was let go, in its order."""
+    """The cost of each view; an excluded pixel counts with the mean cost of its view."""
+    excluded: tuple[Mask | None, ...]
+    """The excluded pixels of each view."""
+    freed: tuple[Key, ...] = ()
+    """What was freed, in this order."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What letting something go would do, to first order."""
+    """The effect of freeing a parameter, to first order."""
 
     key: Key
     gain: float
-    """By how much the cost would fall."""
+    """The decrease of the cost."""
     effect: float
     """The factor of an exposure, or the tilt of a light in degrees."""
 
 
 class Alternatives:
-    """A fit, and what becomes of it when more is let go. To be used in float64."""
+    """A fit, and its minima with more parameters freed or pixels excluded. Runs in float64."""
 
     def __init__(self, fit: Fit, center: Float[np.ndarray, "3"]):
-        """Find the minimum on some of the pixels; `center` is where the lights shine."""
+        """Find the minimum on some of the pixels; `center` is the point that the lights illuminate."""
         self.given, self.center = fit, center
         self.lit = [lights_on(fit.scene, view) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places}
@@ -71,31 +72,31 @@ class Alternatives:
         self.base = self._minimise(none, None)
 
     def views_of(self, key: Key) -> tuple[int, ...]:
-        """Return the views that an exposure or a light has a say in."""
+        """Return the views that an exposure or a light affects."""
         kind, i = key
         return (i,) if kind == "exposure" else tuple(v for v, lit in enumerate(self.lit) if i in lit)
 
     def free_parameter(self, state: State, key: Key) -> State:
-        """Return the minimum with one thing let go."""
+        """Return the minimum with one parameter freed."""
         return self._minimise(state, key)
 
-    def leave_out(self, state: State, masks: Mapping[int, Mask]) -> State:
-        """Return the minimum without more pixels of some views."""
-        out = list(state.out)
+    def exclude(self, state: State, masks: Mapping[int, Mask]) -> State:
+        """Return the minimum with more pixels of some views excluded."""
+        excluded = list(state.excluded)
         for view, mask in masks.items():
-            out[view] = mask if (known := out[view]) is None else mask | known
-        return self._minimise(dataclasses.replace(state, out=tuple(out)), None)
+            excluded[view] = mask if (known := excluded[view]) is None else mask | known
+        return self._minimise(dataclasses.replace(state, excluded=tuple(excluded)), None)
 
     def settle(self, state: State) -> State:
-        """Return the minimum with all that was let go, by turns: each was found beside faults since put right."""
-        for key in state.taken * (2 if len(state.taken) > 1 else 0):
+        """Return the minimum over all that was freed, in turn: each was found before later faults were corrected."""
+        for key in state.freed * (2 if len(state.freed) > 1 else 0):
             state = self._minimise(state, key)
         return state
 
     def first_steps(self, state: State) -> list[Step]:
-        """Return what letting each other exposure and light go would do, to first order, the largest gain first.
+        """Return the effect of freeing each other exposure and light, to first order, the largest gain first.
 
-        The unknowns of the fit are then at their new best (Rao's score test): with S = H_GG - H_GF H_FF^-1 H_FG and
+        The cost is minimised over the unknowns F of the fit (Rao's score test). With S = H_GG - H_GF H_FF^-1 H_FG and
         s = g_G - H_GF H_FF^-1 g_F, the group G steps by -S^-1 s and the cost falls by s S^-1 s / 2.
         """
         laid, groups = self._lay(state, self.paths)
@@ -109,7 +110,7 @@ class Alternatives:
         from_F = inverse(H[F][:, F])
         steps = []
         for key, group in groups.items():
-            if key in state.taken:
+            if key in state.freed:
                 continue
             to_F = H[group][:, F] @ from_F
             S, s = H[group][:, group] - to_F @ H[F][:, group], g[group] - to_F @ g[F]
@@ -118,7 +119,7 @@ class Alternatives:
         return sorted(steps, key=lambda step: -step.gain)
 
     def effect(self, state: State, key: Key) -> float:
-        """Return the factor of a view's exposure over the one given, or the degrees that a light has turned."""
+        """Return a view's exposure over the given one, or by how many degrees a light has turned."""
         kind, i = key
         if kind == "exposure":
             return float(state.fit.views[i].exposure) / float(self.given.views[i].exposure)
@@ -139,32 +140,32 @@ class Alternatives:
         return _degrees(self.towards(state.fit, i), self._towards(i, values))
 
     def _minimise(self, state: State, key: Key | None) -> State:
-        # a view's exposure and one of its lights always stand beside the unknowns, so that all minima compile as one
+        # A view's exposure and one of its lights are always added to the unknowns: all minima share one program.
         view = next(iter(self.views_of(key) if key is not None else ()), 0)
         light = key[1] if key is not None and key[0] == "light" else next(iter(self.lit[view]), -1)
-        beside = [path for path, k in self.paths.items() if k in (("exposure", view), ("light", light))]
-        laid, groups = self._lay(state, beside)
+        added = [path for path, k in self.paths.items() if k in (("exposure", view), ("light", light))]
+        laid, groups = self._lay(state, added)
         held = {j: laid.theta[j] for k, group in groups.items() if k != key for j in group}
         end = laid.minimise(held, laid.theta, self._chunks(laid, state), rtol=RTOL)
         values = values_at(end.theta, laid.unknowns)
         scene, views = put_back(state.fit.scene, state.fit.views, laid.unknowns, values)
         fit = dataclasses.replace(state.fit, scene=scene, views=views, values=values[: len(state.fit.unknowns)])
-        taken = state.taken if key is None or key in state.taken else (*state.taken, key)
-        return State(fit, np.array(end.point.views.cost) * _inflation(laid, state), state.out, taken)
+        freed = state.freed if key is None or key in state.freed else (*state.freed, key)
+        return State(fit, np.array(end.point.views.cost) * _inflation(laid, state), state.excluded, freed)
 
     def _lay(self, state: State, paths: Iterable[str]) -> tuple[LaidOutFit, dict[Key, list[int]]]:
-        """Lay a state out with these numbers beside its unknowns, and return their indices."""
+        """Lay a state out with these parameters added to its unknowns, and return their indices."""
         fit, paths = state.fit, tuple(paths)
-        beside = find_unknowns(fit.scene, fit.views, paths, from_scene=True)
+        added = find_unknowns(fit.scene, fit.views, paths, from_scene=True)
         groups: dict[Key, list[int]] = {}
-        for j, unknown in enumerate(beside):
+        for j, unknown in enumerate(added):
             path = unknown.places[0][0]
             groups.setdefault(self.paths[path], []).append(len(fit.unknowns) + j)
             unknown.prior = self._prior(unknown, path)
         noise_known = fit.views[0].noise is not None
-        # what the width of a prior is to the residuals
+        # the noise that a prior's width is relative to
         sigma = fit.rmse if fit.likelihood.loss == "squares" and not noise_known else None
-        return LaidOutFit(fit, rendered=True, beside=beside, at_most=PIXELS, sigma=sigma), groups
+        return LaidOutFit(fit, rendered=True, beside=added, at_most=PIXELS, sigma=sigma), groups
 
     def _prior(self, unknown: Unknown, path: str) -> tuple[float, float] | None:
         kind, i = self.paths[path]
@@ -176,18 +177,18 @@ class Alternatives:
         return None
 
     def _chunks(self, laid: LaidOutFit, state: State) -> list:
-        return laid.chunks if all(mask is None for mask in state.out) else laid.without(state.out)
+        return laid.chunks if all(mask is None for mask in state.excluded) else laid.without(state.excluded)
 
 
 def share(before: State, after: State, views: Iterable[int] | None = None) -> float:
-    """Return which part of the cost is gone, of some views or of all."""
+    """Return the fraction of the cost that is explained, in some views or in all."""
     which = slice(None) if views is None else list(views)
     cost = float(before.costs[which].sum())
     return 1.0 - float(after.costs[which].sum()) / cost if cost > 0 else 0.0
 
 
 def _paths(fit: Fit) -> list[tuple[str, Key]]:
-    """Return what can be let go: its path and its key."""
+    """Return what can be freed: its path and its key."""
     found: list[tuple[str, Key]] = [(f"views.{i}.exposure", ("exposure", i)) for i in range(len(fit.views))]
     for i, light in enumerate(fit.scene.lights):
         if isinstance(light, DirectionalLight):
@@ -208,10 +209,10 @@ def _degrees(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _inflation(laid: LaidOutFit, state: State) -> np.ndarray:
-    """Return for each view its samples over those that are not left out."""
-    everything, left = np.zeros(len(state.out)), np.zeros(len(state.out))
+    """Return for each view all samples over those that are not excluded."""
+    everything, excluded = np.zeros(len(state.excluded)), np.zeros(len(state.excluded))
     for part in laid.parts:
         everything[part.view] += len(part.pixels)
-        if (mask := state.out[part.view]) is not None:
-            left[part.view] += mask.reshape(-1)[part.pixels].sum()
-    return everything / np.maximum(everything - left, 1.0)
+        if (mask := state.excluded[part.view]) is not None:
+            excluded[part.view] += mask.reshape(-1)[part.pixels].sum()
+    return everything / np.maximum(everything - excluded, 1.0)

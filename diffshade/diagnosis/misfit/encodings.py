@@ -1,4 +1,4 @@
-"""Encodings: whether photographs fit much better as the other of linear and sRGB than the one they were read as."""
+"""Encodings: whether photographs that were read as linear fit much better as sRGB, or the other way round."""
 
 from __future__ import annotations
 
@@ -21,55 +21,58 @@ from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.images import srgb_decode, srgb_encode
 
-PIXELS = 1 << 13  # of all views, on which encodings are judged
+PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Encoding:
-    """What becomes of a fit whose images are taken to be encoded otherwise, measured in the images as they are."""
+    """A fit with the images in the other encoding, compared in the images' own values."""
 
     decoded: bool
-    """Whether the images were decoded for it (they were read as linear); else encoded again."""
+    """Whether the images were decoded from sRGB for it (they were read as linear); else they were encoded."""
     before: Float[np.ndarray, " views"]
     after: Float[np.ndarray, " views"]
-    """The cost of each view, in the same samples of the images as they are."""
+    """The cost of each view, on the same samples, in the images' own values."""
     noise: float
-    """The cost that neighbouring pixels' differences alone would make, which no curve explains."""
+    """The cost of noise alone, by differences of neighbouring pixels: no curve explains it."""
     count: int
-    """Samples."""
+    """The number of samples."""
     rmse: tuple[float, float]
     """Before and after, in the images' units."""
 
     @property
     def share(self) -> float:
-        """Which part of the cost is gone."""
+        """The fraction of the cost that is explained."""
         return 1.0 - float(self.after.sum() / self.before.sum()) if self.before.sum() > 0 else 0.0
 
     @property
     def explained(self) -> float:
-        """Which part of the cost beyond noise is gone."""
+        """The fraction of the cost beyond noise that is explained."""
         beyond = float(self.before.sum()) - self.noise
         return float(self.before.sum() - self.after.sum()) / beyond if beyond > 0 else 0.0
 
     @property
     def errors(self) -> float:
-        """How certain it is for independent noise: the root of n (C_before - C_after) / C_after."""
+        """The significance in standard errors, for independent noise: the root of n (C_before - C_after) / C_after."""
         after = float(self.after.sum())
         return float(np.sqrt(max(self.before.sum() - after, 0.0) / max(after, 1e-300) * self.count))
 
     @property
     def agreed(self) -> float:
-        """Which part of the views fits better."""
+        """The fraction of the views that fit better."""
         seen = self.before > 0
         return float(np.mean(self.after[seen] < self.before[seen])) if seen.any() else 0.0
 
 
 def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
-    """Fit the images decoded from sRGB, or encoded, and compare in the images as they are. In float64.
+    """Fit the images in the other encoding, and compare in the images' own values. Runs in float64.
 
-    `noise`: the mean cost of a sample by noise alone (`cost_and_noise`).
+    Args:
+        fit: The fit.
+        noise: The mean cost of a sample by noise alone (`cost_and_noise`).
+        decoded: Whether to decode the images from sRGB; else to encode them.
     """
     to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
     samples, counts = samples_of(fit)
@@ -98,9 +101,9 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
 
 
 def cost_and_noise(fit: Fit) -> tuple[float, float]:
-    """Return the mean cost of a sample, and what of it is noise, by the differences d of neighbours' residuals.
+    """Return the mean cost of a sample, and the part by noise, from the differences d of neighbours' residuals.
 
-    Of noise d^2 is 2 sigma^2, and of what a fit misses, which hangs together over pixels, little.
+    Noise contributes 2 sigma^2 to d^2. Model error contributes little, since it is correlated over pixels.
     """
     cost, noise, count = 0.0, 0.0, 0
     for view in fit.views:
@@ -115,13 +118,13 @@ def cost_and_noise(fit: Fit) -> tuple[float, float]:
 
 
 def _cost(fit: Fit, squares: np.ndarray) -> np.ndarray:
-    """Return twice what weighted squares cost: sigma^2 rho."""
+    """Return twice the cost of weighted squares: sigma^2 rho."""
     sigma = float(fit.likelihood.sigma)
     return sigma**2 * np.asarray(LOSSES[fit.likelihood.loss].value(squares / sigma**2))
 
 
 def _thinned(samples: Sequence[Samples]) -> list[Samples]:
-    """Return the samples of at most PIXELS pixels or so, evenly spread."""
+    """Return the samples of about PIXELS pixels at most, evenly spread."""
     total = sum(len(s.pixels) for s in samples)
 
     def thin(s: Samples) -> Samples:
@@ -132,13 +135,13 @@ def _thinned(samples: Sequence[Samples]) -> list[Samples]:
 
 
 def _through(curve: Curve, s: Samples) -> Samples:
-    """Return samples seen through a curve, and the sensor's range with them."""
+    """Return samples with a curve applied to them and to the sensor's range."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
     return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
 
 
 def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndarray, "views 3"]:
-    """Return for each view the cost, the sum of squares and the number of its measured samples, through a curve."""
+    """Return the cost, the sum of squares and the number of measured samples of each view, with a curve applied."""
     return np.array([_of_view(fit, view, s, curve) for view, s in zip(fit.views, samples, strict=True)])
 
 

@@ -1,4 +1,4 @@
-"""Faults of a set-up as directions of image space: what a small amount of each would change in every sample."""
+"""Faults of a setup as directions of image space: the change of every sample by a small amount of each fault."""
 
 from __future__ import annotations
 
@@ -26,50 +26,52 @@ from .laid_samples import LaidSamples, Samples
 from .regions import center_of, rims
 from .score_tests import Rows
 
-PIXELS = 1 << 14  # of all views, on which faults are judged
-BLURS = (0.6, 1.2, 2.4)  # pixels: the standard deviations of the blur that are tried
-SPHERES = 4  # objects at most whose places are tried
+PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
+BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+SPHERES = 4  # with more spheres, their places are not tested
 
 Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one fault changes in each sample, for an amount of 1, or for each of a few amounts."""
+    """The change of each sample by a fault of amount 1; a fault may have several amounts."""
 
     kind: str
     which: int
-    """The number of the object, or 0; of a blur which one it is."""
+    """The index of the object or of the blur; else 0."""
     change: Float[np.ndarray, "k n"]
     along: tuple[int, ...] = ()
-    """Where the fault is of the geometry, which directions of the laid samples it is."""
+    """For a fault of the geometry, its directions in the laid samples."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A fit as a linear problem at its end, and the faults as directions of it."""
+    """A fit as a linear problem at its minimum, and the faults as directions of it."""
 
     samples: LaidSamples
-    """With the numbers of the geometry beside the fit's own unknowns."""
+    """With the geometry's parameters added to the fit's own unknowns."""
     rows: Rows
     inside: Int[np.ndarray, " q"]
-    """The unknowns that are not at a bound, which the rows' Jacobian is of."""
+    """The unknowns that are not at a bound; the rows' Jacobian has these."""
     count: int
-    """Samples that were measured."""
+    """The number of measured samples."""
     directions: list[Direction]
 
 
-def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised:
-    """Return a fit as a linear problem at its end, on samples that are evenly spread. In float64.
+def linearised(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> Linearised:
+    """Return a fit as a linear problem at its minimum, on evenly spread samples. Runs in float64.
 
-    `out`: for each view the pixels that do not count.
+    Args:
+        fit: The fit.
+        excluded: The pixels of each view that do not count.
     """
-    keep = None if out is None else [None if mask is None else ~mask for mask in out]
+    keep = None if excluded is None else [None if mask is None else ~mask for mask in excluded]
     paths = _paths(fit)
-    beside = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
-    laid = LaidOutFit(fit, keep, rendered=True, beside=beside, at_most=PIXELS)
+    added = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
+    laid = LaidOutFit(fit, keep, rendered=True, beside=added, at_most=PIXELS)
     p = len(fit.unknowns)
-    at = {unknown.places[0]: p + j for j, unknown in enumerate(beside)}
+    at = {unknown.places[0]: p + j for j, unknown in enumerate(added)}
     moves = _moves(fit, at, len(laid.theta))
     laid_samples = LaidSamples(laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
     end = laid_samples.at(laid.theta)
@@ -92,13 +94,13 @@ def linearised(fit: Fit, out: Sequence[Mask | None] | None = None) -> Linearised
 
 
 def _pixels(fit: Fit, samples: Samples) -> Int[np.ndarray, " n"]:
-    """Return the number of the pixel that each sample is of."""
+    """Return the pixel number of each sample."""
     size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
     return np.unique(samples.view * size + samples.pixel, return_inverse=True)[1]
 
 
 def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
-    """Return what faults of the camera and the file change, and the other form of highlight."""
+    """Return the changes by faults of the camera and the file, and by the other lobe."""
     m = samples.predicted
     black = np.array([float(view.black) for view in fit.views])[samples.view]
     light = m - black
@@ -118,7 +120,7 @@ def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
 
 
 def _rho2(view: View) -> np.ndarray:
-    """Return the square of each pixel's distance from the middle, over that of a corner."""
+    """Return the square of each pixel's distance from the image centre, over that of a corner."""
     h, w = view.camera.shape
     row, column = np.mgrid[:h, :w]
     rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
@@ -126,7 +128,7 @@ def _rho2(view: View) -> np.ndarray:
 
 
 def _other_lobe(scene: Scene) -> Scene | None:
-    """Return the scene with Blinn's highlights for Phong's of a quarter of the exponent, and the other way."""
+    """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
     shiny = [i for i, item in enumerate(scene.objects) if _shines(item.material.k_s)]
     for i in shiny:
         material = scene.objects[i].material
@@ -143,10 +145,10 @@ def _shines(k_s: Any) -> bool:
 
 
 def _paths(fit: Fit) -> list[str]:
-    """Return the numbers of the scene that may be wrong together: spheres, and where all lights are."""
+    """Return the parameters of the tested geometry that are not free: spheres, and the places of all lights."""
     own = {path for unknown in fit.unknowns for path, _ in unknown.places}
     own |= {product.path for unknown in fit.unknowns for product in unknown.products}
-    paths = [path for of in (*_spheres(fit), *_lights(fit)) for path in of]
+    paths = [path for group in (*_spheres(fit), *_lights(fit)) for path in group]
     return [path for path in paths if path not in own]
 
 
@@ -160,7 +162,7 @@ def _spheres(fit: Fit) -> list[list[str]]:
 
 
 def _lights(fit: Fit) -> list[list[str]]:
-    """Return where each light is, and where it points."""
+    """Return the position and the direction of each light."""
     found = []
     for i, light in enumerate(fit.scene.lights):
         if isinstance(light, DirectionalLight):
@@ -173,7 +175,7 @@ def _lights(fit: Fit) -> list[list[str]]:
 
 
 def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, int], np.ndarray]:
-    """Return how each fault of geometry moves the numbers, in scene units, or for the lights in degrees."""
+    """Return the change of the parameters by each fault of geometry, per scene unit, or per degree for the lights."""
     moves: dict[tuple[str, int], np.ndarray] = {}
     for i, paths in enumerate(_spheres(fit)):
         for kind, path in zip(("radius", "center"), paths, strict=True):
@@ -197,7 +199,7 @@ def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, 
 def _of_geometry(
     fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
 ) -> list[Direction]:
-    """Return what faults of geometry change, but for rims seen at a grazing angle, where it is not linear."""
+    """Return the changes by faults of geometry, except at grazing rims, where they are not linear."""
     shapes = [(*view.camera.shape, 3) for view in fit.views]
     grazing = [rims(fit.scene.objects, view.camera)[0][..., None] for view in fit.views]
     rim = samples.of([np.broadcast_to(*of) for of in zip(grazing, shapes, strict=True)]) > 0

@@ -1,4 +1,4 @@
-"""Samples of a fit laid out again: predictions at any numbers, and their changes along directions of these."""
+"""The samples of a fit: their predictions for any parameters, and the derivatives along given directions."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from ...inverse.problem import prior_gram
 from ...inverse.refits import LaidOutFit
 from ...inverse.statistics.uncertainty import Vector, inverse
 
-STEPS = 8  # of Gauss and Newton
-HALVINGS = 3  # of a step that does not lower the cost
-CLOSE = 1e-3  # of the cost, by which a step lowers it at least to be followed by another
+STEPS = 8  # Gauss-Newton steps
+REDUCTIONS = 3  # the most reductions of a step that does not lower the cost
+CLOSE = 1e-3  # relative decrease of the cost below which the search stops
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The samples that count at the end of a fit, in the order of `Rows`."""
+    """The samples that count at the minimum of a fit, in the order of `Rows`."""
 
     view: Int[np.ndarray, " n"]
     pixel: Int[np.ndarray, " n"]
-    """In its view's flattened image."""
+    """The index in the view's flattened image."""
     channel: Int[np.ndarray, " n"]
     predicted: Float[np.ndarray, " n"]
 
@@ -46,35 +46,35 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """What the samples are at some numbers, in the order of `Samples`."""
+    """The predictions for some parameters and their derivatives, in the order of `Samples`."""
 
     predicted: Float[np.ndarray, " n"]
     change: Float[np.ndarray, "t n"]
-    """Of each unknown of the fit, and along each direction."""
+    """The derivatives by each unknown of the fit, and along each direction."""
     slope: Float[np.ndarray, " n"]
-    """Of the cost in the prediction."""
+    """The derivative of the cost by the prediction."""
     weight: Float[np.ndarray, " n"]
-    """Of iterated reweighting; 0 where a clipped sample says nothing."""
+    """The weight of iterative reweighting; 0 for a clipped sample without information."""
     base: Float[np.ndarray, " n"]
-    """1 over the variance of the noise; 0 where a sample was not measured."""
+    """1 over the variance of the noise; 0 for a sample that was not measured."""
     cost: float
 
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """Where a search along a direction ended."""
+    """The end of a search along a direction."""
 
     theta: Vector
     amount: Vector
     share: float
-    """Which part of the cost is gone."""
+    """The fraction of the cost that is explained."""
 
 
 class LaidSamples:
-    """A fit laid out again, with numbers beside its own unknowns. To be used in float64."""
+    """A fit laid out with parameters added to its own unknowns. Runs in float64."""
 
     def __init__(self, laid: LaidOutFit, along: Float[np.ndarray, "k p"]):
-        """Find where each sample is; `along`: directions of the numbers, beside each unknown of the fit."""
+        """Find the pixel of each sample; `along`: directions of the parameters, after each unknown of the fit."""
         self.tangents = np.concatenate([np.eye(len(laid.fit.unknowns), len(laid.theta)), along])
         self.laid, self.own = laid, len(laid.fit.unknowns)
         self.inside = np.flatnonzero(~laid.fit.at_bound)
@@ -87,7 +87,7 @@ class LaidSamples:
         self.view, self.pixel, self.channel = place[0], place[1], place[2]
 
     def at(self, theta: Vector) -> Changes:
-        """Return the predictions at some numbers, and what each unknown and each direction changes."""
+        """Return the predictions for some parameters, and their derivatives."""
         found: list[list[np.ndarray]] = []
         cost = 0.0
         for chunk, parts in zip(self.laid.chunks, in_chunks(self.laid.parts), strict=True):
@@ -101,11 +101,11 @@ class LaidSamples:
         return Changes(predicted, change, slope, weight, base, cost)
 
     def known(self, theta: Vector) -> Gram:
-        """Return what is known of the numbers beside the samples."""
+        """Return the Gram matrix of the priors."""
         return prior_gram(jnp.asarray(theta), self.laid.priors)
 
     def search(self, along: Sequence[int]) -> End:
-        """Return the minimum along some of the directions, the unknowns at their best, by Gauss and Newton's steps."""
+        """Return the minimum along some of the directions and over the unknowns, by Gauss-Newton steps."""
         box, q = self.laid.problem.box, len(self.inside)
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)
         which = np.concatenate([self.inside, self.own + np.asarray(along, int)])
@@ -118,7 +118,7 @@ class LaidSamples:
             H[:q, :q] += np.asarray(known.hessian)[np.ix_(self.inside, self.inside)]
             g[:q] += np.asarray(known.gradient)[self.inside]
             step = -inverse(H) @ g
-            for _ in range(HALVINGS):
+            for _ in range(REDUCTIONS):
                 there = np.clip(theta + step @ self.tangents[which], lower, upper)
                 then = self.at(there)
                 less = self._cost(then, there)
@@ -127,8 +127,8 @@ class LaidSamples:
                 step = 0.25 * step
             else:
                 break
-            gone, theta, amount, now, cost = cost - less, there, amount + step[q:], then, less
-            if gone < CLOSE * cost:
+            decrease, theta, amount, now, cost = cost - less, there, amount + step[q:], then, less
+            if decrease < CLOSE * cost:
                 break
         return End(theta, amount, 1.0 - cost / first if first > 0 else 0.0)
 
@@ -140,7 +140,7 @@ class LaidSamples:
 def _changes(theta: Array, tangents: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
     """Return a chunk's predictions, their changes along tangents, the cost's slopes and curvatures, weights and costs.
 
-    A clipped sample, which was not measured, has no weight of its own.
+    The weight of a clipped sample, which was not measured, is 0.
     """
 
     def of_block(block: Block) -> tuple[Array, ...]:

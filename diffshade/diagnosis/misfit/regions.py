@@ -1,4 +1,4 @@
-"""Regions: where photographs are darker than any light that reaches them allows, or brighter at an object's rim."""
+"""Regions: cast shadows, where photographs miss the light that is predicted, and rims brighter than predicted."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from ...model.vectors import Vec3, dot
 Mask = Bool[np.ndarray, "h w"]
 Picture = Float[np.ndarray, "h w"]
 
-DARK = 0.4  # of a light's own part of the prediction: a photograph that shows less is dark there
-SHADED = 0.25  # what the median pixel of a cast shadow shows at most
-CLEAR = 6.0  # standard deviations of the residuals that a light's part must be to be missed
-BRIGHT = 0.1  # of a light's brightest part: where it shines less, darkness is no shadow
-LEAST = 0.003  # of a view's pixels, and at least FEWEST: the smallest shadow that is told
+DARK = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution
+SHADED = 0.25  # the most that the median pixel of a cast shadow shows of a light's contribution
+CLEAR = 6.0  # standard deviations of the residuals: the least contribution for a shadow
+BRIGHT = 0.1  # the least contribution for a shadow, over the light's brightest one
+LEAST = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least FEWEST
 FEWEST = 12
 GRAZING = 0.35  # n.v below which a pixel belongs to the rim
-SECTORS = 8  # of a rim, whose excesses are compared
+SECTORS = 8  # number of sectors of a rim, whose excesses are compared
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A view's photograph beside a prediction, the channels' mean, and the pixels that can be compared."""
+    """A view's photograph and its prediction, the mean of the channels, and the pixels that can be compared."""
 
     photograph: Picture
     predicted: Picture
@@ -41,61 +41,61 @@ class Seen:
 
     @property
     def excess(self) -> Picture:
-        """Photograph - prediction where it counts, else 0."""
+        """Photograph - prediction; 0 for a pixel that does not count."""
         return np.where(self.counts, self.photograph - self.predicted, 0.0)
 
     @property
     def noise(self) -> float:
-        """The residuals' standard deviation, by the median of their size."""
+        """The residuals' standard deviation, by the median of their absolute values."""
         return float(1.4826 * np.median(np.abs(self.excess[self.counts]))) if self.counts.any() else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Shadow:
-    """A connected region of a view that some of its lights do not reach."""
+    """A connected region of a view that some of the lights do not reach."""
 
     lights: tuple[int, ...]
     mask: Mask
     shown: float
-    """Which part of these lights' prediction its median pixel shows."""
+    """The fraction of these lights' contribution that the median pixel shows."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """What a rim shows beyond the prediction."""
+    """The brightness of the rims above the prediction."""
 
     excess: float
-    """The mean over its sectors."""
+    """The mean over the sectors."""
     errors: float
-    """Standard errors of that mean, from how the sectors differ."""
+    """That mean in standard errors, by the scatter of the sectors."""
     positive: float
-    """Which part of the views has a brighter rim."""
+    """The fraction of the views with a brighter rim."""
     relative: float
     """The excess over the mean brightness of the object."""
 
 
 def predicted(fit: Fit, view: View, lit: Sequence[int] | None) -> Picture:
-    """Return the mean of the channels that a fit predicts with these lights on."""
+    """Return a fit's prediction with these lights on, the mean of the channels."""
     image = np.asarray(render(fit.scene, view.camera, lit=lit)).mean(-1)
     return float(view.exposure) * image + float(view.black)
 
 
-def see(fit: Fit, view: View, samples: Samples, out: Mask | None) -> Seen:
-    """Return a view beside its prediction; samples clipped at the top of the range, and pixels left out, do not count.
+def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:
+    """Return a view and its prediction; excluded pixels and samples clipped at the top of the range do not count.
 
-    Those clipped at the bottom do: a shadow may be there.
+    Samples clipped at the bottom count: they may be in a shadow.
     """
     photograph = samples.whole()
     photograph = (photograph[..., 0] if is_grey(view) else photograph.mean(-1)).astype(np.float64)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
-    if out is not None:
-        counts &= ~out
+    if excluded is not None:
+        counts &= ~excluded
     return Seen(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
 
 
 def level(seen: Seen, black: float) -> float:
-    """Return how bright the median pixel is over its prediction, of those that are predicted to be bright; else 1."""
+    """Return the median ratio of photograph to prediction, over pixels predicted to be bright; 1 if there is none."""
     light = np.where(seen.counts, seen.predicted - black, 0.0)
     if not light.any():
         return 1.0
@@ -106,17 +106,22 @@ def level(seen: Seen, black: float) -> float:
 
 
 def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:
-    """Return the regions that lights do not reach though they face them; `unlit`: the prediction without these lights.
+    """Return the regions that face some lights but are not reached by them.
 
-    There the photograph shows less than DARK of the lights' own part, and does not miss more than that, where the part
-    is clear of the noise and not small beside what it is elsewhere; a region is connected and has a pixel whose
-    neighbours are all in it. Of regions that overlap, the one whose lights are missing most exactly is told.
+    In a shadow the photograph shows less than DARK of the lights' contribution, and lacks no more than all of it. Only
+    pixels count whose contribution is well above the noise and not small compared with its brightest. A region is
+    connected, and has a pixel with all of its neighbours inside. Of overlapping regions the one is kept whose missing
+    light matches best.
+
+    Args:
+        seen: The photograph and its prediction.
+        unlit: The prediction without some lights, for each set of lights to test.
     """
     found = []
     least = max(FEWEST, LEAST * seen.counts.sum())
     for lights, without in unlit.items():
         part = np.where(seen.counts, seen.predicted - without, 0.0)
-        if not part.any():  # it shines nowhere that counts
+        if not part.any():  # these lights reach no pixel that counts
             continue
         clear = part > max(CLEAR * seen.noise, BRIGHT * float(np.quantile(part[seen.counts], 0.95)))
         shown = np.where(clear, (seen.photograph - without) / np.where(clear, part, 1.0), 1.0)
@@ -137,7 +142,7 @@ def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[S
 
 
 def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.ndarray]:
-    """Return the pixels whose surface is seen at a grazing angle, n.v < GRAZING, and the sector of each pixel."""
+    """Return the pixels at a grazing angle, n.v < GRAZING, and the sector of each pixel."""
     n_v = np.asarray(_n_v(objects, camera))
     inside = n_v > -np.inf
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
@@ -147,7 +152,7 @@ def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.
 
 
 def measure_rim(views: Iterable[tuple[Seen, Mask, np.ndarray]]) -> Rim | None:
-    """Return by how much rims are brighter than predicted; None where too little of them is seen."""
+    """Return the excess brightness of the rims; None if too little of them is visible."""
     excesses, by_view, brightness = [], [], []
     for seen, rim, sector in views:
         rim = rim & seen.counts
@@ -167,7 +172,7 @@ def measure_rim(views: Iterable[tuple[Seen, Mask, np.ndarray]]) -> Rim | None:
 
 @jax.jit
 def _n_v(objects: tuple[Object, ...], camera: AbstractCamera) -> jax.Array:
-    """Return n.v of every pixel; -inf where there is no surface."""
+    """Return n.v of every pixel; -inf without a surface."""
     normal, position, inside = visible_points(objects, camera)
     projection: Projection = camera.projection()
     n_v = dot(Vec3.of(normal), projection.viewer(None if position is None else Vec3.of(position)))
@@ -175,7 +180,7 @@ def _n_v(objects: tuple[Object, ...], camera: AbstractCamera) -> jax.Array:
 
 
 def center_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:
-    """Return the mean of the points that a camera sees; the origin where they are not known."""
+    """Return the mean of the points that a camera sees; the origin if their positions are unknown."""
     _, position, inside = visible_points(objects, camera)
     inside = np.asarray(inside)
     return np.zeros(3) if position is None or not inside.any() else np.asarray(position)[inside].mean(0)

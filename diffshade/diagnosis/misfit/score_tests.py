@@ -1,9 +1,9 @@
-"""Score tests: what a small amount of a fault would change in the images, beside what the fit left over.
+"""Score tests: whether the residuals contain the change of the images by a small fault of the setup.
 
-A fault such as vignetting changes the prediction along a direction d of image space. Of d the fitted unknowns, with the
-Jacobian J, can imitate a part; what they cannot, d_perp = d - J (J^T J)^-1 J^T d, is at right angles to the residuals r
-where the set-up is right: t = d_perp r / (sigma |d_perp|) is N(0, 1) (Rao 1948). Where it is not, the amount of the
-fault is d_perp r / |d_perp|^2, and it moves the unknowns by -(J^T J)^-1 J^T d times that amount.
+A fault such as vignetting changes the prediction along a direction d of image space. The fitted unknowns, with the
+Jacobian J, can imitate a part of d. The rest, d_perp = d - J (J^T J)^-1 J^T d, is orthogonal to the residuals r if the
+setup is right: t = d_perp r / (sigma |d_perp|) is N(0, 1) (Rao 1948). Otherwise the amount of the fault is
+d_perp r / |d_perp|^2, and it moves the unknowns by -(J^T J)^-1 J^T d times that amount.
 """
 
 from __future__ import annotations
@@ -17,49 +17,49 @@ from scipy import special
 
 from ...inverse.statistics.uncertainty import Matrix, Vector, inverse
 
-LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2, below which the unknowns imitate a fault, and nothing shows it
+LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The samples of a fit as a linear problem at its end. A row is a sample; clipped ones may have no weight."""
+    """The samples of a fit as a linear problem at its minimum, a row each; a clipped sample may have weight 0."""
 
     jacobian: Float[np.ndarray, "p n"]
     slope: Float[np.ndarray, " n"]
-    """Of the cost in the prediction: weight times (prediction - photograph)."""
+    """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
     weight: Float[np.ndarray, " n"]
     pixel: Int[np.ndarray, " n"]
-    """The pixel of each row; the channels of a pixel may share their noise."""
+    """The pixel of each row; the channels of a pixel may have correlated noise."""
     known_hessian: Matrix
     known_gradient: Vector
-    """What is known of the unknowns beside the samples."""
+    """The gradient of the priors; `known_hessian` is their Hessian."""
     sigma2: float
-    """The variance of a row of weight 1."""
+    """The variance of a row with weight 1."""
     waves: Float[np.ndarray, "waves n"] | None = None
-    """What rounding makes the rows vary by together (`rounding.sawtooth`); None without."""
+    """The correlated variation of the rows by rounding (`rounding.sawtooth`); None without rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What the residuals say of one fault, which has one amount or a few."""
+    """The result of the test of one fault, with one amount or several."""
 
     amount: Float[np.ndarray, " k"]
     errors: Float[np.ndarray, " k"]
     """Standard errors of the amounts, for independent noise and rounding."""
     gain: float
-    """By how much twice the cost would fall with the fault put right, over sigma^2: chi^2 of k degrees without it."""
+    """The decrease of twice the cost over sigma^2 with the fault corrected: chi^2 of k degrees if there is no fault."""
     p_value: float
     moves: Vector
-    """By how much the fault has moved each unknown: fitted less what it would be without the fault."""
+    """How far the fault has moved each unknown: the fitted value minus the value without the fault."""
 
 
 class ScoreTests:
-    """Score tests of faults at the end of a fit: each asks for what the unknowns cannot imitate."""
+    """Score tests of faults at the minimum of a fit, for the part of each fault that the unknowns cannot imitate."""
 
-    def __init__(self, rows: Rows, with_it: Sequence[Float[np.ndarray, "k n"]] = ()):
-        """Prepare tests; `with_it` are directions of faults already named, which count as unknowns."""
+    def __init__(self, rows: Rows, named: Sequence[Float[np.ndarray, "k n"]] = ()):
+        """Prepare tests; `named` are directions of faults already found, which count as unknowns."""
         self.rows, self.count = rows, len(rows.jacobian)
-        self.jacobian = np.concatenate([rows.jacobian, *with_it]) if with_it else rows.jacobian
+        self.jacobian = np.concatenate([rows.jacobian, *named]) if named else rows.jacobian
         p, more = len(self.jacobian), len(self.jacobian) - self.count
         known = np.zeros((p, p))
         known[: self.count, : self.count] = rows.known_hessian
@@ -68,7 +68,7 @@ class ScoreTests:
         self.inverse = inverse(hessian)
 
     def test(self, direction: Float[np.ndarray, "k n"]) -> Score | None:
-        """Return what the residuals say of a fault along one direction or several; None where nothing can show it."""
+        """Test a fault along one direction or several; None if the unknowns can imitate it."""
         rows = self.rows
         weighed = direction * rows.weight
         to_unknowns = weighed @ self.jacobian.T @ self.inverse
@@ -87,7 +87,7 @@ class ScoreTests:
             of_rounding = (beyond * rows.weight) @ rows.waves.T
             covariance = covariance + of_rounding @ of_rounding.T
         chi2 = float(score @ inverse(covariance) @ score)
-        # the channels of a pixel may share their noise, and the noise may differ from pixel to pixel
+        # The channels of a pixel may have correlated noise, and the noise may differ from pixel to pixel.
         left = rows.slope + rows.weight * (amount @ beyond)
         p_value = max(float(special.chdtrc(len(direction), chi2)), _p_value_by_pixels(beyond * left, rows.pixel, score))
         errors = np.sqrt(np.diag(from_information @ covariance @ from_information))
@@ -95,6 +95,6 @@ class ScoreTests:
 
 
 def _p_value_by_pixels(each: Float[np.ndarray, "k n"], pixel: Int[np.ndarray, " n"], score: Vector) -> float:
-    """Return the p-value of a score by the scatter of its parts over the pixels (White 1980)."""
+    """Return the p-value of a score by the scatter of its contributions over the pixels (White 1980)."""
     parts = np.array([np.bincount(pixel, row) for row in each])
     return float(special.chdtrc(len(each), score @ inverse(parts @ parts.T) @ score))

@@ -1,4 +1,4 @@
-"""Suspicions: what the residuals of a fit show to be other than the user said, in words and with the remedy."""
+"""Suspicions: where the residuals of a fit contradict the scene description, in words and with a remedy."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Explanation, MisfitSearch, matters, union
 from .regions import measure_rim
-from .wrong_set_ups import BESIDE, WrongSetUp, wrong_set_ups
+from .setup_faults import SECOND, SetupFault, setup_faults
 
 ROUNDS = 12
-ROUNDING = 1e-10  # of the sum of squares of the images, below which residuals show nothing
+ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 
 Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True, eq=False)
 class Suspicion:
-    """What the residuals of a fit show to be other than the user said."""
+    """A place where the residuals of a fit contradict the scene description."""
 
     kind: str
-    """"encoding", "exposure", "light", "shadow" or "rim"; of all views together "vignetting", "gamma", "blur", "lobe",
+    """"encoding", "exposure", "light", "shadow" or "rim"; for all views together "vignetting", "gamma", "blur", "lobe",
     "radius", "center", "rotation" (of all lights) or "outline"."""
     views: tuple[int, ...]
     region: tuple[Mask, ...] | None
-    """For each of these views the pixels where it shows; None where that is the whole image."""
+    """The affected pixels of each of these views; None for the whole image."""
     sentence: str
-    """What it is, how much, where, and the remedy."""
-    withdrawn: tuple[str, ...] = field(default=())
-    """The numbers that are not determined as long as it is not put right."""
+    """What it is, its size, where, and the remedy."""
+    affected: tuple[str, ...] = field(default=())
+    """The unknowns that are not determined until it is corrected."""
 
 
 def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
-    """Return what the residuals show to be other than was said; empty where they show nothing.
+    """Return where the residuals contradict the scene description; empty if they do not.
 
-    Explanations compete: each is a refit with one thing let go, an encoding, an exposure, a light's place, or the
-    pixels of shadows or rims. The one that explains most of the cost is taken and put right, and what is left is looked
-    at again, so that no echo of it is reported. Images that are encoded otherwise leave nothing else to be said, and
-    neither does background inside the outline. What is wrong with all views together (`wrong_set_ups`) competes with
-    the best of these, and, where it loses, is looked for in what they leave over.
+    Explanations compete. Each is a refit with one thing changed: an encoding, an exposure, a light's place, or the
+    pixels of shadows or rims excluded. The one that explains most of the cost is corrected, and the remaining residuals
+    are examined again, so that its side effects are not reported. If the images have the other encoding, or background
+    lies inside the outline, nothing else is reported. Faults of all views together (`setup_faults`) compete with the
+    best explanation; if they lose, the remaining residuals are tested for them.
     """
     with in_float64(fit) as fit:
         if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING * fit.squares:
@@ -56,45 +56,47 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
             return (Suspicion("outline", tuple(range(len(fit.views))), None, said(fit.scene, outline), fit.names),)
-        desk = MisfitSearch(fit)
-        state, found = desk.alternatives.base, []
+        search = MisfitSearch(fit)
+        state, found = search.alternatives.base, []
         for _ in range(ROUNDS):
-            explanations = desk.explanations(state)
-            if not found and (encodings := desk.encodings(explanations)):
-                return (_say_encoding(encodings[0], len(fit.views)),)
+            explanations = search.explanations(state)
+            if not found and (encodings := search.encodings(explanations)):
+                return (_describe_encoding(encodings[0], len(fit.views)),)
             if not explanations:
                 break
             found.append(max(explanations, key=lambda e: e.share))
             state = found[-1].after
-        everywhere = wrong_set_ups(fit)
+        everywhere = setup_faults(fit)
         if found and not any(fault.share > found[0].share for fault in everywhere):
-            end = desk.alternatives.settle(state)
-            rest = 1.0 - share(desk.alternatives.base, end)
-            beside = [f for f in wrong_set_ups(end.fit, end.out) if rest * f.share > BESIDE * found[0].share]
-            return (*_said(desk, end, found), *_of_all_views(fit, beside))
+            end = search.alternatives.settle(state)
+            rest = 1.0 - share(search.alternatives.base, end)
+            second = [f for f in setup_faults(end.fit, end.excluded) if rest * f.share > SECOND * found[0].share]
+            return (*describe(search, end, found), *_of_all_views(fit, second))
         return _of_all_views(fit, everywhere)
 
 
-def _of_all_views(fit: Fit, found: Sequence[WrongSetUp]) -> tuple[Suspicion, ...]:
+def _of_all_views(fit: Fit, found: Sequence[SetupFault]) -> tuple[Suspicion, ...]:
     """Return the faults of all views as suspicions."""
     views = tuple(range(len(fit.views)))
-    return tuple(Suspicion(f.kind, views, None, f.sentence, f.withdrawn) for f in found)
+    return tuple(Suspicion(f.kind, views, None, f.sentence, f.affected) for f in found)
 
 
-def _said(desk: MisfitSearch, end: State, found: Sequence[Explanation]) -> tuple[Suspicion, ...]:
-    """Return the suspicions; those of most views or lights together as one, whose cause is rather one thing."""
-    told = [(e.key, s) for e in _shadows_as_one(found) if (s := _say(desk, end, e)) is not None]
-    for kind, count in (("exposure", len(desk.fit.views)), ("light", len(desk.fit.scene.lights))):
-        keys = [key for key, _ in told if key is not None and key[0] == kind]
+def describe(search: MisfitSearch, end: State, found: Sequence[Explanation]) -> tuple[Suspicion, ...]:
+    """Return the suspicions; those of most views or lights are merged, since they probably have one cause."""
+    described = [(e.key, s) for e in _shadows_as_one(found) if (s := _describe_one(search, end, e)) is not None]
+    for kind, count in (("exposure", len(search.fit.views)), ("light", len(search.fit.scene.lights))):
+        keys = [key for key, _ in described if key is not None and key[0] == kind]
         if len(keys) > max(count / 2, 2):
-            together = (None, _say_all(desk, end, keys))
-            first = next(i for i, (key, _) in enumerate(told) if key in keys)
-            told = [together if i == first else of for i, of in enumerate(told) if i == first or of[0] not in keys]
-    return tuple(suspicion for _, suspicion in told)
+            merged = (None, _describe_all(search, end, keys))
+            first = next(i for i, (key, _) in enumerate(described) if key in keys)
+            described = [
+                merged if i == first else one for i, one in enumerate(described) if i == first or one[0] not in keys
+            ]
+    return tuple(suspicion for _, suspicion in described)
 
 
 def _shadows_as_one(found: Sequence[Explanation]) -> list[Explanation]:
-    """Return the explanations with the shadows of all rounds in the first: a darker part of one may be seen first."""
+    """Return the explanations with the shadows of all rounds merged: a round may find only the darker part of one."""
     shadows = [e for e in found if e.kind == "shadow"]
     masks: dict[int, Mask] = {}
     for e in shadows:
@@ -103,115 +105,120 @@ def _shadows_as_one(found: Sequence[Explanation]) -> list[Explanation]:
     return [replace(e, masks=masks) if e in shadows else e for e in others]
 
 
-def _say(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
-    """Return an explanation in words, from the minimum with everything put right; None where nothing of it is left."""
-    return {"exposure": _say_exposure, "light": _say_light, "shadow": _say_shadows, "rim": _say_rim}[found.kind](
-        desk, end, found
-    )
+def _describe_one(search: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
+    """Return an explanation in words, at the minimum with everything corrected; None if it vanishes there."""
+    by_kind = {
+        "exposure": _describe_exposure,
+        "light": _describe_light,
+        "shadow": _describe_shadows,
+        "rim": _describe_rim,
+    }
+    return by_kind[found.kind](search, end, found)
 
 
-def _say_all(desk: MisfitSearch, end: State, keys: Sequence[Key]) -> Suspicion:
+def _describe_all(search: MisfitSearch, end: State, keys: Sequence[Key]) -> Suspicion:
     kind = keys[0][0]
-    views = tuple(sorted({view for key in keys for view in desk.alternatives.views_of(key)}))
+    views = tuple(sorted({view for key in keys for view in search.alternatives.views_of(key)}))
     if kind == "exposure":
-        factors = [desk.factor(end, i) for _, i in keys]
+        factors = [search.factor(end, i) for _, i in keys]
         sentence = (
-            f"{len(keys)} of the {len(desk.fit.views)} views are darker or brighter than the others say, "
-            f"{min(factors):.3g} to {max(factors):.3g} times. Check the lights' intensities, their distances and "
-            "attenuation and whether the material has all it needs, or free 'exposure'."
+            f"{len(keys)} of the {len(search.fit.views)} views are darker or brighter than the other views predict, by "
+            f"factors of {min(factors):.3g} to {max(factors):.3g}. Check the lights' intensities, distances and "
+            "attenuation and whether the material model is complete, or free 'exposure'."
         )
     else:
-        tilts = [desk.alternatives.effect(end, key) for key in keys]
+        tilts = [search.alternatives.effect(end, key) for key in keys]
         sentence = (
-            f"{len(keys)} of the {len(desk.fit.scene.lights)} lights are {min(tilts):.2g} to {max(tilts):.2g} degrees "
-            "away from where the scene has them, as the shading shows. Check the axes that directions and normals are "
-            "given in, whether directions are those that light travels in, and whether the material has all it needs."
+            f"{len(keys)} of the {len(search.fit.scene.lights)} lights are {min(tilts):.2g} to {max(tilts):.2g} "
+            "degrees off by the shading. Check the axes of directions and normals, that directions point the way the "
+            "light travels, and whether the material model is complete."
         )
     return Suspicion(kind, views, None, sentence)
 
 
-def _say_exposure(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
+def _describe_exposure(search: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
     assert found.key is not None
-    i, count = found.key[1], len(desk.fit.views)
-    factor = desk.factor(end, i)
+    i, count = found.key[1], len(search.fit.views)
+    factor = search.factor(end, i)
     if not matters(found.key, factor):
         return None
-    than = "the others say" if count > 2 else f"views[{1 - i}] says" if count == 2 else "the scene says"
-    which = " (or the other is wrong by the inverse)" if count == 2 else ""
-    exposure = factor * float(desk.fit.views[i].exposure)
+    source = (
+        "the other views predict" if count > 2 else f"views[{1 - i}] predicts" if count == 2 else "the scene predicts"
+    )
+    which = " (or the other view is wrong by the inverse factor)" if count == 2 else ""
+    exposure = factor * float(search.fit.views[i].exposure)
     sentence = (
-        f"views[{i}] is {factor:.3g} times as bright as {than}{which}, which explains {found.gone:.0%} of its "
-        f"residuals. Give it exposure={exposure:.3g} or free 'views.{i}.exposure', and check its lights: their "
-        "intensity or distance would show the same."
+        f"views[{i}] is {factor:.3g} times as bright as {source}{which}, which explains {found.own_share:.0%} of its "
+        f"residuals. Give it exposure={exposure:.3g} or free 'views.{i}.exposure', and check its lights: a wrong "
+        "intensity or distance looks the same."
     )
     return Suspicion("exposure", (i,), None, sentence)
 
 
-def _say_light(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
+def _describe_light(search: MisfitSearch, end: State, found: Explanation) -> Suspicion:
     assert found.key is not None
-    i, views = found.key[1], desk.alternatives.views_of(found.key)
-    what = "direction" if isinstance(desk.fit.scene.lights[i], DirectionalLight) else "position"
+    i, views = found.key[1], search.alternatives.views_of(found.key)
+    what = "direction" if isinstance(search.fit.scene.lights[i], DirectionalLight) else "position"
     place = ", ".join(f"{x:.3g}" for x in np.asarray(getattr(end.fit.scene.lights[i], what)))
     sentence = (
-        f"lights.{i} is {desk.alternatives.effect(end, found.key):.2g} degrees away from where the scene has it, seen "
-        f"from the surface, as the shading in {_views(views)} shows, which explains {found.gone:.0%} of the residuals "
-        f"there. Measure it again, or free 'lights.{i}.{what}', which is near ({place})."
+        f"lights.{i} is {search.alternatives.effect(end, found.key):.2g} degrees off as seen from the surface, by the "
+        f"shading in {_views(views)}, which explains {found.own_share:.0%} of the residuals there. Measure it again, "
+        f"or free 'lights.{i}.{what}', which is near ({place})."
     )
     return Suspicion("light", views, None, sentence)
 
 
-def _say_shadows(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
-    regions, said = [], []
+def _describe_shadows(search: MisfitSearch, end: State, found: Explanation) -> Suspicion:
+    regions, places = [], []
     for i, mask in found.masks.items():
-        shadows = [s for s in desk.shadows_of(end, i, None) if (s.mask & mask).any()]
+        shadows = [s for s in search.shadows_of(end, i, None) if (s.mask & mask).any()]
         region = union(shadows) if shadows else mask
         regions.append(region)
         lights = [f"lights.{j}" for j in dict.fromkeys(j for s in shadows for j in s.lights)]
-        of = f" out of {listing(lights)}" if lights and len(lights) <= APART else ""
+        source = f" under {listing(lights)}" if lights and len(lights) <= APART else ""
         shown = max((s.shown for s in shadows), default=0.0)
-        said.append(
-            f"{region.sum():,} pixels of views[{i}] {_where(region)}{of} show {max(shown, 0.0):.0%} of that light"
+        places.append(
+            f"{region.sum():,} pixels of views[{i}] {_where(region)}{source} show {max(shown, 0.0):.0%} of that light"
         )
-    rest = f"; and {len(said) - 3} more views" if len(said) > 3 else ""
+    rest = f"; and {len(places) - 3} more views" if len(places) > 3 else ""
     sentence = (
-        f"it is dark where light should fall, as in a cast shadow: {'; '.join(said[:3])}{rest}. Mask these pixels out "
-        "with View.mask, or fit with loss='cauchy'."
+        f"predicted light is missing, as in a cast shadow: {'; '.join(places[:3])}{rest}. Exclude these pixels with "
+        "View.mask, or fit with loss='cauchy'."
     )
     return Suspicion("shadow", tuple(found.masks), tuple(regions), sentence)
 
 
-def _say_rim(desk: MisfitSearch, end: State, found: Explanation) -> Suspicion:
-    rim = measure_rim(desk.see_rims(end, found.before.out))
+def _describe_rim(search: MisfitSearch, end: State, found: Explanation) -> Suspicion:
+    rim = measure_rim(search.see_rims(end, found.before.excluded))
     size = "" if rim is None else f" by {rim.excess:.2g} ({rim.relative:.0%} of the object's mean)"
-    regions = tuple(mask & desk.samples[i].inside for i, mask in found.masks.items())
+    regions = tuple(mask & search.samples[i].inside for i, mask in found.masks.items())
     sentence = (
         f"the rim in {_views(tuple(found.masks))} is brighter than predicted{size}, over "
-        f"{sum(int(r.sum()) for r in regions):,} pixels seen at a grazing angle, as light from surfaces around it "
-        "(interreflection) or another form of highlight makes it. Mask the rim out with View.mask, or fit with "
-        "loss='cauchy'."
+        f"{sum(int(r.sum()) for r in regions):,} pixels at a grazing angle. Possible causes are interreflection or "
+        "another form of highlight. Exclude the rim with View.mask, or fit with loss='cauchy'."
     )
     return Suspicion("rim", tuple(found.masks), regions, sentence)
 
 
-def _say_encoding(encoding: Encoding, count: int) -> Suspicion:
+def _describe_encoding(encoding: Encoding, count: int) -> Suspicion:
     before, after = encoding.rmse
-    said, remedy = (
-        ("sRGB-encoded, though they were read as linear: decoded", "srgb=True")
+    what, remedy = (
+        ("sRGB-encoded, but were read as linear: decoded", "srgb=True")
         if encoding.decoded
-        else ("linear, though they were decoded from sRGB: encoded again", "srgb=False")
+        else ("linear, but were decoded from sRGB: encoded again", "srgb=False")
     )
     return Suspicion(
         "encoding",
         tuple(range(count)),
         None,
-        f"the images seem to be {said}, they fit with RMSE {after:.3g} instead of {before:.3g}. Read them with "
+        f"the images seem to be {what}, they fit with RMSE {after:.3g} instead of {before:.3g}. Read them with "
         f"ds.read_image(path, {remedy}).",
     )
 
 
 def _where(region: Mask) -> str:
     row, column = (round(float(x.mean())) for x in np.nonzero(region))
-    return f"about row {row}, column {column}"
+    return f"around row {row}, column {column}"
 
 
 def _views(views: tuple[int, ...]) -> str:

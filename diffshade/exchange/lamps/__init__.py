@@ -1,1 +1,1 @@
-"""Lamps: IES and EULUMDAT files, and laws fitted to measured falloffs."""
+"""Lamps: IES and EULUMDAT files, and attenuation fitted to measured falloff."""

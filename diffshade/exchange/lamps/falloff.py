@@ -1,4 +1,4 @@
-"""Fall-off: the attenuation of a lamp from lux measured at several distances (E2)."""
+"""Falloff: the attenuation of a lamp from lux measured at several distances (E2)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
 NAMES = ("constant", "linear", "quadratic")
-ALIKE = 0.95  # correlation above which two numbers are one to the table
+INSEPARABLE = 0.95  # correlation above which the table does not separate two coefficients
 
 
 @dataclass(frozen=True)
 class Falloff:
-    """How a lamp fades with distance: `attenuation` for a light of intensity 1, and what the table tells of it."""
+    """The attenuation of a lamp, for a light of intensity 1, with errors; `print` it for the table."""
 
     attenuation: RadialAttenuation
     errors: Float[np.ndarray, "3"]
@@ -29,9 +29,9 @@ class Falloff:
     rms: float
     """Root mean square of lux/model - 1."""
     slope: float
-    """d log lux / d log distance, by least squares: -2 of a lamp that is a point."""
+    """d log lux / d log distance, by least squares; -2 for a point light."""
     undetermined: tuple[str, ...]
-    """The coefficients that the table does not determine: an error above 30 % of the value."""
+    """The coefficients that the table does not determine: their errors exceed 30 % of the value."""
     rows: int
 
     def __str__(self) -> str:
@@ -45,44 +45,52 @@ class Falloff:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the table cannot tell, and what to do about it."""
-        points, said = _count(self.rows), []
+        """What the table does not determine, and remedies."""
+        points, notes = _count(self.rows), []
         vague = [NAMES.index(name) for name in self.undetermined]
-        alike = [i for i in vague if any(abs(self.correlation[i, j]) > ALIKE for j in vague if j != i)]
-        if len(alike) > 1:
-            highest = max((self.correlation[i, j] for i in alike for j in alike if i < j), key=abs)
-            names = listing([NAMES[i] for i in alike])
-            said.append(
-                f"{points} points do not separate {names}: what one takes from the curve the other gives back "
-                f"(correlation {highest:.2f}). Measure nearer and farther, or set one to 0."
+        merged = [i for i in vague if any(abs(self.correlation[i, j]) > INSEPARABLE for j in vague if j != i)]
+        if len(merged) > 1:
+            highest = max((self.correlation[i, j] for i in merged for j in merged if i < j), key=abs)
+            notes.append(
+                f"{points} points do not separate {listing([NAMES[i] for i in merged])} (correlation {highest:.2f}). "
+                "Measure nearer and farther, or set one to 0."
             )
-        said += [
-            f"{points} points do not determine {NAMES[i]}: its error is over {100 * VAGUE:.0f} % of it. Measure "
+        notes += [
+            f"{points} points do not determine {NAMES[i]}: its error exceeds {100 * VAGUE:.0f} % of its value. Measure "
             "nearer and farther, or set it to 0."
             for i in vague
-            if i not in alike
+            if i not in merged
         ]
-        return tuple(said)
+        return tuple(notes)
 
 
 def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
-    r"""Fit the attenuation of a lamp, each a at least 0, to a table of distances and lux (E2).
+    r"""Fit the attenuation of a lamp to measured distances and lux (E2).
 
     $$ \min \sum (E (a_0 + a_1 d + a_2 d^2) - 1)^2 $$
 
-    over the rows, E in lux: the relative error of each to first order, which is linear in the three (Lawson and Hanson
-    1974): a light of intensity 1 with this attenuation gives lux at a distance in the table's unit. `distance`, `lux`:
-    (N,), above 0, at least four rows at three distances. The standard errors take the scatter from the residuals.
-    Raises ValueError for fewer rows or distances, and for a number that is not finite or not above 0.
+    over the rows, with E in lux and each a at least 0 (non-negative least squares; Lawson and Hanson 1974). This is the
+    relative error to first order, and is linear in the three coefficients. A light of intensity 1 with this attenuation
+    gives lux at a distance in the table's unit. The standard errors are by the scatter of the residuals.
+
+    Args:
+        distance: Distances, above 0, any unit; at least four rows at three different distances.
+        lux: The lux at each distance, above 0.
+
+    Returns:
+        The attenuation, with errors and notes.
+
+    Raises:
+        ValueError: If there are too few rows or distances, or a number is not finite and above 0.
     """
     d, E = (_column(name, value) for name, value in (("distance", distance), ("lux", lux)))
     if d.shape != E.shape or len(d) < 4 or len(np.unique(d)) < 3:
         raise ValueError(
-            f"fit_falloff needs at least four rows at three distances, a lux for each; got {len(d)} and {len(E)}. "
-            "Add rows."
+            "fit_falloff needs at least four rows at three different distances, with one lux each; got "
+            f"{len(d)} distances and {len(E)} lux. Add rows."
         )
     powers = np.stack([d**0, d, d * d], -1)
-    size = np.array([1.0, d.mean(), d.mean() ** 2])  # of one size at the mean distance, so that rounding is small
+    size = np.array([1.0, d.mean(), d.mean() ** 2])  # equal sizes at the mean distance, for small rounding errors
     A = E[:, None] * powers / size
     solution, _ = nnls(A, np.ones(len(d)))
     residuals = A @ solution - 1.0
@@ -105,7 +113,7 @@ def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
 def _column(name: str, value: Numbers) -> Float[np.ndarray, " n"]:
     column = np.asarray(value, np.float64)
     if column.ndim != 1 or not (np.isfinite(column) & (column > 0)).all():
-        raise ValueError(f"{name} must be a list of finite numbers above 0; got {value!r}. Leave the others out.")
+        raise ValueError(f"{name} must be a list of finite numbers above 0; got {value!r}. Remove the other rows.")
     return column
 
 

@@ -7,19 +7,19 @@ import numpy as np
 from ..parsing import count, number, numbers, short
 from .c_planes import Table, whole_circle
 
-HEADER = 13  # numbers before the angles
+HEADER = 13  # numbers in the header, before the angles
 
 
 def read_ies(text: str, name: str) -> Table:
-    """Return the angles (degrees) and the intensities (candela) of a file of type C, its symmetry written out.
+    """Return the angles (degrees) and the intensities (candela) of a type C file, with its symmetric planes added.
 
     The candela are multiplied by the file's multiplier, ballast factor and ballast-lamp factor. Factors for a tilted
-    lamp (TILT=INCLUDE or a file of them) are passed over: the lamp is as it was measured. Raises ValueError.
+    lamp (TILT=INCLUDE or a separate file) are ignored: the lamp is as measured. Raises ValueError for a malformed file.
     """
     lines = text.splitlines()
     at = next((i for i, line in enumerate(lines) if line.strip().upper().startswith("TILT=")), None)
     if at is None:
-        raise ValueError(f"{name} is no IES file: it has no line TILT=. Give a file of the format LM-63.")
+        raise ValueError(f"{name} is not an IES file: it has no line TILT=. Give a file in the format LM-63.")
     words = " ".join(lines[at + 1 :]).replace(",", " ").split()
     if lines[at].strip()[5:].strip().upper() == "INCLUDE":
         pairs = count(_word(words, 1, name), f"{name}: the number of tilt angles")
@@ -38,7 +38,7 @@ def read_ies(text: str, name: str) -> Table:
     if len(words) != expected:
         raise ValueError(
             f"{name} must have {expected} numbers after TILT, for {n_v} vertical and {n_h} horizontal angles; got "
-            f"{len(words)}. It is cut off or not what it says."
+            f"{len(words)}. Header and data disagree, or the file is cut off; give the whole file."
         )
     scale = number(words[2], f"{name}: the multiplier") * number(words[10], f"{name}: the ballast factor")
     scale *= number(words[11], f"{name}: the ballast-lamp factor")

@@ -1,4 +1,4 @@
-"""The figures of a lecture on illumination: each is drawn by the model itself, and each shows one idea."""
+"""The figures of a lecture on illumination: each shows one idea, drawn by the model itself."""
 
 from __future__ import annotations
 
@@ -46,10 +46,20 @@ FIGURES = {draw.__name__: draw for draw in _DRAWN}
 def write_figures(
     folder: str | Path, *, only: Iterable[str] | str | None = None, progress: bool = False
 ) -> tuple[Path, ...]:
-    """Write the figures of a lecture on illumination as PNG: 01_diffuse_over_k_d.png and so on; return their paths.
+    """Write the figures of a lecture on illumination as PNG: 01_diffuse_over_k_d.png and so on.
 
-    `folder` is made where there is none. `only`: names of figures, without number and suffix; all of them by default.
-    `progress`: show a line on the terminal. Raises ValueError for an unknown name, before anything is written.
+    Args:
+        folder: The folder to write to; it is created if needed.
+        only: Names of figures, without number and suffix; by default all 24 figures.
+        progress: Show a progress line on the terminal.
+
+    Returns:
+        The paths of the figures.
+
+    Raises:
+        ValueError: If a name is unknown; nothing is written then.
+        NotADirectoryError: If `folder` is a file.
+        TypeError: If an argument has another type.
     """
     names = list(FIGURES)
     if not isinstance(folder, str | Path):
@@ -61,7 +71,7 @@ def write_figures(
         _check(name)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(f"cannot write figures to {folder}: it is no folder. Give the name of a folder.")
+        raise NotADirectoryError(f"cannot write figures to {folder}: it is not a folder. Give the name of a folder.")
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     with showing("figures", show=progress) as report_progress:
@@ -75,7 +85,7 @@ def write_figures(
 
 
 def draw_figure(name: str) -> Figure:
-    """Draw one of the figures of a lecture; in a notebook it shows itself. Raises ValueError for an unknown name."""
+    """Draw one of the figures of a lecture; a notebook displays it. Raises ValueError for an unknown name."""
     _check(name)
     return FIGURES[name]()
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FACE, EDGE = 0.7, 0.8  # half the width of the face that a beam falls on, and of its picture
-LENGTH = 0.8  # of the ray in the middle
+LENGTH = 0.8  # the length of the ray in the middle
 RAYS = 8  # as many as the whole face takes where they fall straight on it
 BEAM = "#e08a1e"
 
@@ -76,7 +76,7 @@ def _diffuse(k_d: float, theta: np.ndarray) -> np.ndarray:
 
 
 def _draw_incidence(axes: Axes, degrees: float) -> None:
-    """Draw a beam whose rays are evenly spaced across it; of these the fewer hit the face the more they graze it."""
+    """Draw a beam of evenly spaced rays; the more they graze the face, the fewer hit it."""
     l = toward(degrees)
     x, y = float(l.x), float(l.y)
     sheet(axes, (-1.0, 1.0), (-0.1, 1.5))

@@ -1,4 +1,4 @@
-"""Pages: the layout of the lecture's figures, in inches from the top left, so that a picture keeps its own pixels."""
+"""Pages: the layout of the lecture's figures, in inches from the top left; pictures keep their pixels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GREY = "#555555"
 
 
 def page(title: str, width: float, height: float, *, note: str = "") -> Figure:
-    """Return a figure with nothing on it but its title and a line at its foot."""
+    """Return an empty figure with a title and a note at the bottom."""
     import matplotlib.figure
 
     figure = matplotlib.figure.Figure(figsize=(width, height), dpi=DPI)
@@ -31,7 +31,7 @@ def page(title: str, width: float, height: float, *, note: str = "") -> Figure:
 
 
 def place(figure: Figure, left: float, top: float, width: float, height: float, **more: Any) -> Axes:
-    """Return axes whose frame has this place on the page."""
+    """Return axes with this frame on the page."""
     across, down = figure.get_size_inches()
     return figure.add_axes((left / across, 1 - (top + height) / down, width / across, height / down), **more)
 
@@ -85,7 +85,7 @@ def draw_curves(axes: Axes, x: Float[np.ndarray, "n"], curves: Mapping[str, np.n
 
 
 def name_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Say what a plot is of."""
+    """Label the axes of a plot."""
     axes.set_xlabel(x, fontsize=10)
     axes.set_ylabel(y, fontsize=10)
     axes.set_title(title, fontsize=10)

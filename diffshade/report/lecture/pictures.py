@@ -1,4 +1,4 @@
-"""Pictures: what the library renders for a lecture's figures, and the numbers it gives for their curves."""
+"""Pictures: rendered images for a lecture's figures, and the values for their curves."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from ...model.vectors import Vec3
 
 Picture = Float[np.ndarray, "h w 3"]
 
-RAYS = 3  # of a pixel, across and down
-DARK = (0.055, 0.06, 0.075)  # a background before which a black ball is still seen
+RAYS = 3  # per pixel, horizontally and vertically
+DARK = (0.055, 0.06, 0.075)  # a background against which a black ball is still visible
 PALE = (0.62, 0.66, 0.72)
 
 
@@ -33,7 +33,7 @@ def picture(scene: Scene, camera: AbstractCamera) -> Picture:
 
 
 def line_drawing(scene: Scene, camera: AbstractCamera) -> Picture:
-    """Draw where the surfaces seen by neighbouring pixels are not one smooth surface."""
+    """Draw the edges: pixels whose neighbours do not see the same smooth surface."""
     seen = intersect(scene, _finer(camera))
     n, inside = np.asarray(seen.normal, np.float64), np.asarray(seen.mask)
     p = np.asarray(seen.position, np.float64)
@@ -49,7 +49,7 @@ def line_drawing(scene: Scene, camera: AbstractCamera) -> Picture:
 
 
 def displayed(fine: Float[np.ndarray, "H W 3"]) -> Picture:
-    """Return linear radiance of 3 x 3 values a pixel as the eye should see it."""
+    """Return linear radiance of 3 x 3 values per pixel as sRGB for display."""
     height, width = fine.shape[0] // RAYS, fine.shape[1] // RAYS
     mean = fine.reshape(height, RAYS, width, RAYS, 3).mean((1, 3))
     return srgb_encode(np.clip(mean, 0.0, 1.0))
@@ -62,7 +62,7 @@ def ball(material: Material, light: AbstractLight | None = None, ambient: float 
 
 
 def evaluate(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function of the library gives for NumPy arrays, as NumPy arrays."""
+    """Evaluate a function of the library on NumPy arrays, and return NumPy arrays."""
     traced = jax.jit(lambda *given: function(*given))  # a module with arrays in it cannot be a key of jit's cache
     return jax.tree.map(np.asarray, traced(*arguments))
 

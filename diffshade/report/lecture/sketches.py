@@ -1,4 +1,4 @@
-"""Sketches: vectors, angles and rays, drawn where the library says they are."""
+"""Sketches: vectors, angles and rays, from the library's own values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LETTER: dict[str, Any] = {"fontsize": 14, "fontweight": "bold", "fontstyle": "it
 
 
 def sheet(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Make axes a sheet of one scale both ways, without a frame."""
+    """Give axes equal scales and no frame."""
     axes.set_xlim(*x)
     axes.set_ylim(*y)
     axes.set_aspect("equal")

@@ -1,4 +1,4 @@
-"""Transparent things: how light bends, and what is seen through them (E12, E13)."""
+"""Transparent objects: refraction and transmission (E12, E13)."""
 
 from __future__ import annotations
 

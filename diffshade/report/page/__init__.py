@@ -1,4 +1,4 @@
-"""The report page: a fit on one page that opens anywhere, with its images, its doubts and a ball to play with."""
+"""The report page: a fit on one HTML page, with its images, its uncertainties and a live ball."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from ...inverse.result import Fit
 from ...io.files import replacing, writable
 from . import charts, tables
 from .ball import ball_scene
-from .pictures import hang
-from .residuals import curve, look_at_residuals
+from .pictures import build_gallery
+from .residuals import collect_residuals, curve
 
 HERE = Path(__file__).parent
 MOST_VIEWS = 12  # shown as pictures
 MOST_PROFILES = 12
-MOST_SHOTS = 8  # shown at once, the others where one asks for them
+MOST_SHOTS = 8  # shown at once, the others on demand
 SLIDERS = (
     ("k_a", "Ambient reflection k_a, its largest channel"),
     ("k_d", "Diffuse reflection k_d, its largest channel"),
@@ -48,17 +48,27 @@ def write_report(
     titles: Sequence[str] = (),
     progress: bool = False,
 ) -> None:
-    """Write a page about a fit: one HTML file that opens in any browser, offline.
+    """Write a report of a fit: one HTML file that opens in any browser, offline.
 
-    It shows the fitted material on a live ball, whose light and numbers can be moved; every number with its error and
-    what could not be determined; photograph, fit and difference of up to 12 views, from the one that fits worst to the
-    one that fits best; the residuals over the angles at which a wrong model shows; correlations and convergence.
-    `examination`, of `examine(fit)`, adds intervals, profiles and what the residuals show; `choice`, of `compare`,
-    which model to believe; `plan`, of `plan(fit, shots)`, the next photograph. `titles`: a name for each of the fit's
-    views. `progress`: show a line on the terminal. Photographs of more than 800 pixels are shown smaller.
+    It shows the fitted material on a live ball, with movable light and parameters; every parameter with its error, and
+    what is not determined; photograph, fit and difference of up to 12 views, from the worst fit to the best; the
+    residuals over the angles at which a wrong model shows; correlations and convergence. Photographs of more than 800
+    pixels are shown smaller.
 
-    Raises ValueError for another suffix than .html, for another number of titles, or where the examination or the plan
-    is of another fit; TypeError for what is no such thing; and what `diffshade.io.files.replacing` raises.
+    Args:
+        path: The file, .html or .htm.
+        fit: The fit to report.
+        examination: The result of `examine(fit)`: adds intervals, profiles and the check of the residuals.
+        choice: The result of `compare`: adds the choice of the model.
+        plan: The result of `plan(fit, shots)`: adds the next photograph.
+        titles: A name for each of the fit's views; by default its index.
+        progress: Show a progress line on the terminal.
+
+    Raises:
+        ValueError: If the suffix or the number of titles is wrong, or `examination` or `plan` is of another fit.
+        TypeError: If an argument has another type.
+        FileNotFoundError: If the folder does not exist.
+        OSError: If the file cannot be written.
     """
     _check(path, fit, examination, choice, plan, titles)
     names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))
@@ -67,10 +77,10 @@ def write_report(
         showing("report", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
-        residuals = look_at_residuals(fit, report_progress)
+        residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
         report_progress("drawing")
-        gallery = hang(fit, which, names)
+        gallery = build_gallery(fit, which, names)
         ball, missing = ball_scene(fit, names, gallery.white)
         rms = float(np.sqrt(np.mean(residuals.values**2)))
         curves = (
@@ -103,16 +113,16 @@ def write_report(
 
 
 def check_page(path: Any) -> None:
-    """Refuse, before any work, what is no page or cannot be written."""
+    """Refuse, before any work, a path that is not a page or cannot be written."""
     if not isinstance(path, str | Path):
         raise TypeError(f"path must be a path; got {path!r}. Give for example 'fit.html'.")
     if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a report is a page of HTML. Use .html.")
+        raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a report is an HTML file. Use .html.")
     writable(path)
 
 
 def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
-    """Refuse what is no report, or not of the fit."""
+    """Refuse arguments of other types, or that belong to another fit."""
     check_page(path)
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     kinds = (
@@ -126,9 +136,9 @@ def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles
     of = [("examination", getattr(examination, "fit", None), "ds.examine(fit)"), ("plan", plan, "ds.plan(fit, shots)")]
     for name, other, example in of:
         if other is not None and not _same(fit, other):
-            raise ValueError(f"{name} must be of the fit that is reported; it is of another one. Give {example}.")
+            raise ValueError(f"{name} must be of the fit that is reported, but is of another fit. Give {example}.")
     if isinstance(titles, str) or not all(isinstance(title, str) for title in titles):
-        raise TypeError(f"titles must hold a word for each view; got {titles!r}. Give for example ['lamp near'].")
+        raise TypeError(f"titles must hold a string for each view; got {titles!r}. Give for example ['lamp near'].")
     if titles and len(titles) != len(fit.views):
         raise ValueError(
             f"titles must be one for each of the fit's {len(fit.views)} views; got {len(titles)}. Leave them out."
@@ -141,7 +151,7 @@ def _same(fit: Fit, other: Fit | Plan) -> bool:
 
 
 def _spread(rmse: Float[np.ndarray, " views"]) -> list[int]:
-    """Return the views to show, from the one that fits worst to the one that fits best: all, or some evenly spread."""
+    """Return the views to show, from the worst fit to the best: all of them, or evenly spaced ranks."""
     order = np.argsort(-np.nan_to_num(rmse), kind="stable")
     if len(order) > MOST_VIEWS:
         order = order[np.rint(np.linspace(0, len(order) - 1, MOST_VIEWS)).astype(int)]
@@ -149,7 +159,7 @@ def _spread(rmse: Float[np.ndarray, " views"]) -> list[int]:
 
 
 def _profiles(examination: Examination | None) -> list[charts.Chart]:
-    """Return the profiles, those of n_s first."""
+    """Return the charts of the profiles, those of n_s first."""
     if examination is None:
         return []
     order = sorted(range(len(examination.fit.names)), key=lambda j: examination.fit.unknowns[j].kind != "n_s")
@@ -158,7 +168,7 @@ def _profiles(examination: Examination | None) -> list[charts.Chart]:
 
 
 def _render(**what: Any) -> str:
-    """Fill in the template; whatever it shows is escaped, and nothing but its own scripts and styles may run."""
+    """Fill in the template; all values are escaped, and only the page's own scripts and styles may run."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     parts = {name: (HERE / name).read_text(encoding="utf-8") for name in ("page.css", "page.js", "ball.js")}
@@ -176,7 +186,7 @@ def _render(**what: Any) -> str:
         css=parts["page.css"],
         scripts=[parts["page.js"], parts["ball.js"]],
         shader=(HERE / "ball.glsl").read_text(encoding="utf-8"),
-        # within a script only "<" can end it or begin another
+        # within a script, only "<" can end the script or start another
         ball=json.dumps(ball, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         ball_views=[view["name"] for view in ball["views"]],
         ball_objects=[item["name"] for item in ball["objects"]],

@@ -1,4 +1,4 @@
-"""Ball: what the live ball of a page is told, a fitted scene as the numbers that `ball.glsl` takes."""
+"""Ball: the fitted scene as the numbers that the live ball's shader, `ball.glsl`, takes."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from ...model.scenes import Object, Scene
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3
 
-SIZE = 640  # pixels of the longer side
+SIZE = 640  # pixels on the longer side
 LOBES = (Phong, Blinn)
 FRESNEL = (NoFresnel, Schlick, Dielectric)
 PLAIN = OrthographicCamera((0.0, 0.0, 4.0), height=2.3, local_viewer=False)
 
 
 def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, Any], list[str]]:
-    """Return the scene of the live ball, ready for JSON, and what of the fitted scene it does not show, in words.
+    """Return the scene of the live ball, ready for JSON, and the features that the ball does not show.
 
-    Each object is a ball: a sphere is itself, another shape one of its own width in its place, and normals without
-    positions a unit ball. It is seen by the camera and lit by the lights of any view, and shown as a photograph of that
-    view would be, divided by `white`. To be used in float64.
+    Each object becomes a ball: a sphere stays as it is, another shape becomes a sphere of its width in its place, and
+    normals without positions become a unit ball. The ball has the camera, lights and exposure of a chosen view, and its
+    image is divided by `white`. Runs in float64.
     """
     scene = fit.scene
     balls = [_ball(item, fit.views[0].camera) for item in scene.objects]
@@ -62,60 +62,60 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
         }
         for i, (item, ball) in enumerate(zip(scene.objects, balls, strict=True))
     ]
-    told = {
+    data = {
         "ambient": _floats(scene.ambient),
         "background": _floats(scene.background),
         "lights": [found or [] for found in emitters],
         "views": views,
         "objects": objects,
     }
-    return told, _left_out(scene, emitters)
+    return data, _not_shown(scene, emitters)
 
 
-def _left_out(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
-    """Say what of a scene the ball does not show."""
+def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
+    """Name the features of a scene that the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
     lobes = [type(m.lobe).__name__ for m in (item.material for item in items) if type(m.lobe) not in LOBES]
     weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
-    said = (
-        (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape: it is a ball here"),
+    features = (
+        (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape (shown as a ball)"),
         (len(items) > 1, "more than one object at a time"),
-        (any(item.material.k_t is not None for item in items), "what shines through the object (k_t)"),
-        (any(item.material.patterns for item in items), "patterns, of which it has the mean of the two colours"),
-        (bool(lobes), f"the lobe {listing(sorted(set(lobes)))}: the highlight is Phong's here"),
-        (bool(weights), f"{listing(sorted(set(weights)))}, which weighs the highlight: its weight is k_s here"),
+        (any(item.material.k_t is not None for item in items), "transparency (k_t)"),
+        (any(item.material.patterns for item in items), "patterns (shown as the mean of the two colours)"),
+        (bool(lobes), f"the lobe {listing(sorted(set(lobes)))} (shown as Phong's)"),
+        (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
     )
-    return [words for here, words in said if here]
+    return [words for here, words in features if here]
 
 
 def _number(kinds: Sequence[type], value: object) -> int:
-    """Return the number by which the shader knows a kind, which is the first's where it knows none."""
+    """Return the shader's number of a kind; the first kind for one that it does not know."""
     return kinds.index(type(value)) if type(value) in kinds else 0
 
 
 def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
-    """Return the sphere that stands for an object; None where it has no place."""
+    """Return the sphere that represents an object; None if the object's positions are unknown."""
     if isinstance(item.surface, Sphere):
         return item.surface
     seen = intersect(Scene(item), camera)
     if seen.position is None or not np.any(seen.mask):
         return None
     points = np.asarray(seen.position)[np.asarray(seen.mask)]
-    told = _vectors(camera)
-    radius = 0.5 * min(float(np.ptp(points @ np.asarray(told[axis]))) for axis in ("right", "up"))
+    vectors = _vectors(camera)
+    radius = 0.5 * min(float(np.ptp(points @ np.asarray(vectors[axis]))) for axis in ("right", "up"))
     return Sphere(points.mean(0), radius) if radius > 0 else None
 
 
 def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
-    """Return a camera as numbers, of the ball's own size in pixels; one that stands within the ball steps back."""
+    """Return a camera as numbers, with the size of the ball's image; a camera inside the ball is moved back."""
     if ball is None:
         camera = PLAIN
     else:
-        center, told = np.asarray(ball.center), _vectors(camera)
-        up, backward = (np.asarray(told[axis]) for axis in ("up", "backward"))
+        center, vectors = np.asarray(ball.center), _vectors(camera)
+        up, backward = (np.asarray(vectors[axis]) for axis in ("up", "backward"))
         if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
             eye = center + 4.0 * float(ball.radius) * backward
             camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
@@ -127,7 +127,7 @@ def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
 
 @jax.jit
 def _vectors(camera: AbstractCamera) -> dict[str, Array]:
-    """Return the projection of a camera, and its axes."""
+    """Return the vectors of a camera's projection, and its axes."""
     projection = camera.projection()
     right, up, _ = axes(camera)
     vectors = {name: of for name, of in vars(projection).items() if isinstance(of, Vec3)}
@@ -135,7 +135,7 @@ def _vectors(camera: AbstractCamera) -> dict[str, Array]:
 
 
 def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the height and width in which a camera of this shape sees the live ball."""
+    """Return the height and width of the live ball's image for a camera of this shape."""
     height, width = (max(round(side * SIZE / max(shape)), 1) for side in shape)
     return height, width
 
@@ -143,8 +143,8 @@ def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
 def _emitters(light: AbstractLight) -> list[list[float]] | None:
     """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
 
-    Position, 1 (or the direction to a light at infinity, 0); intensity, 1 where it is clamped; a0, a1, a2, 1 for a
-    spot; its axis, the cosine of its edge; exponent, width of the soft edge, 0, 0.
+    The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
+    a1, a2, 1 for a spot; the spot's axis, the cosine of its edge; its exponent, the width of its soft edge, 0, 0.
     """
     if isinstance(light, AreaLight):
         stack = jax.jit(AreaLight.emitters)(light)
@@ -175,7 +175,7 @@ def _cosine(degrees: Any) -> float:
 
 
 def _plain(coefficient: Any) -> np.ndarray:
-    """Return three numbers: of a pattern the mean of its colours, of one n_s for all channels three times that."""
+    """Return three numbers: the mean colour of a pattern, and a single n_s repeated."""
     if isinstance(coefficient, AbstractPattern):
         leaves = [leaf for name, leaf in vars(coefficient).items() if name in ("a", "b")]
         return np.mean([np.asarray(leaf) for leaf in leaves], 0)

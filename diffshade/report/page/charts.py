@@ -1,4 +1,4 @@
-"""Charts: numbers become the geometry of small drawings, which the page's template writes as SVG."""
+"""Charts: the geometry of small drawings, which the page's template writes as SVG."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEFT, RIGHT, TOP, BOTTOM = 66, 12, 12, 40
 
 @dataclass(frozen=True)
 class Chart:
-    """A drawing: its axes, and paths, dots and bars in it, in its own pixels."""
+    """A drawing: its axes, paths, dots and bars, in pixels."""
 
     title: str
     x_label: str
@@ -29,39 +29,39 @@ class Chart:
     x_ticks: Ticks
     y_ticks: Ticks
     words: str = ""
-    """What is to be seen, for those who do not see it."""
+    """What the chart shows, as text; it is read to blind users too."""
     band: str = ""
     line: str = ""
     curve: str = ""
-    """A second line, to compare with."""
+    """A second line for comparison."""
     dots: tuple[tuple[float, float, str], ...] = ()
-    """Place, and what it says when pointed at."""
+    """Position and tooltip."""
     bars: tuple[tuple[float, float, float, float, str], ...] = ()
     zero: float | None = None
     """Height of the line at 0."""
     verticals: tuple[tuple[float, str], ...] = ()
-    """Places of lines from bottom to top, and their names."""
+    """Positions of vertical lines, and their names."""
     foremost: bool = False
-    """Whether it is to be seen at once."""
+    """Whether it is shown without a click."""
     width: int = WIDTH
     height: int = HEIGHT
 
 
 @dataclass(frozen=True)
 class Frame:
-    """From data to pixels."""
+    """The mapping from data to pixels."""
 
     x: tuple[float, float]
     y: tuple[float, float]
     log: bool = False
-    """Whether y are logarithms to the base 10."""
+    """Whether y holds decimal logarithms."""
 
     def across(self, x: float | int | np.number) -> float:
-        """Return the place of x."""
+        """Return the horizontal position of x."""
         return round(LEFT + (float(x) - self.x[0]) / (self.x[1] - self.x[0]) * (WIDTH - LEFT - RIGHT), 2)
 
     def up(self, y: float | int | np.number) -> float:
-        """Return the height of y."""
+        """Return the vertical position of y."""
         return round(HEIGHT - BOTTOM - (float(y) - self.y[0]) / (self.y[1] - self.y[0]) * (HEIGHT - TOP - BOTTOM), 2)
 
     def path(self, x: Vector, y: Vector) -> str:
@@ -73,11 +73,11 @@ class Frame:
         return self.path(np.append(x, x[::-1]), np.append(low, high[::-1])) + "Z"
 
     def x_ticks(self, *, whole: bool = False) -> Ticks:
-        """Return the places and labels of round numbers across; `whole` asks for whole ones."""
+        """Return the positions and labels of round numbers on the x axis; `whole`: whole numbers only."""
         return tuple((self.across(v), _short(v)) for v in _round_numbers(self.x, 5, whole=whole))
 
     def y_ticks(self) -> Ticks:
-        """Return the heights and labels of round numbers."""
+        """Return the positions and labels of round numbers on the y axis."""
         numbers = _round_numbers(self.y, 4, whole=self.log)
         return tuple((self.up(v), f"1e{v:g}" if self.log else _short(v)) for v in numbers)
 
@@ -95,16 +95,16 @@ def _short(value: float) -> str:
 
 
 def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
-    """Draw residuals over an angle: their mean, and the range of eight in ten."""
+    """Draw residuals over an angle: their mean, and the central 80 %."""
     reach = 1.15 * max(float(np.abs([curve.low, curve.high, curve.mean]).max()), 1e-12)
     top = 1.03 * float(curve.angle[-1])
     frame = Frame((0.0, top), (-reach, reach))
     by_chance = 2.0 * rmse / np.sqrt(curve.count)
     worst = int((np.abs(curve.mean) - by_chance).argmax())
     words = (
-        f"Their mean is furthest from zero at {curve.angle[worst]:.0f}°: {_signed(curve.mean[worst])}, "
-        f"{abs(curve.mean[worst]) / max(rmse, 1e-300):.2g} times the RMSE; independent noise alone would leave it "
-        f"within ±{by_chance[worst]:.1g}."
+        f"The mean deviates most at {curve.angle[worst]:.0f}°: {_signed(curve.mean[worst])}, "
+        f"{abs(curve.mean[worst]) / max(rmse, 1e-300):.2g} times the RMSE. Independent noise alone stays within "
+        f"±{by_chance[worst]:.1g}."
     )
     rows = zip(curve.angle, curve.mean, curve.count, strict=True)
     dots = [(frame.across(a), frame.up(m), f"{a:.0f}°: mean {_signed(m)} of {c:,} samples") for a, m, c in rows]
@@ -123,7 +123,7 @@ def over_angle(curve: Curve, title: str, x_label: str, rmse: float) -> Chart:
 
 
 def histogram(residuals: Residuals) -> Chart:
-    """Draw how often each residual occurs, beside what normal noise of the same RMSE would give."""
+    """Draw the histogram of the residuals, with that of normal noise of the same RMSE."""
     values = residuals.values
     rms = float(np.sqrt(np.mean(values**2))) or 1e-12
     edges = np.linspace(-4.0 * rms, 4.0 * rms, 49)
@@ -133,25 +133,27 @@ def histogram(residuals: Residuals) -> Chart:
     normal = np.exp(-0.5 * (middle / rms) ** 2) * (edges[1] - edges[0]) / (rms * np.sqrt(2.0 * np.pi))
     frame = Frame((float(edges[0]), float(edges[-1])), (0.0, 1.12 * float(max(share.max(), normal.max()))))
     ground, bars = frame.up(0.0), []
-    for left, right, of in zip(edges[:-1], edges[1:], share, strict=True):
-        x, top = frame.across(left), frame.up(of)
+    for left, right, height_of in zip(edges[:-1], edges[1:], share, strict=True):
+        x, top = frame.across(left), frame.up(height_of)
         width, height = max(frame.across(right) - x - 0.6, 0.2), ground - top
-        bars.append((x, top, round(width, 2), round(height, 2), f"{_signed(left)} to {_signed(right)}: {of:.2%}"))
+        bars.append(
+            (x, top, round(width, 2), round(height, 2), f"{_signed(left)} to {_signed(right)}: {height_of:.2%}")
+        )
     beyond = float(np.mean(np.abs(values) > 3.0 * rms))
     return Chart(
-        "How often each occurs",
+        "Histogram",
         "fit − photograph",
         "share of samples",
         frame.x_ticks(),
         frame.y_ticks(),
-        words=f"{beyond:.2%} are beyond three times the RMSE; of normal noise (the line) 0.27% would be.",
+        words=f"{beyond:.2%} exceed three times the RMSE; for normal noise (the line) it is 0.27%.",
         bars=tuple(bars),
         curve=frame.path(middle, normal),
     )
 
 
 def convergence(fit: Fit) -> Chart | None:
-    """Draw by how much the cost of each pass was above the lowest; None where there were too few passes."""
+    """Draw the cost of each pass above the lowest cost; None if there were too few passes."""
     above = fit.costs - fit.costs.min(initial=np.inf) if len(fit.costs) else fit.costs
     passes = np.flatnonzero(above > 0)
     if len(passes) < 2:
@@ -160,21 +162,21 @@ def convergence(fit: Fit) -> Chart | None:
     frame = Frame(
         (0.0, float(max(passes[-1], 1))), (float(np.floor(y.min())), float(np.ceil(y.max() + 1e-9))), log=True
     )
-    said = zip(passes, y, above[passes], strict=True)
+    points = zip(passes, y, above[passes], strict=True)
     return Chart(
         "Convergence",
         "pass over all pixels",
         "cost above the lowest, relative",
         frame.x_ticks(whole=True),
         frame.y_ticks(),
-        words=f"From {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
+        words=f"The cost fell from {fit.costs[0]:.6g} to {fit.costs.min():.6g} in {fit.steps} passes over all pixels.",
         line=frame.path(passes, y),
-        dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in said),
+        dots=tuple((frame.across(k), frame.up(v), f"pass {k}: {a:.3g} above") for k, v, a in points),
     )
 
 
 def profile(examination: Examination, j: int) -> Chart | None:
-    """Draw how the cost rises as an unknown is held elsewhere, in squares of errors; None where it was not asked."""
+    """Draw the profile of an unknown, the rise of the cost in squares of errors; None if it was not evaluated."""
     name, points = examination.fit.names[j], examination.profiles[j]
     points = points[np.concatenate([[True], np.diff(points[:, 0]) > 0])]
     if len(points) < 4 or not np.any(points[:, 1] > 0):
@@ -184,7 +186,7 @@ def profile(examination: Examination, j: int) -> Chart | None:
     frame = Frame((float(t[0]), float(t[-1])), (0.0, 1.08 * float(rise.max())))
     words = f"68 %: {interval_68[0]:.5g} to {interval_68[1]:.5g}; 95 %: {interval_95[0]:.5g} to {interval_95[1]:.5g}."
     if not examination.determined[j]:
-        words += f" All the same {name} is not determined, as is said above."
+        words += f" Nevertheless {name} is not determined; see the notes above."
     dots = [(frame.across(x), frame.up(e * e), f"{name} = {x:.6g}: {e:.2f} errors away") for x, e in points]
     inside = [
         (v, words) for ends, words in ((interval_68, "68 %"), (interval_95, "95 %")) for v in ends if t[0] <= v <= t[-1]
@@ -204,7 +206,7 @@ def profile(examination: Examination, j: int) -> Chart | None:
 
 
 def _smooth(points: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curve through a profile: how many errors, with a sign, is nearly linear, and monotone between points."""
+    """Return a curve through a profile, by monotone interpolation of the signed distance in errors."""
     from scipy.interpolate import PchipInterpolator
 
     lowest = int(points[:, 1].argmin())
@@ -228,7 +230,7 @@ def rmse_of_views(residuals: Residuals, names: Sequence[str]) -> Chart:
         "RMSE",
         frame.x_ticks(whole=True),
         frame.y_ticks(),
-        words=f"The largest is that of {names[worst]}, {known[worst]:.3g}; the median is {np.median(known):.3g}.",
+        words=f"The largest is {known[worst]:.3g} ({names[worst]}); the median is {np.median(known):.3g}.",
         bars=tuple(bars),
     )
 

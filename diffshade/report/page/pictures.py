@@ -1,4 +1,4 @@
-"""Pictures: photograph, fit and difference of a view as images that stand in the page itself."""
+"""Pictures: photograph, fit and difference of a view as images embedded in the page."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ...inverse.result import Fit, Prediction
 from ...io.image_formats import encode, encode_indexed
 from ...io.images import srgb_encode
 
-LARGEST = 800  # pixels of the longer side, above which a photograph is shown smaller
-QUALITY = 88  # of JPEG
-STEPS = 32  # of the colours of a difference, to each side of 0
+LARGEST = 800  # pixels of the longer side; a larger photograph is shown smaller
+QUALITY = 88  # JPEG quality
+STEPS = 32  # colours of a difference on each side of 0
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A view as the page shows it; the images are data URIs."""
+    """A view on the page; the images are data URIs."""
 
     name: str
     photograph: str
@@ -30,24 +30,24 @@ class Picture:
     height: int
     width: int
     smaller: bool
-    """Whether it is shown smaller than it is."""
+    """Whether the photograph is shown smaller than it is."""
 
 
 @dataclass(frozen=True)
 class Gallery:
-    """The views that are shown, and what their colours mean."""
+    """The views on the page, and the scale of their colours."""
 
     pictures: tuple[Picture, ...]
     white: float
-    """The radiance that is shown white."""
+    """The radiance that is shown as white."""
     limit: float
-    """The difference, to either side, that has the full colour."""
+    """The absolute difference with the full colour."""
     colours: tuple[str, ...]
-    """Of the differences from -limit to limit."""
+    """The colours of the differences from -limit to limit."""
 
 
-def hang(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
-    """Return the pictures of some of the views, all with one white and one scale of differences."""
+def build_gallery(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
+    """Return the pictures of some of the views, with one white level and one scale of differences."""
     predictions = [fit.predict(fit.views[i]) for i in which]
     known = [p for p in predictions if p.counts.any()]
     white = max((float(np.quantile(p.target[p.counts], 0.995)) for p in known), default=1.0) or 1.0
@@ -78,7 +78,7 @@ def hang(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
 
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:
-    """Return the colours of differences, blue where the fit is darker, red where it is brighter, and a clear one."""
+    """Return the colours of differences, from blue (fit darker) to red (fit brighter), and a transparent one."""
     from matplotlib import colormaps
 
     colours = colormaps["RdBu_r"](np.linspace(0.0, 1.0, 2 * STEPS + 1))
@@ -86,13 +86,13 @@ def _table() -> UInt8[np.ndarray, "colours 4"]:
 
 
 def _displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:
-    """Return what the eye should see of linear radiance."""
+    """Return linear radiance as 8-bit sRGB for display."""
     shown = np.nan_to_num(_resized(image, shape) / white, nan=0.0, posinf=1.0, neginf=0.0)
     return np.rint(255.0 * np.broadcast_to(srgb_encode(np.clip(shown, 0.0, 1.0)), (*shape, 3))).astype(np.uint8)
 
 
 def _steps(p: Prediction, shape: tuple[int, int], limit: float) -> UInt8[np.ndarray, "a b"]:
-    """Return which colour the mean over the channels of fit - photograph has; the last where nothing counts."""
+    """Return the colour index of fit - photograph, the mean over the channels; the last index if no sample counts."""
     counted = p.counts.sum(-1, keepdims=True).astype(float)
     weight = _resized(counted, shape)[..., 0]
     mean = _resized(p.difference.sum(-1, keepdims=True), shape)[..., 0] / np.maximum(weight, 1e-12)
@@ -101,7 +101,7 @@ def _steps(p: Prediction, shape: tuple[int, int], limit: float) -> UInt8[np.ndar
 
 
 def _resized(image: Float[np.ndarray, "h w c"], shape: tuple[int, int]) -> Float[np.ndarray, "a b c"]:
-    """Return an image smaller, each pixel the mean of those that it covers."""
+    """Return a smaller image; each pixel is the mean of the pixels that it covers."""
     for axis, to in enumerate(shape):
         size = image.shape[axis]
         if to < size:

@@ -1,4 +1,4 @@
-"""Residuals: what a fit leaves of each view, over the angles that a wrong model shows at."""
+"""Residuals: the residuals of each view over the angles at which a wrong model shows."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, PointLigh
 from ...model.rendering import visible_points
 from ...model.vectors import Vec3, dot, reflect
 
-MOST = 400_000  # samples of all views together, from which the curves are drawn
-FEWEST = 40  # samples of a bin
+MOST = 400_000  # samples of all views together for the curves
+FEWEST = 40  # samples per bin
 BINS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Samples of all views, fit - photograph, and the angles of their points."""
+    """Residuals of all views, fit - photograph, and the angles at their points."""
 
     rmse: Float[np.ndarray, " views"]
-    """Of each view."""
+    """The RMSE of each view."""
     values: Float[np.ndarray, " n"]
     to_light: Float[np.ndarray, " n"]
-    """The angle between n and l in degrees; of several lights the smallest."""
+    """The angle between n and l in degrees; the smallest of several lights."""
     to_mirror: Float[np.ndarray, " n"]
-    """The angle between v and r in degrees; of several lights the smallest; NaN where n.l is not above 0."""
+    """The angle between v and r in degrees; the smallest of several lights; NaN where n.l is not above 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Residuals over an angle: of each bin that has enough of them the mean and the range of eight in ten."""
+    """Residuals over an angle: the mean and the central 80 % of each bin with enough samples."""
 
     angle: Float[np.ndarray, " bins"]
     mean: Float[np.ndarray, " bins"]
@@ -48,8 +48,8 @@ class Curve:
     count: Int[np.ndarray, " bins"]
 
 
-def look_at_residuals(fit: Fit, report_progress: ReportProgress) -> Residuals:
-    """Predict every view, and return what is left of some of their samples, evenly drawn. To be used in float64."""
+def collect_residuals(fit: Fit, report_progress: ReportProgress) -> Residuals:
+    """Predict every view, and return the residuals of randomly drawn samples. Runs in float64."""
     random = np.random.default_rng(0)
     rmse, parts = [], []
     for i, view in enumerate(fit.views):
@@ -73,7 +73,7 @@ def _of_view(fit: Fit, view: View, p: Prediction, pixels: Int[np.ndarray, " m"])
 
 
 def _angles(fit: Fit, view: View, pixels: Int[np.ndarray, " m"]) -> list[Float[np.ndarray, " m"]]:
-    """Return the angles between n and l, and between v and r, of the light that makes each smallest."""
+    """Return the angles between n and l, and between v and r, each for the light with the smallest angle."""
     normals, positions, _ = visible_points(fit.scene.objects, view.camera)
     n, p = (None if of is None else Vec3.of(np.asarray(of).reshape(-1, 3)) for of in (normals, positions))
     n_l, v_r = np.full(len(pixels), -1.0), np.full(len(pixels), -1.0)
@@ -93,7 +93,7 @@ def _cosines(light: AbstractEmitter, camera: AbstractCamera, n: Vec3, p: Vec3 | 
 
 
 def _one_emitter(light: AbstractLight) -> AbstractEmitter:
-    """Return a light that reaches a point from one direction; an area's is its middle."""
+    """Return a light that reaches a point from one direction; an area light is replaced by its centre."""
     if isinstance(light, AreaLight):
         return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
     assert isinstance(light, AbstractEmitter)
@@ -101,9 +101,9 @@ def _one_emitter(light: AbstractLight) -> AbstractEmitter:
 
 
 def curve(residuals: Residuals, angles: Float[np.ndarray, " n"], *, power: float = 1.0) -> Curve | None:
-    """Return the residuals over an angle; None where there are too few.
+    """Return the residuals over an angle; None if there are too few.
 
-    The bins are of equal width in the angle to the power 1/power: with 2 they are narrow at 0, as a highlight is.
+    The bins have equal widths in angle^(1/power). With power 2 they are narrow near 0, where the highlight is.
     """
     known = np.isfinite(angles)
     if known.sum() < 2 * FEWEST:

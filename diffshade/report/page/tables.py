@@ -1,4 +1,4 @@
-"""Tables: what a page says in rows, each cell already words."""
+"""Tables: the rows of a page, as text."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
 from ...inverse.result import Fit
 
-REACH = 0.3  # of a value, the furthest that a whisker is drawn: beyond it a number is not determined
-MOST_CORRELATED = 40  # unknowns, above which the strongest pairs alone are shown
+REACH = 0.3  # the longest whisker, over the value; a value with a larger error is not determined
+MOST_CORRELATED = 40  # unknowns; with more, only the strongest pairs are shown
 STRONGEST = 5
 MOST_DECIMALS = 9
-LONGEST = 16  # letters of a name beside a correlation
+LONGEST = 16  # letters of a name next to a correlation
 
 
 @dataclass(frozen=True)
 class Row:
-    """A number of the fit; its intervals are relative to the value, in units of `Parameters.reach`."""
+    """A parameter of the fit; its intervals are relative to the value, in units of `Parameters.reach`."""
 
     name: str
     value: str
@@ -38,9 +38,9 @@ class Parameters:
     rows: tuple[Row, ...]
     reach: float
     kind: str
-    """What its errors are, in words."""
+    """What the errors are, in words."""
     unknown: tuple[str, ...]
-    """The quantities of which a number is not determined."""
+    """The quantities with a value that is not determined."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Correlations:
-    """Names, the cells of a square, and the strongest pairs in words."""
+    """The matrix of correlations, and the strongest pairs in words."""
 
     names: tuple[str, ...]
     labels: tuple[str, ...]
-    """The names, or of long ones the first and the last letters."""
+    """The names; long ones are abbreviated."""
     cells: tuple[tuple[Cell, ...], ...]
     strongest: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of words under a head."""
+    """Rows of text under a header."""
 
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -73,12 +73,12 @@ class Table:
 
 
 def parameters(fit: Fit, examination: Examination | None) -> Parameters:
-    """Return every number with its error, and where there is an examination its interval."""
+    """Return every parameter with its error, and with its interval if there is an examination."""
     known = fit.determined if examination is None else examination.determined
     errors = fit.errors if examination is None else examination.errors
     made = fit.what_errors_hold(fit.clusters)
     kind = (
-        "Errors are standard errors as the examination found them; the interval holds the truth with 95 %."
+        "Errors are the examination's standard errors; the true value lies inside the interval 95 % of the time."
         if examination is not None
         else f"The true value lies within 1.96 errors 95 % of the time; {made}"
     )
@@ -108,7 +108,7 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
 
 
 def rounded(value: float, error: float) -> str:
-    """Return a value to the second digit of its error."""
+    """Return a value rounded to the second digit of its error."""
     if value == 0 or not (np.isfinite(error) and error > 0):
         return f"{value:.6g}"
     decimals = 1 - int(np.floor(np.log10(error)))
@@ -138,7 +138,7 @@ def correlations(fit: Fit) -> Correlations:
         )
         for i, row in enumerate(correlation)
     )
-    return Correlations(names, labels, cells if drawn else (), tuple(of.replace("-", "−") for of in strongest))
+    return Correlations(names, labels, cells if drawn else (), tuple(pair.replace("-", "−") for pair in strongest))
 
 
 def models(choice: ModelChoice) -> Table:
@@ -150,18 +150,18 @@ def models(choice: ModelChoice) -> Table:
             f"{choice.errors[i]:.4g}",
             f"{choice.rmse[i]:.4g}",
             f"{choice.differences[i]:.2g} ± {choice.difference_errors[i]:.1g}" if i else "–",
-            "" if i == 0 else "worse" if choice.worse[i] else "cannot be told",
+            "" if i == 0 else "worse" if choice.worse[i] else "undecided",
         )
         for i, name in enumerate(choice.names)
     ]
-    head = ("model", "unknowns", f"error on {choice.what}, left out", "RMSE, fitted", "difference of MSE", "")
+    head = ("model", "unknowns", f"held-out error, {choice.held_out}", "RMSE, fitted", "difference of MSE", "")
     return Table(head, tuple(rows), choice.notes)
 
 
 def shots(plan: Plan, first: int = 0, last: int | None = None) -> Table:
-    """Return the photographs that could be taken, or some places of them, the one to take first on top."""
+    """Return the photographs that could be taken, or a range of them, the best first."""
     quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
-    now = ("as it is", *plan.cells(plan.now, quantities), "")
+    now = ("now", *plan.cells(plan.now, quantities), "")
     rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
     head = ("photograph", *quantities, "gain in log det")
     return Table(head, tuple(rows[first:last]), ()) if first else Table(head, (now, *rows[:last]), plan.notes)

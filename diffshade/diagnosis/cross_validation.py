@@ -1,0 +1,156 @@
+"""Cross-validation: photographs, or patches of them, held out one at a time and predicted by a fit to the others."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..core.fields import Array
+from ..inverse.data.views import setups
+from ..inverse.forward.interface import AbstractForwardModel
+from ..inverse.forward.losses import LOSSES
+from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece
+from ..inverse.refits import LaidOutFit
+from ..inverse.solve.solvers import evaluate
+from ..inverse.statistics.uncertainty import single_views
+from .patches import cut_in_patches, patch_width, residual_images
+
+FEWEST_VIEWS = 3  # with fewer views, patches are held out
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """The pixels that count, divided into folds (views or patches) that are held out one at a time."""
+
+    pieces: list[Piece]
+    size: int
+    fold: Int[np.ndarray, " pieces"]
+    """The fold of each piece."""
+    by_view: bool
+    words: str
+
+    @property
+    def count(self) -> int:
+        """The number of folds."""
+        return int(self.fold.max()) + 1
+
+
+def make_folds(laid: LaidOutFit) -> Folds:
+    """Return the folds: views (one fold per camera and set of lights) if there are at least three, else patches."""
+    samples, size = laid.samples, laid.problem.block_size
+    groups = [[v for v in group if len(samples[v].pixels)] for group in setups(laid.fit.scene, laid.fit.views)]
+    groups = [group for group in groups if group]  # a view that repeats an earlier one has no pixels
+    if len(groups) >= FEWEST_VIEWS:
+        parts = [Piece(v, samples[v], samples[v].pixels) for group in groups for v in group]
+        fold = np.array([k for k, group in enumerate(groups) for _ in group])
+        return _in_blocks(parts, fold, size, f"{len(groups)} views")
+    width = patch_width(*residual_images(laid.fit))
+    parts, fold = cut_in_patches(laid.fit, samples, width)
+    count = len(set(fold))
+    if count < 2:
+        raise ValueError(
+            f"compare needs at least two patches of uncorrelated residuals; got {count}, since the residuals of these "
+            f"views are correlated over {width} pixels. Add photographs."
+        )
+    size = min(BLOCK, max(64, 1 << int(np.ceil(np.log2(max(len(part.pixels) for part in parts))))))
+    return _in_blocks(parts, fold, size, f"{count} patches of {width} x {width} pixels")
+
+
+def _in_blocks(parts: Sequence[Piece], fold: Int[np.ndarray, " n"], size: int, words: str) -> Folds:
+    """Cut the pixels of each piece into blocks."""
+    found = [
+        (k, Piece(part.view, part.samples, part.pixels[at : at + size]))
+        for k, part in zip(fold, parts, strict=True)
+        for at in range(0, len(part.pixels), size)
+    ]
+    return Folds([p for _, p in found], size, np.array([k for k, _ in found]), words.endswith("views"), words)
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """The held-out errors of a model."""
+
+    laid: LaidOutFit
+    chunks: list[Block]
+    squares: Float[np.ndarray, " folds"]
+    """Sum of squares of each fold, predicted without it."""
+    samples: Float[np.ndarray, " folds"]
+    rmse: float
+    held: tuple[str, ...]
+    """The unknowns that only one view determines."""
+    converged: bool
+    """Whether every fit without a fold converged."""
+
+    def predicted(self, c: int) -> tuple[np.ndarray, ...]:
+        """Return the fit's predictions of a chunk, and the weight of each measured sample, else 0."""
+        return _predictions(jnp.asarray(self.laid.theta), self.laid.model, self.chunks[c])
+
+
+def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress: Callable[[float], None]) -> Scores:
+    """Predict each fold by a fit to the others."""
+    problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
+    chunks = problem.lay_out(folds.pieces, folds.size)  # weights by the photograph, the same for every model
+    weighed = problem.reweigh(laid.theta, chunks)
+    none = [Piece(p.view, p.samples, p.pixels[:0]) for p in folds.pieces[:CHUNK]]
+    (empty,) = laid.lay_out(none, folds.size)
+    of_block = [folds.fold[at : at + CHUNK] for at in range(0, len(folds.fold), CHUNK)]
+    # Without its view, a view's own exposure is unknown.
+    single_view = single_views(np.asarray(evaluate(laid.theta, laid.task, weighed).views.hessian))
+    single_view = single_view if folds.by_view else np.full(len(single_view), -1)
+    squares, samples, converged = np.zeros(folds.count), np.zeros(folds.count), True
+    for k in range(folds.count):
+        report_progress(k / folds.count)
+        views = [part.view for part, fold in zip(folds.pieces, folds.fold, strict=True) if fold == k]
+        held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(np.isin(single_view, views))}
+        others = [
+            _without(chunk, empty, blocks == k) if (blocks == k).any() else chunk
+            for chunk, blocks in zip(weighed, of_block, strict=True)
+            if (blocks != k).any()
+        ]
+        end = laid.minimise(held, laid.theta, others)
+        converged &= not end.message
+        for chunk, blocks in zip(chunks, of_block, strict=True):
+            if (blocks == k).any():
+                mine = np.flatnonzero(blocks == k)
+                m, weight = (x[mine] for x in _predictions(jnp.asarray(end.theta), laid.model, chunk))
+                s = weight * (m - np.asarray(chunk.observed.target)[mine]) ** 2 / scale**2
+                squares[k] += scale**2 * float(np.sum(rho(s)))
+                samples[k] += float(np.sum(weight > 0))
+    own = dict.fromkeys(u.quantity for u, alone in zip(laid.fit.unknowns, single_view, strict=True) if alone >= 0)
+    scores = Scores(laid, chunks, squares, samples, 0.0, tuple(own), converged)
+    residual = 0.0
+    for c, chunk in enumerate(chunks):
+        m, weight = scores.predicted(c)
+        residual += float(np.sum(((m - np.asarray(chunk.observed.target)) ** 2)[weight > 0]))
+    return dataclasses.replace(scores, rmse=float(np.sqrt(residual / samples.sum())))
+
+
+def _without(chunk: Block, empty: Block, out: Bool[np.ndarray, " blocks"]) -> Block:
+    """Return a chunk with some blocks emptied; its shape stays the same, so that nothing is compiled again."""
+    padded = np.zeros(len(chunk.view), bool)
+    padded[: len(out)] = out
+    return jax.tree.map(
+        lambda leaf, none: jnp.where(padded.reshape(-1, *[1] * (leaf.ndim - 1)), none[:1], leaf), chunk, empty
+    )
+
+
+def _predictions(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[np.ndarray, ...]:
+    return tuple(map(np.asarray, _predicted(theta, model, chunk)))
+
+
+@jax.jit
+def _predicted(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, Array]:
+    """Return the predictions of a chunk, and the weights of its samples; 0 for a clipped sample."""
+
+    def of_block(block: Block) -> tuple[Array, Array]:
+        weight, seen = model.sample_weights(block), block.observed
+        measured = weight if seen.clipped is None else jnp.where(seen.clipped == 0, weight, 0.0)
+        return jnp.stack(model.predict(theta, block)), measured
+
+    return jax.lax.map(of_block, chunk)
