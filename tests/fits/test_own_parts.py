@@ -69,5 +69,5 @@ def test_the_highlight_of_an_own_lamp_is_where_a_point_lights_is(fit):
 def test_the_page_says_what_its_ball_shows_instead(fit, tmp_path):
     ds.write_report(tmp_path / "fit.html", fit)
     page = (tmp_path / "fit.html").read_text(encoding="utf-8")
-    assert "the lobe Wide: the highlight is Phong" in page
+    assert "the lobe Wide (shown as Phong" in page
     assert "the light of lights.0" in page

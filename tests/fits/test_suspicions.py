@@ -15,6 +15,7 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, standard
 from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 
 import diffshade as ds
+from diffshade.core.words import Note
 from diffshade.diagnosis.examination import summarise
 from diffshade.diagnosis.misfit import explanations
 from diffshade.diagnosis.misfit.explanations import Explanation, MisfitSearch, matters
@@ -129,7 +130,9 @@ def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
 
 
 def test_what_is_suspected_and_what_the_fit_said_is_said_too():
-    fit = dataclasses.replace(noisy_fit(), notes=("0 within the noise.", "other."))
+    fit = dataclasses.replace(
+        noisy_fit(), notes=(Note("0 within the noise.", "0 within noise"), Note("other.", "other"))
+    )
     notes = said(fit=fit, suspected=(Suspicion("rim", (0,), None, "a rim."),)).notes
     assert notes[0] == "a rim."
     assert "other." in notes

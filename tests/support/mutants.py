@@ -32,7 +32,9 @@ GROUPS = {
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
         "inverse/forward/rendered inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/starts inverse/unknowns/constraints "
-        "inverse/unknowns/parameters texels/linear_systems texels/descent texels/normal_equations texels/region_exponents texels/geometry"
+        "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
+        "inverse/starting inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
+        "texels/region_exponents texels/geometry"
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
