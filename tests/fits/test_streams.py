@@ -72,7 +72,7 @@ def test_a_fit_that_is_stopped_again_and_again_ends_in_the_same_bits(views, by_t
     np.testing.assert_array_equal(again.values, found.values)
     brighter = [dataclasses.replace(view, image=1.01 * view.image) for view in views]
     for problem, free in ((views, ("k_s",)), (brighter, FREE), (views[1:], FREE)):
-        with pytest.raises(ValueError, match="run holds the checkpoint of another run.*another folder"):
+        with pytest.raises(ValueError, match=r"run holds the checkpoint of another run.*another folder"):
             ds.fit(scene, problem, free=free, checkpoint=folder)
 
 
