@@ -1,5 +1,7 @@
 """Lights: the light that arrives at a point. Lights do not depend on materials."""
 
+from __future__ import annotations
+
 import abc
 from typing import Any, NamedTuple
 
@@ -55,6 +57,20 @@ class AbstractLight(Checked):
     def is_local(self) -> bool:
         """Whether the light has a position, so that it needs the position of the point it illuminates."""
 
+    @property
+    def is_factored(self) -> bool:
+        """Whether what arrives is I_l f_rad f_ang, f_rad that of its `attenuation` or 1, and f_ang that of its path."""
+        return False
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """The names of the fields that say where the light is, first, and where it points; none if nothing is known."""
+        return ()
+
+    def bare(self) -> AbstractEmitter:
+        """Return an emitter of unit intensity in the same place that nothing attenuates; for an area, its middle."""
+        raise NotImplementedError  # a scene refuses a light that is neither an emitter nor an area of them
+
 
 class AbstractEmitter(AbstractLight):
     """A light that reaches each point from one direction."""
@@ -80,6 +96,29 @@ class AbstractEmitter(AbstractLight):
         Returns:
             The unit direction l from the point to the light, and the RGB intensity f_rad f_ang I_l there.
         """
+
+    def bare(self) -> AbstractEmitter:
+        """Return an emitter of unit intensity whose light comes from the same directions."""
+        return BareLight(self)
+
+
+class BareLight(AbstractEmitter):
+    """A light of unit intensity that nothing attenuates, whose light comes from where another's does."""
+
+    light: AbstractEmitter
+
+    @property
+    def is_local(self) -> bool:
+        """As the other."""
+        return self.light.is_local
+
+    def path(self, p: Vec3 | None) -> Path:
+        """As the other."""
+        return self.light.path(p)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and 1."""
+        return self.path(p).l, Vec3.of(np.ones(3))
 
 
 class PointLight(AbstractEmitter):
@@ -111,6 +150,20 @@ class PointLight(AbstractEmitter):
     def is_local(self) -> bool:
         """True."""
         return True
+
+    @property
+    def is_factored(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its position."""
+        return ("position",)
+
+    def bare(self) -> AbstractEmitter:
+        """Return a point light there of intensity 1, not attenuated."""
+        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d and d."""
@@ -152,6 +205,20 @@ class DirectionalLight(AbstractEmitter):
     def is_local(self) -> bool:
         """False."""
         return False
+
+    @property
+    def is_factored(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its direction."""
+        return ("direction",)
+
+    def bare(self) -> AbstractEmitter:
+        """Return a directional light of intensity 1, not attenuated."""
+        return DirectionalLight(self.direction)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = -direction/|direction|, the same at every point."""
@@ -206,6 +273,20 @@ class SpotLight(AbstractEmitter):
     def is_local(self) -> bool:
         """True."""
         return True
+
+    @property
+    def is_factored(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its position and direction."""
+        return ("position", "direction")
+
+    def bare(self) -> AbstractEmitter:
+        """Return a point light there of intensity 1, not attenuated."""
+        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d, d and f_ang(phi), with cos phi = -l . direction."""
@@ -274,6 +355,10 @@ class AreaLight(AbstractLight):
     def is_local(self) -> bool:
         """True."""
         return True
+
+    def bare(self) -> AbstractEmitter:
+        """Return a point light in the middle, of intensity 1, not attenuated."""
+        return PointLight(self.corner + 0.5 * (self.edge_u + self.edge_v))
 
     def emitters(self) -> SpotLight:
         """Return the emitters as a stack: a light whose leaves have a leading axis.

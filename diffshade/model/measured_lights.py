@@ -24,7 +24,7 @@ from ..core.fields import (
     parameter,
 )
 from .attenuation import RadialAttenuation
-from .lights import AbstractEmitter, Path, along_one_line, check_direction
+from .lights import AbstractEmitter, Path, PointLight, along_one_line, check_direction
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
 BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
@@ -167,6 +167,20 @@ class MeasuredLight(AbstractEmitter):
     def is_local(self) -> bool:
         """True."""
         return True
+
+    @property
+    def is_factored(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its position."""
+        return ("position",)
+
+    def bare(self) -> AbstractEmitter:
+        """Return a point light there of intensity 1, not attenuated."""
+        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d, d and profile(gamma, C) in the direction from the lamp to p."""

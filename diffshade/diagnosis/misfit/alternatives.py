@@ -21,8 +21,6 @@ from ...inverse.statistics.uncertainty import inverse
 from ...inverse.unknowns.parameters import find_unknowns
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import Unknown, values_at
-from ...model.lights import DirectionalLight, PointLight, SpotLight
-from ...model.measured_lights import MeasuredLight
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which alternatives are judged
 EXPOSURE_WIDTH = 1.0  # prior width of an exposure over its value: fixes the gauge, too wide to affect what is visible
@@ -130,7 +128,7 @@ class Alternatives:
         return self._towards(light, np.asarray(_place(fit, light), np.float64))
 
     def _towards(self, light: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-        towards = -place if isinstance(self.given.scene.lights[light], DirectionalLight) else place - self.center
+        towards = place - self.center if self.given.scene.lights[light].is_local else -place
         return towards / np.linalg.norm(towards)
 
     def _effect(self, state: State, key: Key, values: np.ndarray) -> float:
@@ -191,17 +189,14 @@ def _paths(fit: Fit) -> list[tuple[str, Key]]:
     """Return what can be freed: its path and its key."""
     found: list[tuple[str, Key]] = [(f"views.{i}.exposure", ("exposure", i)) for i in range(len(fit.views))]
     for i, light in enumerate(fit.scene.lights):
-        if isinstance(light, DirectionalLight):
-            found.append((f"lights.{i}.direction", ("light", i)))
-        elif isinstance(light, PointLight | SpotLight | MeasuredLight):
-            found.append((f"lights.{i}.position", ("light", i)))
+        if light.placement:
+            found.append((f"lights.{i}.{light.placement[0]}", ("light", i)))
     return found
 
 
 def _place(fit: Fit, light: int) -> np.ndarray:
     lamp = fit.scene.lights[light]
-    assert isinstance(lamp, DirectionalLight | PointLight | SpotLight | MeasuredLight)
-    return np.asarray(lamp.direction if isinstance(lamp, DirectionalLight) else lamp.position)
+    return np.asarray(getattr(lamp, lamp.placement[0]))
 
 
 def _degrees(one: np.ndarray, other: np.ndarray) -> float:

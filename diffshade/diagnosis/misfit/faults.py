@@ -16,9 +16,7 @@ from ...inverse.forward.rounding import sawtooth
 from ...inverse.refits import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
-from ...model.lights import DirectionalLight, PointLight, SpotLight
 from ...model.materials import Blinn, Phong
-from ...model.measured_lights import MeasuredLight
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
@@ -162,16 +160,9 @@ def _spheres(fit: Fit) -> list[list[str]]:
 
 
 def _lights(fit: Fit) -> list[list[str]]:
-    """Return the position and the direction of each light."""
-    found = []
-    for i, light in enumerate(fit.scene.lights):
-        if isinstance(light, DirectionalLight):
-            found.append([f"lights.{i}.direction"])
-        elif isinstance(light, SpotLight):
-            found.append([f"lights.{i}.position", f"lights.{i}.direction"])
-        elif isinstance(light, PointLight | MeasuredLight):
-            found.append([f"lights.{i}.position"])
-    return found
+    """Return the paths of where each light is, and where it points."""
+    lights = enumerate(fit.scene.lights)
+    return [[f"lights.{i}.{name}" for name in light.placement] for i, light in lights if light.placement]
 
 
 def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, int], np.ndarray]:

@@ -12,12 +12,9 @@ from scipy import ndimage
 
 from ...core.progress import ReportProgress
 from ...core.words import Note
-from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, DirectionalLight, Path, PointLight, SpotLight
 from ...model.materials import Material
-from ...model.measured_lights import MeasuredLight
 from ...model.rendering import render
 from ...model.scenes import Scene
-from ...model.vectors import Vec3
 from ..data.views import View, lights_on
 from ..refits import LaidOutFit, Masks, refit, samples_of
 from ..result import Fit
@@ -113,41 +110,10 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     )
     nearest = np.full(view.camera.shape, -1.0)
     for i in lights_on(scene, view):
-        alone = eqx.tree_at(lambda s: s.lights, plain, (_bare(scene.lights[i]),))
+        alone = eqx.tree_at(lambda s: s.lights, plain, (scene.lights[i].bare(),))
         cosine = np.asarray(render(alone, view.camera)).max(-1)
         nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
     return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
-
-
-class _Bare(AbstractEmitter):
-    """A light of unit intensity that nothing fades, whose light comes from where another's does."""
-
-    light: AbstractEmitter
-
-    @property
-    def is_local(self) -> bool:
-        """As the other."""
-        return self.light.is_local
-
-    def path(self, p: Vec3 | None) -> Path:
-        """As the other."""
-        return self.light.path(p)
-
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l and 1."""
-        return self.path(p).l, Vec3.of(np.ones(3))
-
-
-def _bare(light: AbstractLight) -> AbstractEmitter:
-    """Return a light of unit intensity in the same place that nothing fades; the usual ones share their programs."""
-    if isinstance(light, DirectionalLight):
-        return DirectionalLight(light.direction)
-    if isinstance(light, AreaLight):
-        return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
-    if isinstance(light, PointLight | SpotLight | MeasuredLight):
-        return PointLight(light.position)
-    assert isinstance(light, AbstractEmitter)  # as a scene's lights are
-    return _Bare(light)
 
 
 def refits(

@@ -23,9 +23,7 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.fresnel import NoFresnel
-from ...model.lights import DirectionalLight, PointLight, SpotLight
 from ...model.materials import EXPONENT_RANGE, Material
-from ...model.measured_lights import MeasuredLight
 from ...model.scenes import Scene
 from ...model.vectors import Vec3, dot
 from ..data.views import View, lights_on
@@ -245,7 +243,7 @@ def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
-        and all(isinstance(light, PointLight | DirectionalLight | SpotLight | MeasuredLight) for light in scene.lights)
+        and all(light.is_factored for light in scene.lights)
     )
 
 
@@ -271,7 +269,7 @@ def _lamps(scene: Any, lit: Any) -> Lamps:
             continue
         intensity.append(stack.intensity[index] * on[..., None])
         ones = jnp.ones(index.shape)
-        if isinstance(stack, DirectionalLight):
+        if not stack.is_local:
             fade.append(jnp.stack([ones, 0.0 * ones, 0.0 * ones], -1))
             clamp.append(0.0 * ones)
         else:
@@ -289,8 +287,6 @@ def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fie
     """Compute the fields of a chunk's pixels, one block after another."""
     scene = setting.setup.scene
     material: Material = scene.objects[0].material
-    local = any(not isinstance(stack, DirectionalLight) for stack in scene.lights)
-    spots = any(isinstance(stack, SpotLight | MeasuredLight) for stack in scene.lights)
 
     def of_block(block: tuple) -> Fields:
         pixels, view, counts = block
@@ -300,10 +296,12 @@ def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fie
         hit = surface.intersect(rays)
         v = projection.viewer(hit.p)
         rows: list[tuple] = []
+        local = angular = False
         for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
             for k in range(index.shape[1]):
                 light = jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack)
                 l, d, f_ang = light.path(hit.p)
+                local, angular = local or d is not None, angular or f_ang is not None
                 l = l + Vec3(*(jnp.zeros_like(hit.n.x) for _ in range(3)))
                 n_l, cosine = dot(hit.n, l), material.lobe.cosine(hit.n, l, v)
                 lit = (n_l > 0) & counts
@@ -317,6 +315,6 @@ def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fie
             none = jnp.zeros((0, *counts.shape))
             return Fields(counts, none, none, None, None)
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*rows, strict=True))
-        return Fields(counts, diffuse, log, d if local else None, f_ang if spots else None)
+        return Fields(counts, diffuse, log, d if local else None, f_ang if angular else None)
 
     return jax.lax.map(of_block, (pixels, view, counts))

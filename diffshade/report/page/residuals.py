@@ -15,7 +15,7 @@ from ...core.progress import ReportProgress
 from ...inverse.data.views import View, lights_on
 from ...inverse.result import Fit, Prediction
 from ...model.cameras import AbstractCamera
-from ...model.lights import AbstractEmitter, AbstractLight, AreaLight, PointLight
+from ...model.lights import AbstractEmitter
 from ...model.rendering import visible_points
 from ...model.vectors import Vec3, dot, reflect
 
@@ -78,7 +78,7 @@ def _angles(fit: Fit, view: View, pixels: Int[np.ndarray, " m"]) -> list[Float[n
     n, p = (None if of is None else Vec3.of(np.asarray(of).reshape(-1, 3)) for of in (normals, positions))
     n_l, v_r = np.full(len(pixels), -1.0), np.full(len(pixels), -1.0)
     for i in lights_on(fit.scene, view):
-        found = _cosines(_one_emitter(fit.scene.lights[i]), view.camera, n, p)
+        found = _cosines(fit.scene.lights[i].bare(), view.camera, n, p)
         here, mirror = (np.asarray(cosine)[pixels] for cosine in found)
         n_l, v_r = np.maximum(n_l, here), np.maximum(v_r, np.where(here > 0, mirror, -1.0))
     degrees = [np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))) for cosine in (n_l, v_r)]
@@ -90,14 +90,6 @@ def _cosines(light: AbstractEmitter, camera: AbstractCamera, n: Vec3, p: Vec3 | 
     """Return n.l and v.r."""
     l, v = light.path(p).l, camera.projection().viewer(p)
     return dot(n, l), dot(v, reflect(l, n))
-
-
-def _one_emitter(light: AbstractLight) -> AbstractEmitter:
-    """Return a light that reaches a point from one direction; an area light is replaced by its centre."""
-    if isinstance(light, AreaLight):
-        return PointLight(light.corner + 0.5 * (light.edge_u + light.edge_v))
-    assert isinstance(light, AbstractEmitter)
-    return light
 
 
 def curve(residuals: Residuals, angles: Float[np.ndarray, " n"], *, power: float = 1.0) -> Curve | None:
