@@ -124,7 +124,7 @@ class Parameter:
 
 
 def parameter(
-    role: str = "", *, lower: float | None = None, upper: float | None = None, **of_fit: Any
+    role: str = "", *, lower: float | int | None = None, upper: float | int | None = None, **of_fit: Any
 ) -> dict[str, Any]:
     """Return the metadata of a field that can be free.
 

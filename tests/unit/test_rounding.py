@@ -1,15 +1,16 @@
 """Rounding: which steps a file has, and what they make a fit's numbers vary by, beside rounding itself."""
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.inverse.forward.interface import AbstractForwardModel
 from diffshade.inverse.forward.losses import Likelihood
 from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_steps, no_rounding
 from diffshade.inverse.forward.sums import waves
@@ -78,14 +79,43 @@ def test_steps_are_those_of_the_samples_that_count():
 # --- what they do
 
 
+class Stand(eqx.Module):
+    """What `waves` asks of a setting."""
+
+    grey: Any
+    rounding: Rounding
+
+
+class Linear(AbstractForwardModel):
+    """Views that show J theta, where `Block.points` is J."""
+
+    setting: Any
+    likelihood: Likelihood
+
+    @property
+    def projects(self) -> bool:
+        return False
+
+    @property
+    def transparent(self) -> bool:
+        return False
+
+    def fields(self, pixels: Any, view: Any, counts: Any) -> Any:
+        return pixels
+
+    def predict(self, theta: Any, block: Block) -> Any:
+        return (block.points @ theta,)
+
+    def summary(self, theta: Any, chunk: Block) -> Any:
+        raise NotImplementedError
+
+    def gram(self, theta: Any, summary: Any) -> Any:
+        raise NotImplementedError
+
+
 @jax.jit
 def _waves(J: Any, theta: Any, rounding: Rounding) -> Any:
-    model: Any = SimpleNamespace(
-        setting=SimpleNamespace(grey=jnp.zeros(len(J)), rounding=rounding),
-        likelihood=Likelihood(jnp.asarray(1.0)),
-        predict=lambda theta, block: (block.points @ theta,),
-        measured_weights=lambda block: block.observed.weight,
-    )
+    model = Linear(Stand(jnp.zeros(len(J)), rounding), Likelihood(jnp.asarray(1.0)))
     seen = Observed(jnp.zeros((len(J), 1, J.shape[1])), jnp.ones((len(J), 1, J.shape[1])), None)
     return waves(theta, model, Block(jnp.arange(len(J)), J, seen))
 
