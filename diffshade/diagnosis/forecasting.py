@@ -14,7 +14,6 @@ from ..core.backend import in_float64
 from ..inverse.data.views import Noise, View, is_grey, photograph
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
-from ..inverse.forward.sums import sum_of_squares
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
 from ..inverse.running import samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
@@ -25,7 +24,6 @@ from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import values_in
 from ..inverse.unknowns.unknown import coordinates
 from ..model.scenes import Scene
-from ..parallel.threads import on_all_cores
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +102,7 @@ def forecast(
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         chunks = problem.chunks()
-        squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), chunks))) or 1.0
+        squares = problem.sum_of_squares(chunks)
         start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0)
         laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)

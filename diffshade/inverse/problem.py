@@ -8,7 +8,7 @@ minimised.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -35,7 +35,7 @@ from .forward.losses import Likelihood
 from .forward.rendered import RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
-from .forward.sums import spread, waves
+from .forward.sums import spread, sum_of_squares, waves
 from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
@@ -76,7 +76,7 @@ class FitProblem:
     @property
     def homoscedastic(self) -> bool:
         """Whether the noise is the same at every level of a view."""
-        return all(view.noise is None or view.noise.is_uniform for view in self.views)
+        return _homoscedastic(self.views)
 
     @property
     def grey(self) -> bool:
@@ -139,6 +139,10 @@ class FitProblem:
             return laid
         return on_all_cores(lambda chunk: weigh(jnp.asarray(theta), self.model, chunk), laid)
 
+    def sum_of_squares(self, chunks: Sequence[Block]) -> float:
+        """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
+        return float(np.sum(on_all_cores(lambda chunk: sum_of_squares(self.model, chunk), chunks))) or 1.0
+
     def priors(self, squares: float) -> PriorResiduals:
         """Return what is known of the unknowns beside the views; `squares` is the sum of squares of the images."""
         known = [(j, *u.prior) for j, u in enumerate(self.unknowns) if u.prior is not None]
@@ -181,8 +185,7 @@ def fit_problem(
     likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
     model: AbstractForwardModel = RenderedModel(setting, likelihood, steepest(unknowns))
     if has_features(scene, views, unknowns) and not rendered:
-        homoscedastic = all(view.noise is None or view.noise.is_uniform for view in views)
-        shared = loss == "squares" and not counts.clipped and homoscedastic
+        shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
         model = feature_model(setting, likelihood, unknowns, shared=shared, grey=all(map(is_grey, views)))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
     box = Box(lower, upper, np.array([u.is_linear for u in unknowns]))
@@ -209,6 +212,11 @@ class Start:
         """Return all numbers, for a checkpoint and for other processes."""
         known = self.sigma, self.squares, self.step_variance
         return np.array([*self.theta, *known, *np.asarray(self.rounding.step), *np.asarray(self.rounding.srgb)])
+
+    @staticmethod
+    def zeros(problem: FitProblem) -> Float[np.ndarray, " n"]:
+        """Return an array of the length of a start's, for a process that is told where to begin."""
+        return np.zeros(len(problem.unknowns) + 3 + 2 * len(problem.views))
 
     @staticmethod
     def from_array(numbers: Float[np.ndarray, " n"], views: int) -> Start:
@@ -296,9 +304,10 @@ def lay_out_all(
     if not isinstance(problem.samples, Tiles):
         all_chunks = part if problem.counts.pixels <= PART else settled.chunks()
         return LaidOutProblem(settled, start, settled.reweigh(start.theta, all_chunks), squares)
-    gather: Callable[[list, int | None], Block] = lambda parts, length: settled.gather(  # noqa: E731
-        parts, settled.block_size, length
-    )
+
+    def gather(parts: list, length: int | None) -> Block:
+        return settled.gather(parts, settled.block_size, length)
+
     tiles = StreamingReduction(
         problem.samples,
         gather,
@@ -311,6 +320,10 @@ def lay_out_all(
         report_progress=report_progress,
     )
     return LaidOutProblem(settled, start, tiles, squares)
+
+
+def _homoscedastic(views: Sequence[View]) -> bool:
+    return all(view.noise is None or view.noise.is_uniform for view in views)
 
 
 def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -> float:

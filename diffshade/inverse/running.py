@@ -58,7 +58,7 @@ def solve(
     kept = Checkpoint(None, "") if checkpoint is None else checkpoint
 
     def begin() -> list[np.ndarray]:
-        numbers = np.zeros(len(problem.unknowns) + 3 + 2 * len(problem.views))
+        numbers = Start.zeros(problem)
         if device_group is None or device_group.first:
             part.extend(problem.chunks(PART))
             numbers = find_start(problem, part, from_scene=from_scene, report_progress=report_progress).to_array()

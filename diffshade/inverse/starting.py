@@ -16,7 +16,7 @@ from .forward.layout import without_clipped
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.rounding import find_rounding
-from .forward.sums import residuals, sum_of_squares, variance_of_steps
+from .forward.sums import residuals, variance_of_steps
 from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.solvers import minimise
@@ -37,7 +37,7 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
         report_progress: Reports progress.
     """
     measured = on_all_cores(without_clipped, part) if problem.clips else part
-    squares = float(np.sum(on_all_cores(lambda chunk: sum_of_squares(problem.model, chunk), measured))) or 1.0
+    squares = problem.sum_of_squares(measured)
     theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
     if not from_scene:
         theta = _search(problem, measured, squares, report_progress)

@@ -64,10 +64,8 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     found, spread = _values_at(end, unknowns), laid.spread(end)
     rounded = laid.rounded(end, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
-    evidence, groups = _evidence(laid, end, found, slope, spread, rounded)
-    everything = evidence.hessian.sum(0) + evidence.known_hessian
-    zero, directions = null_directions(everything)
-    regular = evidence.determined
+    evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
+    everything, regular = evidence.total, evidence.determined
     fitted, seen = put_back(scene, views, unknowns, found.values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
     # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held
@@ -76,7 +74,8 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     which = _clusters_in_words(groups, problem.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
-    errors = evidence.plain_errors() if forecast else clusters.wide_errors()
+    plain_errors = evidence.plain_errors()
+    errors = plain_errors if forecast else clusters.wide_errors()
     lost, small = (mask & regular for mask in vague(unknowns, found.values, errors, scales))
     known = ~evidence.at_bound & regular
     weak = weak_directions(everything[np.ix_(known, known)])
@@ -100,7 +99,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         unknowns=tuple(unknowns),
         values=found.values,
         errors=errors,
-        plain_errors=evidence.plain_errors(),
+        plain_errors=plain_errors,
         covariance=_covariance(evidence, known),
         determined=regular & ~lost,
         at_bound=found.at_bound,
@@ -147,8 +146,8 @@ def _evidence(
     slope: Vector,
     spread: Float[np.ndarray, "5"],
     rounded: Rounded | None,
-) -> tuple[Evidence, list[list[int]]]:
-    """Return what errors are made of, in the unknowns' own units, and the views of each cluster."""
+) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
+    """Return what errors are made of, in the unknowns' own units, the views of each cluster, and what is singular."""
     problem, point, prior = laid.problem, end.point.views, laid.prior_gram(end)
     H, g = np.asarray(point.hessian) * np.outer(slope, slope), np.asarray(point.gradient) * slope
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
@@ -164,7 +163,7 @@ def _evidence(
         waves = slope[:, None] * rounded.waves
         waves = np.array([waves[group].sum(0) for group in groups])
         evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
-    return evidence, groups
+    return evidence, groups, (zero, directions)
 
 
 def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:

@@ -121,7 +121,32 @@ class BareLight(AbstractEmitter):
         return self.path(p).l, Vec3.of(np.ones(3))
 
 
-class PointLight(AbstractEmitter):
+class AbstractLamp(AbstractEmitter):
+    """An emitter with a position, whose intensity is attenuated with distance and perhaps with the angle."""
+
+    position: eqx.AbstractVar[Vector]
+
+    @property
+    def is_local(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def is_factored(self) -> bool:
+        """True."""
+        return True
+
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its position."""
+        return ("position",)
+
+    def bare(self) -> AbstractEmitter:
+        """Return a point light there of intensity 1, not attenuated."""
+        return PointLight(self.position)
+
+
+class PointLight(AbstractLamp):
     r"""A light at a position that shines equally in all directions, attenuated with distance (E2).
 
     $$ l = (position - p) / d, \qquad f_{rad}(d) I_l $$
@@ -145,25 +170,6 @@ class PointLight(AbstractEmitter):
 
     def check_together(self) -> None:
         check_kind("PointLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
-
-    @property
-    def is_local(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def is_factored(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def placement(self) -> tuple[str, ...]:
-        """Its position."""
-        return ("position",)
-
-    def bare(self) -> AbstractEmitter:
-        """Return a point light there of intensity 1, not attenuated."""
-        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d and d."""
@@ -229,7 +235,7 @@ class DirectionalLight(AbstractEmitter):
         return self.path(p).l, Vec3.of(self.intensity)
 
 
-class SpotLight(AbstractEmitter):
+class SpotLight(AbstractLamp):
     r"""A point light that shines into a cone around `direction`, attenuated with distance (E2, E3; Warn 1983).
 
     $$ f_{ang} = \cos^a \phi \; S(\cos\phi) \text{ where } \phi \le cutoff, \text{ else } 0 $$
@@ -270,23 +276,9 @@ class SpotLight(AbstractEmitter):
             )
 
     @property
-    def is_local(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def is_factored(self) -> bool:
-        """True."""
-        return True
-
-    @property
     def placement(self) -> tuple[str, ...]:
         """Its position and direction."""
         return ("position", "direction")
-
-    def bare(self) -> AbstractEmitter:
-        """Return a point light there of intensity 1, not attenuated."""
-        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d, d and f_ang(phi), with cos phi = -l . direction."""

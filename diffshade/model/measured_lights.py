@@ -24,7 +24,7 @@ from ..core.fields import (
     parameter,
 )
 from .attenuation import RadialAttenuation
-from .lights import AbstractEmitter, Path, PointLight, along_one_line, check_direction
+from .lights import AbstractLamp, Path, along_one_line, check_direction
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
 BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
@@ -120,7 +120,7 @@ class Profile(Checked):
         return jnp.where(pole[None], jnp.mean(once, 0, keepdims=True), values)
 
 
-class MeasuredLight(AbstractEmitter):
+class MeasuredLight(AbstractLamp):
     r"""A point light with a measured beam, `profile`, around `direction`, attenuated with distance (E2).
 
     $$ f_{rad}(d) \, profile(\gamma, C) \, I_l $$
@@ -162,25 +162,6 @@ class MeasuredLight(AbstractEmitter):
                 f"MeasuredLight.side must not be along direction; got {in_short(self.side)} with direction "
                 f"{in_short(self.direction)}. Give the side to which the plane C = 0 points."
             )
-
-    @property
-    def is_local(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def is_factored(self) -> bool:
-        """True."""
-        return True
-
-    @property
-    def placement(self) -> tuple[str, ...]:
-        """Its position."""
-        return ("position",)
-
-    def bare(self) -> AbstractEmitter:
-        """Return a point light there of intensity 1, not attenuated."""
-        return PointLight(self.position)
 
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d, d and profile(gamma, C) in the direction from the lamp to p."""

@@ -21,7 +21,6 @@ from synthetic import (
 import diffshade as ds
 from diffshade.inverse.forward.gram import Gram, Point
 from diffshade.inverse.forward.interface import AbstractForwardModel
-from diffshade.inverse.forward.sums import sum_of_squares
 from diffshade.inverse.pixels.blocks import Block
 from diffshade.inverse.problem import FitProblem, fit_problem
 from diffshade.inverse.running import samples_for
@@ -61,7 +60,7 @@ def three_views(
         for form in (rendered, True)
     )
     chunks, (chunk,) = fast.chunks(), generic.chunks()
-    squares = float(sum(np.asarray(sum_of_squares(fast.model, of)) for of in chunks))
+    squares = fast.sum_of_squares(chunks)
     ends = (
         coordinates(np.array([getattr(u, name) for u in unknowns]), unknowns) for name in ("start", "lower", "upper")
     )
