@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from ..inverse.data.views import View
 from ..model.materials import EXPONENT_RANGE
@@ -158,7 +158,7 @@ class TexelRun:
     def lights_of(self, sample: TexelTile) -> LightDistribution:
         """Return how the lights of some texels are distributed."""
 
-        def program(block: TexelBlock) -> Float[Array, "3 3 texels"]:
+        def program(block: TexelBlock) -> Float[np.ndarray, "3 3 texels"]:
             return scatter_of_block(self.setup, block, "k_a" in self.options.free)
 
         pieces = self.tiles.reader.pieces(sample, self._log_n_s_of(sample))
@@ -195,10 +195,10 @@ class TexelRun:
     def _residual_sizes(self, tile: TexelTile, options: FitOptions, sigma: float) -> Float[np.ndarray, " observations"]:
         """Return the size of the residual of each observation of a tile that counts."""
 
-        def program(block: TexelBlock) -> Float[Array, "views texels"]:
+        def program(block: TexelBlock) -> Float[np.ndarray, "views texels"]:
             return residual_sizes(self.setup, self.known, block, np.asarray(sigma), np.asarray(MORE_STEPS), options)
 
-        def of_piece(piece: Piece) -> np.ndarray:
+        def of_piece(piece: Piece) -> Float[np.ndarray, " observations"]:
             return self.tiles.evaluate(program, piece)[tile.counts[:, piece.part]]
 
         found = self.tiles.on_pieces(of_piece, self.tiles.reader.pieces(tile, self._log_n_s_of(tile)))
