@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -31,19 +32,20 @@ def dome(fit: ds.Fit) -> list[ds.Shot]:
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
     frame = axes(project(camera))
-    if isinstance(light, ds.DirectionalLight):
+    if light.placement == ("direction",):
         return [
-            ds.Shot(light=ds.DirectionalLight(-towards, light.intensity), name=name)
+            ds.Shot(light=dataclasses.replace(light, direction=-towards), name=name)
             for name, towards in _directions(DISTANT, frame)
         ]
-    if not isinstance(light, ds.PointLight):
+    if light.placement != ("position",):
         return []
     center = center_of(fit.scene.objects, camera)
-    own = [np.linalg.norm(other.position - center) for other in fit.scene.lights if isinstance(other, ds.PointLight)]
+    lamps = [other.position for other in fit.scene.lights if other.placement == ("position",)]
+    usual = np.median([np.linalg.norm(position - center) for position in lamps])
     shots = []
     for name, towards in _directions(NEAR, frame):
-        for far in np.median(own) * np.array(DISTANCES):
-            lamp = ds.PointLight(center + far * towards, light.intensity, light.attenuation)
+        for far in usual * np.array(DISTANCES):
+            lamp = dataclasses.replace(light, position=center + far * towards)
             shots.append(ds.Shot(light=lamp, name=f"{name}, {far:.3g} away"))
     return shots
 

@@ -167,7 +167,7 @@ def survey_tiles(
     again = repeats(scene, views)
     tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "exclude")
     ends = tiles.settle(surveyed(tiles, kept, device_group, report_progress))
-    counts = count_samples(views, len(views) - len(again), tiles.pixels, *ends)
+    counts = count_samples(views, again, tiles.pixels, *ends)
     check_enough(counts, len(unknowns), tiles.brightest.tolist())
     return tiles, counts
 

@@ -130,11 +130,7 @@ def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Coun
         s if kept is None else eqx.tree_at(lambda x: x.pixels, s, s.pixels[kept.reshape(-1)[s.pixels]])
         for s, kept in zip(samples, keep, strict=True)
     ]
-    pixels = sum(len(s.pixels) for s in samples)
-    number = sum(len(s.pixels) * s.photograph.shape[2] for s in samples)
-    clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
-    views = sum(len(s.pixels) > 0 for s in samples)
-    return samples, Counts(views, pixels, number, clipped, counts.left_out)
+    return samples, counts.of(samples)
 
 
 def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:

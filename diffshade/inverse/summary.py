@@ -88,7 +88,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
-        *([] if forecast else repeated(scene, views)),
+        *repeated(problem.counts.repeats),
         *_clipped(problem.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),

@@ -163,6 +163,11 @@ class MeasuredLight(AbstractLamp):
                 f"{in_short(self.direction)}. Give the side to which the plane C = 0 points."
             )
 
+    @property
+    def placement(self) -> tuple[str, ...]:
+        """Its position and direction."""
+        return ("position", "direction")
+
     def path(self, p: Vec3 | None) -> Path:
         """Return l = (position - p)/d, d and profile(gamma, C) in the direction from the lamp to p."""
         assert p is not None

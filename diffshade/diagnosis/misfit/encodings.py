@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import Counts, Samples
+from ...inverse.data.samples import Samples
 from ...inverse.data.views import View, photograph
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
@@ -80,14 +80,12 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
     changed = [_through(to, s) for s in samples]
     views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
     unknowns = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    pixels = sum(len(s.pixels) for s in samples)
-    clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
     problem = fit_problem(
         fit.scene,
         views,
         unknowns,
         changed,
-        Counts(counts.views, pixels, counts.samples, clipped, 0),
+        counts.of(samples),
         fit.likelihood.loss,
         "hinge" if fit.clipped == "tobit" else fit.clipped,
     )

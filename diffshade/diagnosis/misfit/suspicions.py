@@ -12,7 +12,6 @@ from ...core.backend import in_float64
 from ...core.words import listing
 from ...inverse.checks.outlines import said, wrong_outline
 from ...inverse.result import Fit
-from ...model.lights import DirectionalLight
 from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Explanation, MisfitSearch, matters, union
@@ -158,8 +157,9 @@ def _describe_exposure(search: MisfitSearch, end: State, found: Explanation) -> 
 def _describe_light(search: MisfitSearch, end: State, found: Explanation) -> Suspicion:
     assert found.key is not None
     i, views = found.key[1], search.alternatives.views_of(found.key)
-    what = "direction" if isinstance(search.fit.scene.lights[i], DirectionalLight) else "position"
-    place = ", ".join(f"{x:.3g}" for x in np.asarray(getattr(end.fit.scene.lights[i], what)))
+    light = end.fit.scene.lights[i]
+    what = light.placement[0]
+    place = ", ".join(f"{x:.3g}" for x in np.asarray(getattr(light, what)))
     sentence = (
         f"lights.{i} is {search.alternatives.effect(end, found.key):.2g} degrees off as seen from the surface, by the "
         f"shading in {_views(views)}, which explains {found.own_share:.0%} of the residuals there. Measure it again, "

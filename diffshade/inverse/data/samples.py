@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import numpy as np
@@ -64,6 +64,15 @@ class Counts(eqx.Module):
     """Samples at an end of the sensor's range, which say only that the truth is beyond it."""
     left_out: int
     """Samples at an end of the sensor's range that were left out, with their pixels."""
+    repeats: tuple[tuple[int, int], ...] = ()
+    """The views that are an earlier one again, which is counted once, and which one."""
+
+    def of(self, samples: Sequence[Samples]) -> Counts:
+        """Return the counts of other samples of the same views, of which fewer may be left."""
+        pixels = [len(s.pixels) for s in samples]
+        number = sum(n * s.photograph.shape[2] for n, s in zip(pixels, samples, strict=True))
+        clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
+        return Counts(sum(n > 0 for n in pixels), sum(pixels), number, clipped, self.left_out, self.repeats)
 
 
 def collect_samples(
@@ -95,15 +104,17 @@ def collect_samples(
             found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
         samples.append(found)
     kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)
-    counts = count_samples(views, len(views) - len(again), [len(s.pixels) for s in samples], kept, left)
+    counts = count_samples(views, again, [len(s.pixels) for s in samples], kept, left)
     check_enough(counts, unknowns, [s.brightest for s in samples])
     return samples, counts
 
 
-def count_samples(views: Sequence[View], taken: int, pixels: Sequence[int], clipped: int, left_out: int) -> Counts:
-    """Return the counts of a fit, given the pixels of each view that count."""
+def count_samples(
+    views: Sequence[View], again: Mapping[int, int], pixels: Sequence[int], clipped: int, left_out: int
+) -> Counts:
+    """Return the counts of a fit, given the views that repeat others and the pixels of each view that count."""
     number = sum(n * (1 if is_grey(view) else 3) for n, view in zip(pixels, views, strict=True))
-    return Counts(taken, sum(pixels), number, clipped, left_out)
+    return Counts(len(views) - len(again), sum(pixels), number, clipped, left_out, tuple(again.items()))
 
 
 def check_enough(counts: Counts, unknowns: int, brightest: Sequence[float]) -> None:

@@ -238,9 +238,8 @@ def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
     return [(one.mask, other.mask), (one.image, other.image)]
 
 
-def repeated(scene: Scene, views: Sequence[View]) -> list[Note]:
+def repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
     """Say which views are an earlier one again."""
-    pairs = list(repeats(scene, views).items())
     if not pairs:
         return []
     i, j = pairs[0]

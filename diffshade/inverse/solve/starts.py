@@ -16,7 +16,6 @@ from jaxtyping import Float
 from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...core.progress import ReportProgress
-from ...model.lights import SpotLight
 from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
@@ -179,7 +178,7 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
     free = {path for unknown in unknowns for path, _ in unknown.places}
     for i, light in enumerate(scene.lights):
         unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
-        if isinstance(light, SpotLight) and unseen and light.softness < EDGE:
+        if unseen and getattr(light, "softness", EDGE) < EDGE:
             scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
     return scene
 
