@@ -1,7 +1,7 @@
 """diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards."""
 
 from .calibration.calibrating import calibrate as calibrate
-from .calibration.outcome import Calibration as Calibration
+from .calibration.result import Calibration as Calibration
 from .diagnosis.examination import Examination as Examination
 from .diagnosis.examination import examine as examine
 from .diagnosis.forecasting import Forecast as Forecast
@@ -19,13 +19,13 @@ from .exchange.lamps.falloff import fit_falloff as fit_falloff
 from .exchange.lamps.lamp_files import SpotFit as SpotFit
 from .exchange.lamps.lamp_files import as_spot as as_spot
 from .exchange.lamps.lamp_files import read_lamp as read_lamp
+from .exchange.lobe_refits import Refit as Refit
+from .exchange.lobe_refits import with_lobe as with_lobe
 from .exchange.material_files import Exported as Exported
 from .exchange.material_files import read_lights as read_lights
 from .exchange.material_files import read_material as read_material
 from .exchange.material_files import read_materials as read_materials
 from .exchange.material_files import write_material as write_material
-from .exchange.refits import Refit as Refit
-from .exchange.refits import with_lobe as with_lobe
 from .inverse.data.photographs import read_photographs as read_photographs
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
@@ -80,6 +80,6 @@ from .parallel.devices import LostProcess as LostProcess
 from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
 from .report.lecture import write_figures as write_figures
-from .report.page import write_report as write_report
+from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
 from .texels.maps import TexelMaps as TexelMaps

@@ -18,8 +18,8 @@ from .balls import Ball, find_ball
 from .glossy import by_fit
 from .matte import by_shading
 from .mirror import by_mirrors
-from .outcome import Calibration, read_directions
 from .photographs import Photographs, gather
+from .result import Calibration, read_directions
 
 Vectors = Float[np.ndarray, "photographs 3"]
 

@@ -23,8 +23,8 @@ from ..model.scenes import Object, Scene
 from .balls import Ball, axes
 from .laws import find_lamps
 from .matte import Vectors, sample_ball
-from .outcome import Calibration, degrees, views_of
 from .photographs import Photographs
+from .result import Calibration, degrees, views_of
 
 FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
 MUCH_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
@@ -102,12 +102,12 @@ def _fit_ball(scene: Scene, views: Sequence[View], priors: Priors, *, start: str
     found = fit(scene, views, free=free, priors=priors, start=start)
     with in_float64(found) as own:
         clusters = find_clusters(own)
-    return BallFit(found, clusters, clusters.errors(), found.determined, np.zeros(len(views)))
+    return BallFit(found, clusters, clusters.standard_errors(), found.determined, np.zeros(len(views)))
 
 
 def _model_fails(clusters: Clusters) -> bool:
     """Whether the patches of the ball disagree more than noise explains."""
-    return bool(clusters.rejects_independence.any()) and clusters.scatter > MUCH_SCATTER
+    return bool(clusters.by_jackknife.any()) and clusters.scatter > MUCH_SCATTER
 
 
 def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: Priors, shaded: Vectors) -> BallFit:

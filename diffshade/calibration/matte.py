@@ -13,8 +13,8 @@ from ..model.materials import Material
 from ..model.scenes import Object, Scene
 from .balls import Ball
 from .laws import LAWS, Lamps, Shading, find_lamps
-from .outcome import Calibration, degrees, views_of
 from .photographs import Photographs
+from .result import Calibration, degrees, views_of
 
 Vectors = Float[np.ndarray, "photographs 3"]
 

@@ -12,8 +12,8 @@ from ..model.materials import Material
 from ..model.scenes import Object, Scene
 from .balls import Ball
 from .highlights import find_glint, find_position
-from .outcome import Calibration, views_of
 from .photographs import Photographs
+from .result import Calibration, views_of
 
 SECOND = 0.3  # a second highlight with more than this fraction of the brightest one's light is reported
 

@@ -10,7 +10,7 @@ import click
 
 from .domes import dome, place_of
 from .materials import check_out, put_material
-from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, with_lobe, with_options
+from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
 from .terminal import FILE, SETTINGS, Names, answer, as_json
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def report(typed: Options, out: Path, quick: bool, as_json: bool) -> None:
     """
     import diffshade as ds
 
-    from ..report.page import check_page
+    from ..report.page.writing import check_page
 
     check_page(out)
     source = typed.read()
@@ -149,7 +149,7 @@ def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fi
             )
             fits[name] = matte.fit(source, none)
             continue
-        scene = with_lobe(source.scene, name)
+        scene = swap_lobe(source.scene, name)
         same = known is not None and _lobes(known.scene) == _lobes(scene)
         fits[name] = known if known is not None and same else typed.fit(source, scene)
     with by_name(source.names):

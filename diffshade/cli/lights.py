@@ -41,8 +41,8 @@ def calibrate(
     """
     import diffshade as ds
 
-    from ..calibration.outcome import check_folder, read_directions
     from ..calibration.photographs import in_folder
+    from ..calibration.result import check_folder, read_directions
 
     if out is not None:
         check_folder(out)

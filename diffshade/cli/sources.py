@@ -57,9 +57,9 @@ class Encodings:
     @classmethod
     def of(cls, files: Iterable[Path], srgb: bool | None) -> Encodings:
         """Return the encodings of files that were read with `srgb`."""
-        from ..io.images import read_as
+        from ..io.images import encoding_of
 
-        return cls(tuple(read_as(file, srgb=srgb) for file in files), srgb is not None)
+        return cls(tuple(encoding_of(file, srgb=srgb) for file in files), srgb is not None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +118,7 @@ class Options:
         if self.noise is not None and not self.noise > 0:
             raise ValueError(f"--noise must be above 0; got {self.noise:g}. Leave it out if it is unknown.")
         found = self._of_folder(normals) if self.source.is_dir() else self._of_scene()
-        return found if self.lobe is None else replace(found, scene=with_lobe(found.scene, self.lobe))
+        return found if self.lobe is None else replace(found, scene=swap_lobe(found.scene, self.lobe))
 
     def fit(self, source: Source, scene: ds.Scene | None = None, **options: Any) -> ds.Fit:
         """Fit the free parameters to the photographs; error messages use the photographs' names."""
@@ -224,7 +224,7 @@ def with_options(*options: Callable[..., Any]) -> Callable[..., Any]:
     return wrap
 
 
-def with_lobe(scene: ds.Scene, lobe: str) -> ds.Scene:
+def swap_lobe(scene: ds.Scene, lobe: str) -> ds.Scene:
     """Return a scene whose materials have another lobe."""
     import equinox as eqx
 

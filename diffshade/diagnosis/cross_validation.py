@@ -15,8 +15,8 @@ from ..core.fields import Array
 from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece
-from ..inverse.refits import LaidOutFit
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
 from .patches import cut_in_patches, patch_width, residual_images

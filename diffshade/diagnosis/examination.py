@@ -11,12 +11,12 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.words import count, listing
-from ..inverse.checks.stability import Refit, dependence, left_out, refits
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
+from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
 from .intervals import Profile, intervals
 from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
@@ -41,7 +41,7 @@ class Examination:
     """For each unknown: the values at which its profile was evaluated, and their distances in errors by the cost."""
     determined: Bool[np.ndarray, " p"]
     """Whether a value is determined: by the fit, whichever data are included, and within a finite interval."""
-    refits: tuple[Refit, ...]
+    refits: tuple[FitWithout, ...]
     suspicions: tuple[Suspicion, ...]
     """Where the residuals contradict the scene description."""
     notes: tuple[str, ...]
@@ -107,7 +107,7 @@ def summarise(
     clusters: Clusters,
     found: Float[np.ndarray, "2 p 2"],
     profiles: tuple[Float[np.ndarray, "_ 2"], ...],
-    refitted: list[Refit],
+    refitted: list[FitWithout],
     unstable: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
     inflation: str = "",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.progress import ReportProgress, silent
-from ..inverse.refits import LaidOutFit
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
@@ -31,7 +31,7 @@ class Profile:
         self.fit, self.clusters = fit, clusters
         self.variance = clusters.rises()
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
-        self.errors = clusters.errors() / self.unit  # in the solver's coordinates
+        self.errors = clusters.standard_errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
         self.best = self.laid.cost()
         # A difference of costs is known to within the rounding of the sum of squares.

@@ -15,7 +15,7 @@ from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.words import listing
 from ..inverse.data.views import is_grey
-from ..inverse.refits import LaidOutFit
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.result import Fit
 from .cross_validation import Folds, Scores, cross_validate, make_folds
 

@@ -16,8 +16,8 @@ from ..inverse.data.views import setups
 from ..inverse.forward.gram import Gram
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.sums import waves
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.pixels.blocks import Block, Piece
-from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
 from ..inverse.unknowns.unknown import coordinate_slopes

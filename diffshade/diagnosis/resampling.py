@@ -9,7 +9,7 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..inverse.data.views import setups
-from ..inverse.refits import LaidOutFit
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.unknowns.unknown import values_at
 

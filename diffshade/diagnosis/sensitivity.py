@@ -16,8 +16,8 @@ from ..core.backend import SOONER, in_float64, jit_quickly
 from ..core.fields import Array, check_kind
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.rendered import costs
+from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.pixels.blocks import Block, total
-from ..inverse.refits import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
 from ..inverse.unknowns.names import everything

@@ -10,7 +10,7 @@ import numpy as np
 from ..core.fields import in_short
 from ..model.lights import AbstractLight
 from ..model.materials import Material
-from .refits import Refit
+from .lobe_refits import Refit
 
 
 class Draft(NamedTuple):

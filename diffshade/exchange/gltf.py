@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 from ..core.fields import in_short
 from ..model.materials import Material, Phong
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated
+from .lobe_refits import check_plain, named
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
-from .refits import check_plain, named
 
 F0 = 0.04  # for the refractive index 1.5 that glTF gives a dielectric
 ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible

@@ -14,8 +14,8 @@ import numpy as np
 from ..core.words import count
 from ..model.materials import Blinn, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain
+from .lobe_refits import with_lobe
 from .parsing import number, numbers, short
-from .refits import with_lobe
 
 HIGHEST = 1000.0
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}

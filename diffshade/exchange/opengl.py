@@ -15,8 +15,8 @@ from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.materials import Blinn, Material
 from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain
+from .lobe_refits import with_lobe
 from .parsing import NUMBER, number, short
-from .refits import with_lobe
 
 HIGHEST = 128.0
 LIGHTS = 8

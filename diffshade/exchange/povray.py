@@ -17,9 +17,9 @@ from scipy.optimize import minimize_scalar
 
 from ..model.materials import Blinn, Material, Phong
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated
+from .lobe_refits import named, with_lobe
 from .parsing import NUMBER, number, numbers, short
 from .reference import Cosines, Reference, differences, radiance, reference_of
-from .refits import named, with_lobe
 
 LEAST = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"

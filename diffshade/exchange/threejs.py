@@ -16,9 +16,9 @@ import numpy as np
 
 from ..model.materials import Blinn, Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated
+from .lobe_refits import EXPONENTS, Shape, check_plain, named
 from .parsing import NUMBER, number, short
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
-from .refits import EXPONENTS, Shape, check_plain, named
 from .srgb import from_hex, to_hex
 
 _COLOUR = re.compile(r"\b(color|emissive|specular)\s*:\s*new THREE\.Color\(\)\.setRGB\(([^()]{1,200})\)", re.ASCII)

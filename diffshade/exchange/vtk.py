@@ -13,9 +13,9 @@ import numpy as np
 from ..core.fields import Array
 from ..model.materials import Material, Phong
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated
+from .lobe_refits import with_lobe
 from .parsing import NUMBER, number, short
 from .reference import differences, radiance, reference_of
-from .refits import with_lobe
 
 HIGHEST_N, HIGHEST_K = 128.0, 1.0
 _SET = re.compile(r"\bSet([A-Za-z]{1,40})\(([^()\n]{0,400})\)", re.ASCII)

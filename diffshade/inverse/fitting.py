@@ -17,11 +17,8 @@ from ..core.progress import ReportProgress, showing
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup, open_checkpoint
-from .checks.contradictions import check_priors
-from .checks.outlines import check_outlines
-from .checks.stability import checked, unchecked
 from .data.samples import Counts, check_enough, count_samples
-from .data.views import View, is_grey, repeats
+from .data.views import View, find_repeats, is_grey
 from .forward.losses import LOSSES
 from .forward.streams import surveyed
 from .pixels.tiles import Tiles
@@ -31,6 +28,9 @@ from .running import moves_surface, run, samples_for
 from .unknowns.constraints import Grey, Proportional
 from .unknowns.parameters import find_unknowns
 from .unknowns.unknown import Unknown
+from .verdicts.contradictions import check_priors
+from .verdicts.outlines import check_outlines
+from .verdicts.stability import note_unchecked, withdraw_unstable
 
 DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
 CLIPPED = ("hinge", "tobit", "exclude")
@@ -150,7 +150,7 @@ def fit(
             device_group=device_group,
             report_progress=report_progress,
         )
-        found = unchecked(found) if by_tiles else checked(found, report_progress)
+        found = note_unchecked(found) if by_tiles else withdraw_unstable(found, report_progress)
         return dataclasses.replace(check_priors(check_outlines(found)), memory=memory)
 
 
@@ -164,7 +164,7 @@ def survey_tiles(
     report_progress: ReportProgress,
 ) -> tuple[Tiles, Counts]:
     """Return the tiles that a fit reads its samples by, and the counts, as `samples_for` of views in memory."""
-    again = repeats(scene, views)
+    again = find_repeats(scene, views)
     tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "exclude")
     ends = tiles.settle(surveyed(tiles, kept, device_group, report_progress))
     counts = count_samples(views, again, tiles.pixels, *ends)

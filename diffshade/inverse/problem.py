@@ -1,8 +1,8 @@
 """Problem: what a fit minimises, in stages that each add something and change nothing.
 
-`FitProblem` is the unknowns, the samples and the model that predicts them; `start` finds where to begin, the scale of
-the residuals and the steps of the files on a part of the pixels; `LaidOutProblem` holds all pixels, weighed, and is
-minimised.
+`FitProblem` is the unknowns, the samples and the model that predicts them. `Start` (found by `starting.find_start` on a
+part of the pixels) is where to begin, the scale of the residuals and the steps of the files. `LaidOutProblem` holds all
+pixels, weighed, and is minimised.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..parallel.devices import DeviceGroup
 from ..parallel.threads import on_all_cores
 from .data.samples import Counts, Samples
 from .data.views import View, is_grey, lights_on
-from .forward.features import MOST_LIGHTS, feature_model, has_features
+from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
 from .forward.layout import lay_out, lay_plain, lay_weighed, place, weigh, without_clipped
@@ -39,7 +39,7 @@ from .forward.sums import spread, sum_of_squares, waves
 from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
-from .solve.starts import steepest
+from .solve.start_search import steepest
 from .unknowns.slots import slots_of
 from .unknowns.unknown import Unknown, coordinates, unit_vectors
 
@@ -184,7 +184,7 @@ def fit_problem(
     setting = prepare(scene, views, slots_of(scene, views, unknowns))
     likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
     model: AbstractForwardModel = RenderedModel(setting, likelihood, steepest(unknowns))
-    if has_features(scene, views, unknowns) and not rendered:
+    if features_can_serve(scene, views, unknowns) and not rendered:
         shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
         model = feature_model(setting, likelihood, unknowns, shared=shared, grey=all(map(is_grey, views)))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))

@@ -45,6 +45,8 @@ class Fit:
     covariance: Float[np.ndarray, "p p"]
     """The plain covariance of the determined unknowns that are not at a bound; 0 elsewhere."""
     determined: Bool[np.ndarray, " p"]
+    """False where the images do not determine a number: the Gram is singular there, or the error is lost in it
+    (`statistics.identifiability`); or a check of the fit withdrew it (`verdicts`)."""
     at_bound: Bool[np.ndarray, " p"]
     at_lower: Bool[np.ndarray, " p"]
     """At the lower of its bounds; an error at a bound is one-sided, into the range."""

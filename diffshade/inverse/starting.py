@@ -20,7 +20,7 @@ from .forward.sums import residuals, variance_of_steps
 from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.solvers import minimise
-from .solve.starts import is_local, search, with_wide_edges
+from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.slots import slots_of
 from .unknowns.unknown import coordinates
 

@@ -15,7 +15,7 @@ from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
 from .data.samples import Counts
-from .data.views import View, repeated, setups
+from .data.views import View, note_repeats, setups
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .problem import LaidOutProblem
@@ -88,7 +88,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
-        *repeated(problem.counts.repeats),
+        *note_repeats(problem.counts.repeats),
         *_clipped(problem.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),

@@ -44,7 +44,7 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     return decoded(path, as_fractions(path, stored), stored.dtype, srgb)
 
 
-def read_as(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
+def encoding_of(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
     """Return the kind of an image file in a word or two, and whether `read_image` decodes it from the sRGB curve.
 
     Only the header is read.
@@ -173,6 +173,7 @@ def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
 
 
 def _is_srgb(path: Path, dtype: np.dtype, asked: bool | None) -> bool:
+    """Whether to decode a file from sRGB: as asked, else if it has 8 bits and is PNG or JPEG; profiles are ignored."""
     return dtype == np.uint8 and path.suffix.lower() in (".png", ".jpg", ".jpeg") if asked is None else asked
 
 

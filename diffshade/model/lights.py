@@ -35,7 +35,7 @@ class Path(NamedTuple):
     d: Float[Array, "..."] | None
     """Distance to the light; None at infinity."""
     f_ang: Float[Array, "..."] | None
-    """Angular attenuation (E3); None where it is 1."""
+    """Angular attenuation (E3), and whatever else the light's geometry decides; None where it is 1."""
 
 
 def as_counts(value: Any) -> Any:
@@ -59,7 +59,10 @@ class AbstractLight(Checked):
 
     @property
     def is_factored(self) -> bool:
-        """Whether what arrives is I_l f_rad f_ang, f_rad that of its `attenuation` or 1, and f_ang that of its path."""
+        """Whether what arrives is I_l f_rad f_ang, with f_rad that of its `attenuation`, or 1, and f_ang of its path.
+
+        Fits of such lights are faster, and never call `arriving`; say False where `arriving` does anything else.
+        """
         return False
 
     @property
@@ -122,9 +125,11 @@ class BareLight(AbstractEmitter):
 
 
 class AbstractLamp(AbstractEmitter):
-    """An emitter with a position, whose intensity is attenuated with distance and perhaps with the angle."""
+    """An emitter with a position: what arrives is I_l f_rad f_ang, with its `attenuation` and the f_ang of its path."""
 
     position: eqx.AbstractVar[Vector]
+    intensity: eqx.AbstractVar[Colour]
+    attenuation: eqx.AbstractVar[RadialAttenuation]
 
     @property
     def is_local(self) -> bool:
@@ -144,6 +149,13 @@ class AbstractLamp(AbstractEmitter):
     def bare(self) -> AbstractEmitter:
         """Return a point light there of intensity 1, not attenuated."""
         return PointLight(self.position)
+
+    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
+        """Return l and f_rad(d) f_ang I_l."""
+        l, d, f_ang = self.path(p)
+        assert d is not None
+        f_rad = self.attenuation(d)
+        return l, Vec3.of(self.intensity) * (f_rad if f_ang is None else f_rad * f_ang)
 
 
 class PointLight(AbstractLamp):
@@ -176,12 +188,6 @@ class PointLight(AbstractLamp):
         assert p is not None
         to_light = Vec3.of(self.position) - p
         return Path(normalize(to_light), length(to_light), None)
-
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l and f_rad(d) I_l."""
-        l, d, _ = self.path(p)
-        assert d is not None
-        return l, Vec3.of(self.intensity) * self.attenuation(d)
 
 
 class DirectionalLight(AbstractEmitter):
@@ -287,13 +293,6 @@ class SpotLight(AbstractLamp):
         l = normalize(to_light)
         cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
         return Path(l, length(to_light), angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness))
-
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l and f_rad(d) f_ang(phi) I_l."""
-        l, d, f_ang = self.path(p)
-        assert d is not None
-        assert f_ang is not None
-        return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
 
 
 class AreaLight(AbstractLight):

@@ -184,13 +184,6 @@ class MeasuredLight(AbstractLamp):
         C = jnp.rad2deg(jnp.where(C < 0, C + 2.0 * jnp.pi, C))
         return Path(l, length(to_light), self.profile(jnp.rad2deg(gamma), C))
 
-    def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
-        """Return l and f_rad(d) profile(gamma, C) I_l."""
-        l, d, f_ang = self.path(p)
-        assert d is not None
-        assert f_ang is not None
-        return l, Vec3.of(self.intensity) * (self.attenuation(d) * f_ang)
-
 
 def _between(angles: Float[Array, " n"], x: Float[Array, "..."]) -> tuple[Array, Float[Array, "..."]]:
     """Return the interval of a table that contains x, and the position of x within it, 0 to 1."""

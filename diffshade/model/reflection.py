@@ -18,7 +18,8 @@ def reflectance(k: Coefficients, lobe: AbstractLobe, fresnel: AbstractFresnel, n
 
     cos is v.r (Phong) or n.h (Blinn); W is k_s or Fresnel's (E7); the highlight is 0 unless n.l > 0. Nothing is
     normalised by n_s and the highlight carries no n.l: the textbook model. At n.l = 0 and cos = 0 the derivative is 0,
-    that of the dark side.
+    that of the dark side. For speed `inverse.forward.features` and `texels.geometry` have the same as exp(n_s log cos),
+    and the report's `ball.glsl` in the browser.
     """
     n_l = dot(n, l)
     lit = n_l > 0

@@ -64,7 +64,7 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
         more, level = _pass(objects, level, outer, within, seen, reflected, k)
         return (image + more, level), None
 
-    deeper = min(clear, len(objects) - 1)
+    deeper = min(clear, len(objects) - 1)  # no depth is chosen: each object counts once, at its first hit
     if deeper:  # scanned, so that many transparent objects compile as one
         (image, level), _ = jax.lax.scan(jax.checkpoint(meet), (image, level), length=deeper)
     return image + level.weight * Vec3.of(scene.background)

@@ -1,4 +1,4 @@
-"""Transmission: the way of a ray through solids (E12), and what is seen through them (E13)."""
+"""Transmission: how a solid bends a ray that passes through it (E12; Snell). `tracing` follows the ray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run store: the arrays of a long run, on disk, with a mark for each finished tile, so that the run can resume."""
+"""Run store: a run over tiles (maps of texels) on disk, its arrays with a mark for each finished tile, to resume."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     full = candidates.full
     plain = full if candidates.plain is None else candidates.plain
     numbers = named_numbers(full, block, options)
-    shines = candidates.glossy & highlight_is_determined(full, numbers)
+    highlight = candidates.glossy & highlight_is_determined(full, numbers)
     values, errors, determined = _chosen_numbers(candidates, numbers, block, options)
     lit, freedom = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.freedom, plain.freedom)
     variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
@@ -137,8 +137,8 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     shadowed = (freedom <= 0) | (lit < (LEAST_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
-    vague = candidates.significant & ~shines
-    status = status_of(shines, vague | misfit | ~determined, ~converged | ~finite, shadowed)
+    vague = candidates.significant & ~highlight
+    status = status_of(highlight, vague | misfit | ~determined, ~converged | ~finite, shadowed)
     values, errors = _shown(values, errors, status == DETERMINED, finite, shadowed)
     residual = jnp.sqrt(candidates.chosen(full.mean_square, plain.mean_square))
     ended = plain.descent.converged & full.descent.converged

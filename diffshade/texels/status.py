@@ -1,4 +1,7 @@
-"""Status: which texels are determined, which show no highlight, and which are not determined, shadowed or failed."""
+"""Status: which texels are determined, which show no highlight, and which are not determined, shadowed or failed.
+
+With k_s free, "determined" includes the highlight: a matte texel, however well known, is "no highlight seen".
+"""
 
 from __future__ import annotations
 

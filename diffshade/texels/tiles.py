@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array
-from ..inverse.data.views import View, is_grey, repeats
+from ..inverse.data.views import View, find_repeats, is_grey
 from ..inverse.forward.rendered import projection_of
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer, as_mask
@@ -64,7 +64,7 @@ class ViewReader:
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
-        self.repeated = repeats(scene, views)
+        self.repeated = find_repeats(scene, views)
 
     def rows_of(self, memory: int) -> int:
         """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""

@@ -11,7 +11,7 @@ from measured import measured
 
 import diffshade as ds
 from diffshade.calibration.balls import find_ball
-from diffshade.calibration.outcome import degrees
+from diffshade.calibration.result import degrees
 
 CHROME, MATTE = ds.Material(k_s=1.0, n_s=400), ds.Material(k_d=0.8)
 

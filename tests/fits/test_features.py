@@ -11,7 +11,7 @@ from synthetic import light_positions, seen_by, standard_scene
 import diffshade as ds
 from diffshade.core.backend import jit_quickly
 from diffshade.inverse.data.views import is_grey
-from diffshade.inverse.forward.features import FeatureModel, has_features
+from diffshade.inverse.forward.features import FeatureModel, features_can_serve
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
@@ -262,7 +262,7 @@ CHANNELS = ds.Material(0.1, 0.5, 0.3, (10, 20, 30))
 )
 def test_the_fast_form_serves_where_every_unknown_is_a_coefficient_of_light(scene, lit, free, has):
     views = [view(0 if scene.lights else ()), view(lit, 1)]
-    assert has_features(scene, views, find_unknowns(scene, views, free)) is has
+    assert features_can_serve(scene, views, find_unknowns(scene, views, free)) is has
 
 
 @pytest.mark.thorough

@@ -20,7 +20,7 @@ from synthetic import (
 
 import diffshade as ds
 from diffshade.inverse.data.samples import Counts
-from diffshade.inverse.data.views import repeated, repeats, setups
+from diffshade.inverse.data.views import find_repeats, note_repeats, setups
 from diffshade.inverse.statistics.identifiability import (
     condition_number,
     relative_errors,
@@ -205,13 +205,13 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
     scene = standard_scene(lights=SCENE.lights[:2])
     image, noise = clean_images()[0], clean_images()[1]
     views = [ds.View(image, CAMERA), ds.View(noise, CAMERA), ds.View(image, CAMERA, lit=lit)]
-    assert repeated([*repeats(scene, views).items()]) == [
+    assert note_repeats([*find_repeats(scene, views).items()]) == [
         "views[2] is views[0] again, the same numbers, and is counted once."
     ]
     assert setups(scene, views) == [[0, 1, 2]]
     other = [*views, ds.View(image, CAMERA, lit=(1,)), ds.View(image, ds.Camera((0, 0.1, 4), fov=32, shape=(24, 24)))]
     assert setups(scene, other) == [[0, 1, 2], [3], [4]]
-    assert len(repeats(scene, other)) == 1
+    assert len(find_repeats(scene, other)) == 1
 
 
 # --- fits and forecasts

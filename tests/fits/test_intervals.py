@@ -22,7 +22,7 @@ from diffshade.diagnosis.patches import (
     patch_width,
     residual_images,
 )
-from diffshade.inverse.refits import samples_of
+from diffshade.inverse.laid_out_fit import samples_of
 from diffshade.inverse.statistics.clusters import Clusters
 
 LEVELS = (0.68, 0.95)
@@ -91,7 +91,7 @@ def test_of_a_linear_problem_they_are_the_textbooks():
         clusters = find_clusters(fit)
         profile = Profile(fit, clusters)
         interval_68, interval_95 = intervals(profile, LEVELS)
-    errors = clusters.errors()
+    errors = clusters.standard_errors()
     reach = np.abs(interval_95 - fit.values[:, None]) / errors[:, None]
     np.testing.assert_allclose(reach, 1.96, rtol=0.02)
     assert np.all((interval_68 > interval_95)[:, 0] & (interval_68 < interval_95)[:, 1])
@@ -130,13 +130,9 @@ def test_they_end_at_bounds_and_are_one_sided_there():
 # --- clusters
 
 
-def of_clusters(
-    rejects_independence: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views"
-) -> Clusters:
-    freedom = np.full(len(rejects_independence), 7.0)
-    return Clusters(
-        noisy_fit().evidence, count, what, scatter, any(rejects_independence), np.array(rejects_independence), freedom
-    )
+def of_clusters(by_jackknife: list[bool], scatter: float = 3.0, count: int = 8, what: str = "8 views") -> Clusters:
+    freedom = np.full(len(by_jackknife), 7.0)
+    return Clusters(noisy_fit().evidence, count, what, scatter, any(by_jackknife), np.array(by_jackknife), freedom)
 
 
 def test_a_jackknife_has_students_t_of_its_freedom():
@@ -148,12 +144,14 @@ def test_a_jackknife_has_students_t_of_its_freedom():
     evidence = noisy_fit().evidence
     half = of_clusters([True] * 6 + [False] * 6)
     plain, clustered = evidence.plain_errors(), evidence.clustered_errors()
-    np.testing.assert_allclose(half.errors()[:6], np.maximum(clustered, plain)[:6])
-    np.testing.assert_allclose(half.errors()[6:], np.sqrt(3.0) * plain[6:])
+    np.testing.assert_allclose(half.standard_errors()[:6], np.maximum(clustered, plain)[:6])
+    np.testing.assert_allclose(half.standard_errors()[6:], np.sqrt(3.0) * plain[6:])
     ratio = np.maximum(clustered / plain, 1.0) ** 2
-    np.testing.assert_allclose(half.inflation(), np.where(half.rejects_independence, ratio, 3.0))
+    np.testing.assert_allclose(half.inflation(), np.where(half.by_jackknife, ratio, 3.0))
     np.testing.assert_allclose(half.rises(), evidence.sigma2 * half.inflation())
-    np.testing.assert_allclose(half.wide_errors(), half.errors() * half.quantiles(0.95) / stats.norm.ppf(0.975))
+    np.testing.assert_allclose(
+        half.wide_errors(), half.standard_errors() * half.quantiles(0.95) / stats.norm.ppf(0.975)
+    )
     np.testing.assert_array_equal(of_clusters([False] * 12, 0.7).inflation(), np.ones(12))
 
 
@@ -226,8 +224,8 @@ def test_one_view_has_patches_for_clusters():
     assert "patches" in good.what
     assert good.count == len(good.evidence.hessian) > 30
     np.testing.assert_allclose(good.evidence.gradient.sum(0) / np.sqrt(np.diag(good.evidence.total)), 0.0, atol=1e-4)
-    assert not good.rejects_independence.any()
-    assert bad.rejects_independence.any()
+    assert not good.by_jackknife.any()
+    assert bad.by_jackknife.any()
     assert bad.count < good.count
-    assert np.all((bad.errors() > bad.evidence.plain_errors())[bad.rejects_independence])
-    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.rejects_independence))
+    assert np.all((bad.standard_errors() > bad.evidence.plain_errors())[bad.by_jackknife])
+    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.by_jackknife))

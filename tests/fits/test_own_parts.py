@@ -8,7 +8,7 @@ import synthetic
 
 import diffshade as ds
 from diffshade.core.fields import Colour, Vector, as_colour, as_vector
-from diffshade.inverse.checks.stability import angle_to_highlight
+from diffshade.inverse.verdicts.stability import angle_to_highlight
 from diffshade.model.lights import AbstractEmitter, Path
 from diffshade.model.materials import AbstractLobe
 from diffshade.model.vectors import Vec3, dot, length, normalize, reflect

@@ -10,9 +10,9 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from synthetic import CAMERA, noisy, photograph
 
 import diffshade as ds
-from diffshade.inverse.checks.contradictions import check_priors
 from diffshade.inverse.statistics.intensities import taken_as_exact
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.verdicts.contradictions import check_priors
 
 
 @pytest.mark.parametrize(("mean", "contradicts"), [(60.0, True), (50.0, False)])

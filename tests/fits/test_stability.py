@@ -11,8 +11,8 @@ from synthetic import CAMERA, noisy, photographs, standard_scene
 import diffshade as ds
 from diffshade.core.progress import silent
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.checks.stability import (
-    Refit,
+from diffshade.inverse.verdicts.stability import (
+    FitWithout,
     _enough,
     angle_to_highlight,
     dependence,
@@ -135,7 +135,7 @@ def test_a_highlight_of_another_shape_moves_and_the_rest_does_not():
 def test_what_moves_with_a_number_that_is_not_determined_is_said_too():
     """Its own refits did not move it by themselves."""
     fit = noisy_fit()
-    still = Refit("the odd views", fit, np.zeros(len(fit.unknowns), bool))
+    still = FitWithout("the odd views", fit, np.zeros(len(fit.unknowns), bool))
     said = dependence(fit, [still], np.array([u.quantity == "k_s" for u in fit.unknowns]))
     assert "k_s depends on which data are included" in said[0]
     assert "the odd views" in said[0]

@@ -8,7 +8,15 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, same_but
 from synthetic import CAMERA, noisy, photographs, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.solve.starts import _distinct, _lowest, _turned, candidates, is_local, steepest, with_wide_edges
+from diffshade.inverse.solve.start_search import (
+    _distinct,
+    _lowest,
+    _turned,
+    candidates,
+    is_local,
+    steepest,
+    with_wide_edges,
+)
 from diffshade.inverse.unknowns.parameters import find_unknowns
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 8))

@@ -8,10 +8,10 @@ import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade.inverse.checks.stability import UNCHECKED
 from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.fitting import check_scale
 from diffshade.inverse.pixels.tiles import Tiles
+from diffshade.inverse.verdicts.stability import UNCHECKED
 from diffshade.parallel import checkpoints
 
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(90, 90))

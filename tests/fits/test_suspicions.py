@@ -22,7 +22,7 @@ from diffshade.diagnosis.misfit.explanations import Explanation, MisfitSearch, m
 from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
 from diffshade.diagnosis.misfit.suspicions import Suspicion, _views, _where, describe, suspicions
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.checks.stability import Refit
+from diffshade.inverse.verdicts.stability import FitWithout
 
 PATCH = np.zeros(CAMERA.shape, bool)
 PATCH[9:15, 8:14] = True
@@ -117,7 +117,11 @@ def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
     fit = noisy_fit()
     n_s = np.array([name == "n_s" for name in fit.names])
     there = [dataclasses.replace(fit, values=np.where(n_s, value, fit.values)) for value in (60.0, 99.0, 200.0)]
-    again = [Refit("this", there[0], n_s), Refit("that", there[1], n_s), Refit("the rest", there[2], ~n_s)]
+    again = [
+        FitWithout("this", there[0], n_s),
+        FitWithout("that", there[1], n_s),
+        FitWithout("the rest", there[2], ~n_s),
+    ]
     examination = said(again=again, shifted=n_s)
     assert np.flatnonzero(~examination.determined).tolist() == np.flatnonzero(n_s).tolist()
     (note,) = [note for note in examination.notes if "depends on which data" in note]
@@ -125,7 +129,7 @@ def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
     assert "99 without that" in note
     assert "Fix n_s" in note
     assert any("hold for these fixed" in note for note in examination.notes)
-    every = said(again=[Refit("this", there[0], n_s | True)], shifted=n_s | True)
+    every = said(again=[FitWithout("this", there[0], n_s | True)], shifted=n_s | True)
     assert not any("hold for these fixed" in note for note in every.notes)
 
 

@@ -198,7 +198,7 @@ def test_whether_clusters_agree_is_chows_test(shared):
 
 def test_what_shakes_is_found_by_its_jackknife():
     evidence, _, _ = linear(0.05)
-    p_value, freedom = evidence.rejects_independence()
+    p_value, freedom = evidence.independence_p_values()
     expected, of_noise = jackknife_of_noise(evidence.hessian, np.zeros((2, 2)))
     jackknife = jackknife_covariance(evidence.hessian, evidence.gradient, np.zeros((2, 2)), np.zeros(2))
     np.testing.assert_allclose(evidence.clustered_errors(), np.sqrt(np.diag(jackknife)), rtol=1e-12)
@@ -207,11 +207,13 @@ def test_what_shakes_is_found_by_its_jackknife():
     np.testing.assert_allclose(p_value, stats.chi2.sf(freedom * ratio, freedom), rtol=1e-9)
     assert p_value[0] < 0.05 < p_value[1]  # they share an offset, no slope
     two = dataclasses.replace(evidence, hessian=evidence.hessian[:2], gradient=evidence.gradient[:2])
-    assert [of.tolist() for of in two.rejects_independence()] == [[1.0, 1.0], [np.inf, np.inf]]
+    assert [of.tolist() for of in two.independence_p_values()] == [[1.0, 1.0], [np.inf, np.inf]]
     robust = dataclasses.replace(evidence, spread=evidence.spread * [1, 1, 1, 0.4, 0.8])
     assert robust.loss_ratio == pytest.approx(2.0)  # of a robust loss the jackknife takes the slopes
     np.testing.assert_allclose(robust.clustered_errors(), 2.0 * evidence.clustered_errors(), rtol=1e-12)
-    np.testing.assert_allclose(robust.rejects_independence()[0], stats.chi2.sf(4 * freedom * ratio, freedom), rtol=1e-9)
+    np.testing.assert_allclose(
+        robust.independence_p_values()[0], stats.chi2.sf(4 * freedom * ratio, freedom), rtol=1e-9
+    )
     np.testing.assert_allclose(robust.plain_errors(), evidence.plain_errors(), rtol=1e-12)
 
 
@@ -228,12 +230,12 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     assert of_three.single_view.tolist() == [-1, -1, 4]
     np.testing.assert_allclose(of_three.clustered_errors()[2], of_three.plain_errors()[2], rtol=1e-12)
     assert np.all(of_three.clustered_errors()[:2] != of_three.plain_errors()[:2])
-    assert of_three.rejects_independence()[1][2] == np.inf
-    assert not compared(of_three, 6, "6 views").rejects_independence[2]
+    assert of_three.independence_p_values()[1][2] == np.inf
+    assert not compared(of_three, 6, "6 views").by_jackknife[2]
     one_decides = np.ones((6, 2, 2))
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
     assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
-    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").rejects_independence.any()
+    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").by_jackknife.any()
     assert _clusters_in_words([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
     assert _clusters_in_words([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 

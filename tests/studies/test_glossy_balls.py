@@ -8,7 +8,7 @@ from measured import measured
 import diffshade as ds
 from diffshade.calibration.balls import find_ball
 from diffshade.calibration.laws import Shading, find_lamps
-from diffshade.calibration.outcome import degrees
+from diffshade.calibration.result import degrees
 
 TRUTH = ds.Material(k_a=0.06, k_d=(0.5, 0.35, 0.2), k_s=0.4, n_s=30)
 

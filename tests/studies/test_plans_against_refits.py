@@ -22,7 +22,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.refits import LaidOutFit
+from diffshade.inverse.laid_out_fit import LaidOutFit
 from diffshade.inverse.unknowns.unknown import natural
 
 SIGMA = 0.002

@@ -12,7 +12,7 @@ import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade.inverse.checks.stability import UNCHECKED
+from diffshade.inverse.verdicts.stability import UNCHECKED
 
 SUPPORT = Path(__file__).parents[1] / "support"
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(90, 90))

@@ -19,7 +19,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.checks.stability import angle_to_highlight
+from diffshade.inverse.verdicts.stability import angle_to_highlight
 
 SIGMA = 0.005
 
@@ -115,7 +115,7 @@ def test_two_photographs_taken_alike_are_one_for_the_jackknife():
     fit = ds.fit(forget(scene), views, free=("k_a", "k_d", "k_s", "n_s"))
     assert fit.counts.views == 4
     assert len(fit.evidence.hessian) == 2
-    assert not fit.clusters.rejects_independence.any()
+    assert not fit.clusters.by_jackknife.any()
     assert "4 views, taken in 2 ways" in str(fit)
 
 
@@ -229,7 +229,7 @@ def test_two_views_have_the_errors_of_noise_times_their_scatter():
     images = noisy(photographs(standard_scene()), 0.02, 0)
     fit = ds.fit(standard_scene(), one_light_each(images)[:2], free=("k_d",))
     assert fit.notes == ()
-    assert not fit.clusters.rejects_independence.any()
+    assert not fit.clusters.by_jackknife.any()
     np.testing.assert_allclose(fit.errors, np.sqrt(max(fit.clusters.scatter, 1.0)) * fit.plain_errors, rtol=1e-3)
     assert "errors: for independent noise" in str(fit)
 

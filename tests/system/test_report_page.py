@@ -16,9 +16,9 @@ from synthetic import photograph
 
 import diffshade as ds
 from diffshade.core.progress import silent
-from diffshade.report.page import MOST_SHOTS, MOST_VIEWS
 from diffshade.report.page.ball import ball_scene
 from diffshade.report.page.residuals import collect_residuals, curve
+from diffshade.report.page.writing import MOST_SHOTS, MOST_VIEWS
 
 HOSTILE = "</script><img src=x onerror=alert(1)>'\"&{{7*7}}"
 CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(24, 24))

@@ -58,14 +58,14 @@ def test_of_views_with_errors_of_their_own_they_do_too(count, shared):
     found = [clusters(count, seed, shared) for seed in range(100)]
     assert 0.88 < np.mean([inside(f) for f in found]) < 0.985
     if shared == 1.0:
-        assert all(f.disagree and f.rejects_independence.all() for f in found)
+        assert all(f.disagree and f.by_jackknife.all() for f in found)
 
 
 def test_two_views_that_disagree_scale_the_errors_and_say_so():
     found = clusters(2, 0, 1.0)
     assert found.disagree
-    assert not found.rejects_independence.any()
-    np.testing.assert_allclose(found.errors(), np.sqrt(found.scatter) * found.evidence.plain_errors())
+    assert not found.by_jackknife.any()
+    np.testing.assert_allclose(found.standard_errors(), np.sqrt(found.scatter) * found.evidence.plain_errors())
     sentence = found.sentence(["a", "b", "c", "d"])
     assert all(word in sentence for word in ("2 views", "disagree", f"{np.sqrt(found.scatter):.3g}"))
 
@@ -74,15 +74,15 @@ def test_the_jackknife_is_widened_by_students_t():
     found = clusters(5, 0, 1.0)
     t = {4: 2.776445}  # of the tables, two-sided 95 %
     np.testing.assert_allclose(found.freedom, 4, atol=0.5)
-    wide = found.wide_errors() / found.errors()
+    wide = found.wide_errors() / found.standard_errors()
     assert (wide >= t[4] / 1.96 - 1e-3).all()
-    np.testing.assert_allclose(found.errors(), found.evidence.clustered_errors())
+    np.testing.assert_allclose(found.standard_errors(), found.evidence.clustered_errors())
     assert "leaving out one at a time" in found.sentence(["a", "b", "c", "d"])
 
 
 def test_what_the_cost_rises_by_is_the_square_of_the_errors_over_the_plain_ones():
     for found in (clusters(8, 0, 0.0), clusters(8, 0, 1.0)):
-        ratio = (found.errors() / found.evidence.plain_errors()) ** 2
+        ratio = (found.standard_errors() / found.evidence.plain_errors()) ** 2
         np.testing.assert_allclose(found.rises(), found.evidence.sigma2 * ratio, rtol=1e-9)
 
 
@@ -92,7 +92,7 @@ def test_clusters_that_agree_have_errors_of_noise_times_the_root_of_their_scatte
     assert any(f.scatter < 1 for f in several)
     for found in several:
         np.testing.assert_allclose(
-            found.errors(), np.sqrt(max(found.scatter, 1.0)) * found.evidence.plain_errors(), rtol=1e-12
+            found.standard_errors(), np.sqrt(max(found.scatter, 1.0)) * found.evidence.plain_errors(), rtol=1e-12
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from diffshade.inverse.checks.contradictions import pulls
+from diffshade.inverse.verdicts.contradictions import pulls
 
 J = np.random.default_rng(0).standard_normal((200, 3))
 J[:, 1] += J[:, 0]

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.calibration.outcome import Calibration
+from diffshade.calibration.result import Calibration
 from diffshade.cli import main
 from diffshade.core.words import did_you_mean
 from diffshade.model.lights import AbstractLight
 from diffshade.report.lecture.diffuse import diffuse_over_theta
-from diffshade.report.page import MOST_VIEWS, _spread
+from diffshade.report.page.writing import MOST_VIEWS, _spread
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ds.Camera((0, 0, 4), fov=35, shape=(6, 8))

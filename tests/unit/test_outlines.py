@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 import diffshade as ds
-from diffshade.inverse.checks.outlines import WrongOutline, compare, said
+from diffshade.inverse.verdicts.outlines import WrongOutline, compare, said
 
 ROW, COLUMN = np.mgrid[:80, :80] - 39.5
 

@@ -190,7 +190,9 @@ def test_errors_with_rounding_hold_the_truth_and_views_are_not_said_to_disagree(
     assert np.mean([c.disagree for c in clusters]) < 0.06
     assert "for rounding to 255 steps" in clusters[0].sentence(["k_a", "k_d"])
     for c in clusters:
-        np.testing.assert_allclose(c.rises(), c.evidence.sigma2 * (c.errors() / c.evidence.plain_errors()) ** 2)
+        np.testing.assert_allclose(
+            c.rises(), c.evidence.sigma2 * (c.standard_errors() / c.evidence.plain_errors()) ** 2
+        )
     short = np.array([(e.values - t) / e.plain_errors() for e, t in found])  # as if rounding were noise
     assert np.mean(np.abs(short) < 1.96) < 0.5
 
@@ -201,6 +203,6 @@ def test_without_rounding_nothing_is_added():
     assert "rounding" not in independent(evidence, "1 view").sentence(["k_a", "k_d"])
     none = dataclasses.replace(evidence, waves=np.zeros((3, 2, 24)))
     assert none.scatter() == pytest.approx(evidence.scatter())
-    np.testing.assert_allclose(none.rejects_independence(), evidence.rejects_independence())
+    np.testing.assert_allclose(none.independence_p_values(), evidence.independence_p_values())
     held = dataclasses.replace(flat_views(3, 0)[0], at_bound=np.array([False, True]))
     assert held.rounding_errors()[1] > 0

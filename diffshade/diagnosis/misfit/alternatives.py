@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...inverse.data.views import lights_on
-from ...inverse.refits import LaidOutFit
+from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import evaluate
 from ...inverse.statistics.uncertainty import inverse

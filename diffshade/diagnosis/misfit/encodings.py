@@ -13,8 +13,8 @@ from jaxtyping import Float
 from ...inverse.data.samples import Samples
 from ...inverse.data.views import View, photograph
 from ...inverse.forward.losses import LOSSES
+from ...inverse.laid_out_fit import samples_of
 from ...inverse.problem import fit_problem
-from ...inverse.refits import samples_of
 from ...inverse.result import Fit
 from ...inverse.running import solve
 from ...inverse.unknowns.slots import put_back

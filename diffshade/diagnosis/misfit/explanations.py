@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool
 
-from ...inverse.refits import samples_of
+from ...inverse.laid_out_fit import samples_of
 from ...inverse.result import Fit
 from .alternatives import Alternatives, Key, State, share
 from .encodings import Encoding, cost_and_noise, other_encoding

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ...inverse.data.views import View, photograph
 from ...inverse.forward.rounding import sawtooth
-from ...inverse.refits import LaidOutFit
+from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
 from ...model.materials import Blinn, Phong

@@ -14,10 +14,10 @@ from ...core.fields import Array
 from ...inverse.data.views import is_grey
 from ...inverse.forward.gram import Gram
 from ...inverse.forward.interface import AbstractForwardModel
+from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
 from ...inverse.problem import prior_gram
-from ...inverse.refits import LaidOutFit
 from ...inverse.statistics.uncertainty import Vector, inverse
 
 STEPS = 8  # Gauss-Newton steps

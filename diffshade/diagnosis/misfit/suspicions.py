@@ -1,4 +1,7 @@
-"""Suspicions: where the residuals of a fit contradict the scene description, in words and with a remedy."""
+"""Suspicions: where the residuals of a fit contradict the scene description, in words and with a remedy.
+
+What counts as one is decided in `explanations`, for a single view or light, and in `setup_faults`, for the whole setup.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ from jaxtyping import Bool
 
 from ...core.backend import in_float64
 from ...core.words import listing
-from ...inverse.checks.outlines import said, wrong_outline
 from ...inverse.result import Fit
+from ...inverse.verdicts.outlines import said, wrong_outline
 from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Explanation, MisfitSearch, matters, union
@@ -154,14 +157,17 @@ def _describe_exposure(search: MisfitSearch, end: State, found: Explanation) -> 
     return Suspicion("exposure", (i,), None, sentence)
 
 
-def _describe_light(search: MisfitSearch, end: State, found: Explanation) -> Suspicion:
+def _describe_light(search: MisfitSearch, end: State, found: Explanation) -> Suspicion | None:
     assert found.key is not None
     i, views = found.key[1], search.alternatives.views_of(found.key)
+    degrees = search.alternatives.effect(end, found.key)
+    if not matters(found.key, degrees):
+        return None
     light = end.fit.scene.lights[i]
     what = light.placement[0]
     place = ", ".join(f"{x:.3g}" for x in np.asarray(getattr(light, what)))
     sentence = (
-        f"lights.{i} is {search.alternatives.effect(end, found.key):.2g} degrees off as seen from the surface, by the "
+        f"lights.{i} is {degrees:.2g} degrees off as seen from the surface, by the "
         f"shading in {_views(views)}, which explains {found.own_share:.0%} of the residuals there. Measure it again, "
         f"or free 'lights.{i}.{what}', which is near ({place})."
     )

@@ -12,7 +12,7 @@ from ...io.lazy_images import LazyImage
 from ...model.gbuffers import as_mask
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
-from .views import Image, View, colours, has_alpha, has_mask, is_grey, repeats
+from .views import Image, View, colours, find_repeats, has_alpha, has_mask, is_grey
 
 
 class Samples(eqx.Module):
@@ -90,7 +90,7 @@ def collect_samples(
         moving: Whether a surface is free, which takes a mask.
         forecast: Whether equal photographs are no repetition.
     """
-    samples, clipping, again = [], 0, {} if forecast else repeats(scene, views)
+    samples, clipping, again = [], 0, {} if forecast else find_repeats(scene, views)
     for i, view in enumerate(views):
         try:
             found = find_samples(scene, view, moving=moving)

@@ -212,7 +212,7 @@ def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
 
 
 def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
-    """Return the views that were taken alike, by the same camera under the same lights: their errors are alike too."""
+    """Return the views grouped by setup, one camera under the same lights: the model is wrong in the same way there."""
     on = [sorted(lights_on(scene, view)) for view in views]
     groups: list[list[int]] = []
     for i, view in enumerate(views):
@@ -222,8 +222,8 @@ def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
     return groups
 
 
-def repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
-    """Return the views that are an earlier one again, the same numbers taken alike, and which one."""
+def find_repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
+    """Return the views whose image and mask an earlier view of the same setup has, and which view that is."""
     found: dict[int, int] = {}
     for group in setups(scene, views):
         for k, i in enumerate(group):
@@ -238,7 +238,7 @@ def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
     return [(one.mask, other.mask), (one.image, other.image)]
 
 
-def repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
+def note_repeats(pairs: Sequence[tuple[int, int]]) -> list[Note]:
     """Say which views are an earlier one again."""
     if not pairs:
         return []
@@ -246,7 +246,7 @@ def repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
     if len(pairs) == 1:
         text = f"views[{i}] is views[{j}] again, the same numbers, and is counted once."
     else:
-        text = f"{len(pairs)} views repeat earlier ones, such as views[{i}] views[{j}], and are counted once."
+        text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
     return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
 
 

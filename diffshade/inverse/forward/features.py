@@ -228,7 +228,7 @@ class FeatureModel(AbstractForwardModel):
         )
 
 
-def has_features(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
+def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
     """Whether this model can serve: one object, few lights at once, and every unknown a coefficient of light."""
     names = _kinds(unknowns)
     material = scene.objects[0].material

@@ -67,7 +67,10 @@ class Rounding(eqx.Module):
         return bool(np.any(np.asarray(self.step) > 0))
 
     def steps(self, view: Any, m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-        """Return where the levels m of a view are, counted in steps, and the size of a step there; 0 without steps."""
+        """Return where the levels m of a view are, counted in steps, and the size of a step there; 0 without steps.
+
+        The sRGB curve is that of `io.images.srgb_encode`, here in JAX.
+        """
         step, srgb = self.step[view], self.srgb[view] > 0
         bright = m > 0.0031308
         root = jnp.where(bright, m, 1.0) ** (1.0 / 2.4)

@@ -30,12 +30,12 @@ class Clusters:
     """Variance of the clusters' own optima over what independent noise would give them: 1 where it is independent."""
     disagree: bool
     """Whether the clusters disagree by more than independent noise explains."""
-    rejects_independence: Bool[np.ndarray, " p"]
-    """Unknowns whose error is by jackknife over the clusters."""
+    by_jackknife: Bool[np.ndarray, " p"]
+    """Unknowns whose standard error is by jackknife: the clusters disagree about them."""
     freedom: Vector
     """Of the jackknife: clusters - 1, or fewer where few of them decide (Bell and McCaffrey 2002)."""
 
-    def errors(self) -> Vector:
+    def standard_errors(self) -> Vector:
         """Return the standard errors: by jackknife where the clusters disagree, else for independent noise.
 
         The latter are multiplied by the root of the scatter where that is above 1 (Birge 1932), so that they grow
@@ -43,15 +43,15 @@ class Clusters:
         """
         plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
         scaled = np.hypot(np.sqrt(max(self.scatter, 1.0)) * plain, rounding)
-        if not self.rejects_independence.any():
+        if not self.by_jackknife.any():
             return scaled
         return np.where(
-            self.rejects_independence, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled
+            self.by_jackknife, np.maximum(self.evidence.clustered_errors(), np.hypot(plain, rounding)), scaled
         )
 
     def wide_errors(self) -> Vector:
-        """Return the errors 1.96 of which hold the truth 95 % of the time: `errors` times Student's t over 1.96."""
-        return self.errors() * self.quantiles(0.95) / special.ndtri(0.975)
+        """Return `standard_errors` times Student's t over 1.96: the truth is within 1.96 of them 95 % of the time."""
+        return self.standard_errors() * self.quantiles(0.95) / special.ndtri(0.975)
 
     def inflation(self) -> Vector:
         """Return the variances over those of independent noise, with nothing held at a bound."""
@@ -64,10 +64,10 @@ class Clusters:
 
         rounding = over_plain(free.rounding_errors())
         scaled = max(self.scatter, 1.0) + rounding
-        if not self.rejects_independence.any():
+        if not self.by_jackknife.any():
             return scaled
         clustered = over_plain(free.clustered_errors())
-        return np.where(self.rejects_independence & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
+        return np.where(self.by_jackknife & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
 
     def rises(self) -> Vector:
         """Return for each unknown by how much the cost, twice, rises where it is held one error away.
@@ -78,8 +78,8 @@ class Clusters:
 
     def quantiles(self, level: float) -> Vector:
         """Return how many errors a two-sided interval reaches: Student's t, of `freedom` by jackknife."""
-        many = max(float(self.evidence.spread[0]) - len(self.rejects_independence), 1.0)
-        freedom = np.where(self.rejects_independence, np.minimum(self.freedom, many), many)
+        many = max(float(self.evidence.spread[0]) - len(self.by_jackknife), 1.0)
+        freedom = np.where(self.by_jackknife, np.minimum(self.freedom, many), many)
         return special.stdtrit(freedom, 0.5 + 0.5 * level)
 
     def sentence(self, quantities: Sequence[str]) -> str:
@@ -92,12 +92,12 @@ class Clusters:
         if not self.disagree:
             times = f", times {factor:.3g} for their scatter" if factor > 1.005 else ""
             return f"{noise}{times}; the {self.what} agree within it."
-        if not self.rejects_independence.any():
+        if not self.by_jackknife.any():
             return (
                 f"{noise}, times {factor:.3g}, since the {self.what} disagree more than it explains and "
                 "are too few to leave out one at a time."
             )
-        names = list(dict.fromkeys(q for q, here in zip(quantities, self.rejects_independence, strict=True) if here))
+        names = list(dict.fromkeys(q for q, here in zip(quantities, self.by_jackknife, strict=True) if here))
         # where one unknown alone disagrees, the scatter of all together says nothing
         much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
         also = f"; and {rounding}" if rounding else ""
@@ -119,18 +119,18 @@ class Clusters:
 def compared(evidence: Evidence, count: int, what: str) -> Clusters:
     """Return clusters with the verdict on whether they agree; `what` names them, with their number.
 
-    One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.rejects_independence`) share the
+    One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.independence_p_values`) share the
     false alarms.
     """
     scatter, together = evidence.scatter()
-    each, freedom = evidence.rejects_independence()
+    each, freedom = evidence.independence_p_values()
     each = np.where(freedom < LEAST_FREEDOM, 1.0, each)
     tested = max(int(np.sum(np.isfinite(freedom))), 1)
     alone = each < 0.5 * FALSE_ALARMS / tested
     all_of_them = together < 0.5 * FALSE_ALARMS
     jackknife = count >= 3 and evidence.deciding() is None
-    rejects_independence = (all_of_them | alone) & (evidence.single_view < 0) & jackknife
-    return Clusters(evidence, count, what, scatter, bool(all_of_them or alone.any()), rejects_independence, freedom)
+    by_jackknife = (all_of_them | alone) & (evidence.single_view < 0) & jackknife
+    return Clusters(evidence, count, what, scatter, bool(all_of_them or alone.any()), by_jackknife, freedom)
 
 
 def independent(evidence: Evidence, what: str) -> Clusters:

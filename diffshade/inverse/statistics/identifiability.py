@@ -1,7 +1,7 @@
-"""Identifiability: what views cannot tell, in three grades, and in words with a remedy.
+"""Identifiability: what the views do not determine, in three grades, and in words with a remedy.
 
-Exactly singular: a column of the Jacobian is zero, or a direction changes no pixel. Ill-conditioned: a direction hardly
-changes any. Noise-limited: the views would tell, but not through this much noise.
+Singular: a column of the Jacobian is zero, or a direction changes no pixel. Lost in noise: the error is as large as the
+value. Both are "not determined". Ill-conditioned: a direction hardly changes a pixel; that is a note only.
 """
 
 from __future__ import annotations

@@ -237,7 +237,7 @@ class Evidence:
         H, _, known, _ = self._shared(np.ones(len(self.values), bool))
         return deciding_view(H, known)
 
-    def rejects_independence(self) -> tuple[Vector, Vector]:
+    def independence_p_values(self) -> tuple[Vector, Vector]:
         """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
 
         Nothing is held at a bound. The degrees of freedom, for Student's t, are fewer than the clusters less one where

@@ -1,4 +1,4 @@
-"""Ranges: the bounds and priors of the unknowns."""
+"""Ranges: the bounds and priors that a user gives, within the range that each field states (`Parameter`)."""
 
 from __future__ import annotations
 

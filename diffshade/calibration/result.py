@@ -1,4 +1,4 @@
-"""Outcome: the lights that a ball shows, with errors and notes, and the files that other programs read."""
+"""Result: the lights found by a calibration, with errors and notes, and the files that it writes for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Starts: where a fit begins that is told nothing: a coarse search over what the image is not linear in.
+"""Start search: where a fit begins: a coarse search over the unknowns in which the image is not linear.
 
 Each candidate is judged by its cost at the best linear unknowns (k_a, k_d, k_s), which are solved for within their
 bounds, on a few of the pixels. Unknowns of one kind are tried together, one group after another.

@@ -16,7 +16,7 @@ from ...model.materials import Material
 from ...model.rendering import render
 from ...model.scenes import Scene
 from ..data.views import View, lights_on
-from ..refits import LaidOutFit, Masks, refit, samples_of
+from ..laid_out_fit import LaidOutFit, Masks, refit, samples_of
 from ..result import Fit
 from ..running import samples_for
 from ..statistics.clusters import Clusters
@@ -35,7 +35,7 @@ SEEN = 0.02  # of the brightest highlight of a view: where a highlight begins
 
 
 @dataclass(frozen=True, eq=False)
-class Refit:
+class FitWithout:
     """A fit with some of the data left out."""
 
     without: str
@@ -118,24 +118,24 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
 
 def refits(
     fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], report_progress: ReportProgress
-) -> tuple[list[Refit], Bool[np.ndarray, " p"]]:
+) -> tuple[list[FitWithout], Bool[np.ndarray, " p"]]:
     """Fit again with some of the data left out, and return the fits, and what depends on the data kept. In float64.
 
     A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
     was, and the rest is judged by new fits, until nothing moves.
     """
     blamed = np.zeros(len(fit.unknowns), bool)
-    done: list[Refit] = []
+    done: list[FitWithout] = []
     if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
         return done, blamed
-    errors, rises = clusters.errors(), clusters.rises()
+    errors, rises = clusters.standard_errors(), clusters.rises()
     cases = [(without, keep) for without, keep in cases if _enough(fit, keep)]
     while True:
         found = []
         for k, (without, keep) in enumerate(cases):
             report_progress(f"without {without}", k / len(cases))
             again = refit(fit, keep, blamed)
-            found.append(Refit(without, again, moved(fit, errors, rises, again, keep, blamed)))
+            found.append(FitWithout(without, again, moved(fit, errors, rises, again, keep, blamed)))
         done += [r for r in found if not done or r.moved.any()]
         if not any(r.moved.any() for r in found):
             return done, blamed | _with_them(fit, done)
@@ -144,7 +144,7 @@ def refits(
         blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
 
 
-def _with_them(fit: Fit, done: Sequence[Refit]) -> Bool[np.ndarray, " p"]:
+def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
     """Return what moves by 30 % with the numbers that are to blame: it stays only as long as these are held."""
     far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
     return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
@@ -197,7 +197,7 @@ def moved(
     return found
 
 
-def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
+def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
     """Say what depends on which data are included, and without which it moved furthest."""
     notes = []
     for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
@@ -214,7 +214,7 @@ def dependence(fit: Fit, again: Sequence[Refit], shifted: Bool[np.ndarray, " p"]
     return notes
 
 
-def checked(fit: Fit, report_progress: ReportProgress) -> Fit:
+def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
     """Return a fit in which no number is determined that a few pixels decide. In float64.
 
     The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
@@ -230,8 +230,8 @@ def checked(fit: Fit, report_progress: ReportProgress) -> Fit:
     return replace(fit, determined=fit.determined & ~shifted, notes=notes)
 
 
-def unchecked(fit: Fit) -> Fit:
-    """Return a fit whose pixels do not fit in memory, with a note where it would have been `checked`."""
+def note_unchecked(fit: Fit) -> Fit:
+    """Return a fit whose pixels do not fit in memory, with a note where it would have been `withdraw_unstable`."""
     if not _doubtful(fit):
         return fit
     return replace(fit, notes=(*fit.notes, Note(UNCHECKED, "not checked")))

@@ -1,4 +1,4 @@
-"""Refits: a fit laid out again at its end, to be minimised with a number held or on some of its pixels."""
+"""Laid-out fit: a fit laid out again at its end, to be minimised with a number held or on some of its pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Refits: the material with another lobe, or within limits, that is nearest to a given one."""
+"""Lobe refits: the material with another lobe, or within limits, that is nearest to a given one."""
 
 from __future__ import annotations
 

@@ -1,1 +1,0 @@
-"""Checks: what `fit` tests at the minimum before it calls a number determined."""
