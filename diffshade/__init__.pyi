@@ -60,9 +60,11 @@ from .model.lights import AreaLight as AreaLight
 from .model.lights import DirectionalLight as DirectionalLight
 from .model.lights import PointLight as PointLight
 from .model.lights import SpotLight as SpotLight
-from .model.materials import Blinn as Blinn
+from .model.lobes import Blinn as Blinn
+from .model.lobes import Brushed as Brushed
+from .model.lobes import Phong as Phong
+from .model.materials import Highlight as Highlight
 from .model.materials import Material as Material
-from .model.materials import Phong as Phong
 from .model.measured_lights import MeasuredLight as MeasuredLight
 from .model.measured_lights import Profile as Profile
 from .model.named_materials import material as material

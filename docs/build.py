@@ -44,6 +44,7 @@ TEXTS = (
     ("docs/pages/texels.md", "texels.html", "Texels"),
     ("docs/pages/exchange.md", "exchange.html", "Other programs"),
     ("docs/pages/objective.md", "objective.html", "An objective of your own"),
+    ("docs/pages/extend.md", "extend.html", "Your own lobe or light"),
     ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),
     ("docs/pages/accuracy-and-speed.md", "accuracy-and-speed.html", "Accuracy and speed"),
     ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),

@@ -21,8 +21,8 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bo
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf glTF 2.0 (only
     written), .toml a diffshade scene.
 
-    The material looks the same there: if that program computes something else, the material is refitted, and the
-    remaining error is printed and written to the file.
+    The material looks the same there: if that program shades differently, the material is refitted, and the remaining
+    error is printed and written to the file.
     """
     import diffshade as ds
 

@@ -27,7 +27,7 @@ MODELS = ("phong", "blinn", "matte")
 )
 @as_json
 def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json: bool) -> None:
-    """Fit parameters, with errors, to photographs.
+    """Fit parameters to photographs, with errors.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
@@ -36,7 +36,7 @@ def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json:
     found = typed.fit(source, checkpoint=checkpoint)
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
-    doubt = f"- {files} holds, for what is not determined, one of many values that fit equally well."
+    doubt = f"- for each undetermined parameter, {files} holds one of many values that fit equally well."
     lines = [
         f"{source.encodings}",
         f"{found}",
@@ -49,7 +49,7 @@ def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json:
 @click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")
 @with_options(*VIEWS, *MODEL, LOBE)
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
-@click.option("--quick", is_flag=True, help="Skip intervals, models and the next photo")
+@click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @as_json
 def report(typed: Options, out: Path, quick: bool, as_json: bool) -> None:
     """Fit, and write a report as an HTML page.
@@ -77,7 +77,7 @@ def report(typed: Options, out: Path, quick: bool, as_json: bool) -> None:
 
 @click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
 @with_options(*VIEWS, *MODEL)
-@click.option("--model", type=Names(), default=("phong", "blinn"), help="Also matte  [default: phong,blinn]")
+@click.option("--model", type=Names(), default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
 @as_json
 def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
     """Choose the model that predicts photographs best.

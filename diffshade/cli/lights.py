@@ -15,7 +15,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.command(**SETTINGS, epilog="Example: diffshade calibrate photographs --ball matte -o ready")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
-@click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: in the folder; found]")
+@click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")
 @ENCODING
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
 @click.option("--radius", type=float, default=1.0, help="Radius of the ball, scene units  [default: 1]")
@@ -35,9 +35,9 @@ def calibrate(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Find the lights of photographs of a ball.
+    """Find the lights from photographs of a ball.
 
-    PHOTOS: a folder, or files, each under one light, from one place.
+    PHOTOS: a folder or files. Each has one light; the camera does not move.
     """
     import diffshade as ds
 

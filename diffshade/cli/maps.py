@@ -23,13 +23,13 @@ FREE = ("k_d", "k_s", "n_s")
     metavar="FOLDER",
     help="Results; an interrupted run resumes  [default: maps]",
 )
-@click.option("--free", type=Names(), default=(), help="[default: k_d,k_s,n_s; without normals, normal]")
+@click.option("--free", type=Names(), default=(), help="Maps  [default: k_d,k_s,n_s; normal too if unknown]")
 @click.option("--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
 def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json: bool) -> None:
-    """Find a material for every pixel: maps.
+    """Find maps: a material for every pixel.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """

@@ -47,7 +47,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
     )
     about = "a ball under a lamp." if material is None else f"a ball of {Path(material).name} under a lamp."
     put_material(scene, chosen, about=about)
-    answer(f"{scene}: now diffshade render {shlex.quote(str(scene))}", {"scene": scene}, as_json=as_json)
+    answer(f"{scene}: render it with diffshade render {shlex.quote(str(scene))}", {"scene": scene}, as_json=as_json)
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")

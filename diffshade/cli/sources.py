@@ -28,22 +28,22 @@ SOURCE = (
 )
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by file type]")
 VIEWS = (
-    click.option("--lit", type=Lit(), help="Lights on: each (default), all, or as in 0,1,0+1"),
+    click.option("--lit", type=Lit(), help="each (default: one per photo), all, or as in 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
 )
 MODEL = (
     click.option("--free", type=Names(), default=FREE, help="Parameters to fit  [default: k_a,k_d,k_s,n_s]"),
-    click.option("--tied", type=Names(), default=(), help="One value for all lamps, such as attenuation"),
-    click.option("--grey", type=Names(), default=(), help="Colours that are grey, such as k_s"),
-    click.option("--bounds", type=Bounds(), multiple=True, help="May be given several times"),
+    click.option("--tied", type=Names(), default=(), help="Parameters that all lamps share, as attenuation"),
+    click.option("--grey", type=Names(), default=(), help="Colours to keep grey, such as k_s"),
+    click.option("--bounds", type=Bounds(), multiple=True, help="Range of a parameter; may be repeated"),
     click.option(
         "--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure"
     ),
     click.option("--noise", type=float, metavar="SIGMA", help="Standard deviation, white = 1  [default: fitted]"),
 )
 LOBE = click.option("--lobe", type=OneOf(LOBES), help="phong or blinn  [default: the scene's; phong]")
-ROOM = click.option("--memory", type=float, metavar="GB", help="Memory for pixels; more are read in bands")
+ROOM = click.option("--memory", type=float, metavar="GB", help="Memory for pixels; if exceeded, read in bands")
 
 
 @dataclass(frozen=True)

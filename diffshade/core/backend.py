@@ -1,4 +1,4 @@
-"""The machine: does this jaxlib add up correctly, in which precision, and what its compiler should leave alone."""
+"""Backend: a check that this jaxlib adds up correctly, the precision, and options for its compiler."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fields: what people type becomes what travels, NumPy float64 of one shape, and is checked by name."""
+"""Fields: arguments as typed become NumPy float64 arrays of one shape, and are checked under their names."""
 
 from __future__ import annotations
 
@@ -119,6 +119,8 @@ class Parameter:
     """1 where twice as much of it cancels half the light, -1 where it cancels twice the reflection, 0 neither."""
     by_own_name: bool = False
     """Whether only its own name frees it, and not that of what holds it: most scenes do without."""
+    search: tuple[float, ...] = ()
+    """Values that a fit tries at its start, in this order, where the image is not linear in it; empty for none."""
     reach: float = 0.0
     """How far the first step of an approach from coarse to fine may go (`starts.approach`); 0 for none."""
 

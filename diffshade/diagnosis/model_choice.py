@@ -246,10 +246,10 @@ def verdict(
 
 
 def _of_few_views(folds: Folds, worse: np.ndarray) -> list[str]:
-    """Return what would decide where patches do not."""
+    """Return a remedy if patches leave the choice undecided."""
     if folds.by_view or worse[1:].all():
         return []
-    return ["few patches of one photograph distinguish the models. Add photographs under other lights."]
+    return ["patches of so few photographs do not decide between the models. Add photographs under other lights."]
 
 
 def _of_single_views(names: Sequence[str], scores: Mapping[str, Scores]) -> list[str]:

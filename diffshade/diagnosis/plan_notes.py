@@ -63,7 +63,7 @@ def plan_notes(ranked: Ranked) -> list[str]:
         *_new_directions(ranked),
         *_clipped(ranked),
         *_assumed_known(ranked),
-        "errors are for independent noise of the fit's size; compare them with each other.",
+        "errors assume independent noise as large as the fit's; use them only to compare shots with each other.",
     ]
 
 
@@ -80,7 +80,7 @@ def _error_ratio(ranked: Ranked) -> list[str]:
         return []
     ratio = float(np.exp(np.mean(np.log(then[chosen] / now[chosen]))))
     what = ranked.quantities(chosen) if ranked.aim.any() else "what the views determine"
-    return [f"with {ranked.best} the errors of {what} are {ratio:.2g} times those of now."]
+    return [f"with {ranked.best}, the errors of {what} are {ratio:.2g} times the present ones."]
 
 
 def _undetermined(ranked: Ranked) -> list[str]:
@@ -92,7 +92,7 @@ def _undetermined(ranked: Ranked) -> list[str]:
             "distances or cameras."
         ]
     if not np.isfinite(ranked.errors).all() or not np.isfinite(ranked.now).all():
-        return ["- marks an unknown that is not determined."]
+        return ["a dash marks an unknown that is not determined."]
     return []
 
 
@@ -107,7 +107,7 @@ def _too_uncertain(ranked: Ranked) -> list[str]:
 def _new_directions(ranked: Ranked) -> list[str]:
     if not ranked.rank.any():
         return []
-    return ["new: directions that a shot determines and the views do not; they rank first."]
+    return ["'new' counts the directions that a shot determines and the views do not; such shots rank first."]
 
 
 def _clipped(ranked: Ranked) -> list[str]:

@@ -157,7 +157,7 @@ def _visible_object(placed: PlacedShot, name: str) -> Any:
     inside = np.asarray(silhouette(placed.scene.objects, placed.camera))
     if not inside.any():
         eye = ", ".join(f"{x:g}" for x in placed.camera.eye)
-        raise ValueError(f"{name} sees no object from its camera at ({eye}). Turn the camera to one by its target.")
+        raise ValueError(f"{name} sees no object from its camera at ({eye}). Set the camera's target to one.")
     return inside
 
 

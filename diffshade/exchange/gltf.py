@@ -16,7 +16,8 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
-from ..model.materials import Material, Phong
+from ..model.lobes import Phong
+from ..model.materials import Material
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated
 from .lobe_refits import check_plain, named
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of

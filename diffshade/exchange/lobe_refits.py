@@ -12,8 +12,10 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from ..core.fields import check, check_kind
+from ..core.words import count
 from ..model.fresnel import NoFresnel
-from ..model.materials import AbstractLobe, Material
+from ..model.lobes import AbstractPowerLobe
+from ..model.materials import Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
 EXPONENTS = (0.1, 1e5)  # the range of n_s that is searched
@@ -43,11 +45,16 @@ def named(material: Material) -> str:
     """Return a highlight in words."""
     exponents = ", ".join(f"{n:.4g}" for n in np.ravel(material.n_s))
     fresnel = "" if isinstance(material.fresnel, NoFresnel) else f" and {type(material.fresnel).__name__}'s weight"
-    return f"{type(material.lobe).__name__} with n_s {exponents}{fresnel}"
+    more = f" and {count(len(material.highlights), 'further highlight')}" if material.highlights else ""
+    return f"{type(material.lobe).__name__} with n_s {exponents}{fresnel}{more}"
 
 
 def with_lobe(
-    material: Material, lobe: AbstractLobe, *, highest_n_s: float | int = EXPONENTS[1], highest_k: float | int = np.inf
+    material: Material,
+    lobe: AbstractPowerLobe,
+    *,
+    highest_n_s: float | int = EXPONENTS[1],
+    highest_k: float | int = np.inf,
 ) -> Refit:
     r"""Return the material with this lobe, constant k_s and one n_s that is nearest to a given material.
 
@@ -72,18 +79,18 @@ def with_lobe(
         TypeError: If an argument has another type.
     """
     check_plain(material)
-    check_kind("lobe", lobe, AbstractLobe, "Blinn()")
+    check_kind("lobe", lobe, AbstractPowerLobe, "Blinn()")
     n_s = np.unique(np.asarray(material.n_s))
     within = all(np.all(np.asarray(k) <= highest_k) for k in (material.k_d, material.k_s)) and n_s[-1] <= highest_n_s
     same_lobe = type(material.lobe) is type(lobe) and isinstance(material.fresnel, NoFresnel) and len(n_s) == 1
-    if within and same_lobe:
+    if within and same_lobe and not material.highlights:
         return Refit(dataclasses.replace(material, n_s=float(n_s[0])), 0.0, 0.0, material)
     points = reference_of(material)
     target = radiance(material, points)
     k_d = np.minimum(material.k_d, highest_k)
     shape = Shape(points.highlights(lobe), (EXPONENTS[0], float(highest_n_s)), float(highest_k))
     n, k_s = shape.fit(target - points.n_l[:, None] * np.asarray(material.k_d))
-    new = dataclasses.replace(material, k_d=k_d, k_s=k_s, n_s=n, lobe=lobe, fresnel=NoFresnel())
+    new = dataclasses.replace(material, k_d=k_d, k_s=k_s, n_s=n, lobe=lobe, fresnel=NoFresnel(), highlights=())
     return Refit(new, *differences(target, radiance(new, points)), material)
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..core.words import count
-from ..model.materials import Blinn, Material
+from ..model.lobes import Blinn
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain
 from .lobe_refits import with_lobe
 from .parsing import number, numbers, short

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
-from ..model.materials import Blinn, Material
+from ..model.lobes import Blinn
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain
 from .lobe_refits import with_lobe
 from .parsing import NUMBER, number, short

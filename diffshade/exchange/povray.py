@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from ..model.materials import Blinn, Material, Phong
+from ..model.lobes import Blinn, Phong
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated
 from .lobe_refits import named, with_lobe
 from .parsing import NUMBER, number, numbers, short

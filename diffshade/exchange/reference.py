@@ -15,7 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.backend import in_float64
-from ..model.materials import AbstractLobe, Material, Phong
+from ..core.fields import Exponent
+from ..model.lobes import AbstractPowerLobe, AbstractReflectance, Phong
+from ..model.materials import Material
 from ..model.reflection import reflectance
 from ..model.vectors import Vec3
 
@@ -61,7 +63,7 @@ class Reference(NamedTuple):
         """v . h"""
         return self.h[:, 2]
 
-    def highlights(self, lobe: AbstractLobe) -> Callable[[float], Cosines]:
+    def highlights(self, lobe: AbstractPowerLobe) -> Callable[[float], Cosines]:
         """Return the highlights of k_s = 1 as a function of n_s (E5, E6)."""
         with in_float64():
             cosine = np.broadcast_to(np.asarray(lobe.cosine(*self.vectors)), self.n_v.shape)
@@ -95,15 +97,20 @@ def reference(n_s: float) -> Reference:
 
 
 def reference_of(material: Material) -> Reference:
-    """Return the reference points for a material; a Phong highlight is about as wide as Blinn's of 4 n_s."""
-    n_s = float(np.min(material.n_s))
-    return reference(4.0 * n_s if isinstance(material.lobe, Phong) else n_s)
+    """Return the reference points for a material, those of each of its highlights."""
+    found = [reference(_as_blinn(of.n_s, of.lobe)) for of in (material, *material.highlights)]
+    return Reference(*(np.concatenate([getattr(of, name) for of in found]) for name in ("n", "l")))
+
+
+def _as_blinn(n_s: Exponent, lobe: AbstractReflectance) -> float:
+    """Return the exponent of Blinn's highlight that is about as wide: 4 n_s of Phong's n_s."""
+    return float(np.min(n_s)) * (4.0 if isinstance(lobe, Phong) else 1.0)
 
 
 def radiance(material: Material, points: Reference) -> Radiance:
     """Return the radiance of a material at the points: k_d (n.l)_+ + W (cos)_+^n_s, without ambient light."""
     with in_float64(material) as material:
-        return np.asarray(reflectance(material.at(None), material.lobe, material.fresnel, *points.vectors).stack())
+        return np.asarray(reflectance(material, material.at(None), *points.vectors).stack())
 
 
 def differences(one: Radiance, other: Radiance) -> tuple[float, float]:

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..model.materials import Blinn, Material
+from ..model.lobes import Blinn
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated
 from .lobe_refits import EXPONENTS, Shape, check_plain, named
 from .parsing import NUMBER, number, short

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..core.fields import Array
-from ..model.materials import Material, Phong
+from ..model.lobes import Phong
+from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated
 from .lobe_refits import with_lobe
 from .parsing import NUMBER, number, short

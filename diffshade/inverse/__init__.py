@@ -1,1 +1,1 @@
-"""Inverse: from photographs to the scene's numbers; its rooms follow the way of the data."""
+"""Inverse: from photographs to the scene's numbers; the subpackages follow the path of the data."""

@@ -32,7 +32,7 @@ from .verdicts.contradictions import check_priors
 from .verdicts.outlines import check_outlines
 from .verdicts.stability import note_unchecked, withdraw_unstable
 
-DERIVATIVES = "Fit outside; the derivatives are ds.sensitivity(fit, name), and ds.image_sensitivity by a photograph."
+DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or ds.image_sensitivity(fit, view)."
 CLIPPED = ("hinge", "tobit", "exclude")
 
 
@@ -59,26 +59,27 @@ def fit(
 
     The sum is over the samples of all views; rho is the square unless another `loss` is given. The solver is
     Levenberg-Marquardt on J^T J (Marquardt 1963) within bounds, in float64 whatever the global flag. It needs no start
-    values: k_a, k_d and k_s are solved for exactly, n_s (as log n_s) is searched for, and attenuation begins at none,
-    whatever the scene says of them. Geometry (a light's position or direction, a spot's shape, a sphere) is searched
-    for near the scene's values.
+    values: k_a, k_d and k_s are solved for exactly, n_s (as log n_s) is searched for, and attenuation begins at none;
+    the scene's values of these are ignored. Geometry (a light's position or direction, a spot's shape, a sphere) is
+    searched for near the scene's values.
 
     A fit checks itself. Where the views disagree, or samples are clipped, it is repeated without the saturated pixels
     and without the brightest half of the highlight; a number that then moves by 30 % or three errors is not determined.
-    A dark background inside the scene's silhouette, in views without a mask, leaves nothing determined. A prior four
-    standard deviations from what the images say alone is reported, and what it moves by two errors is not determined.
-    The steps of integer files whose images have less noise than a step are found from the values, and what rounding can
-    do is added to the errors (`Fit.rounding`). A fit by tiles is not repeated, and says so; lazy images are not
-    compared with the silhouette.
+    If views without a mask show a dark background inside the scene's silhouette, nothing is determined. A prior is
+    reported if it is four standard deviations from the value that the images alone give, and values that it moves by
+    two errors are not determined. If the images of integer files have less noise than a step, the steps are found from
+    the values, and the effect of rounding is added to the errors (`Fit.rounding`). A fit by tiles is not repeated, and
+    has a note on that; lazy images are not compared with the silhouette.
 
     Args:
-        scene: What is known. Values of free parameters matter only where the search begins at them, see above.
+        scene: The scene. Its values of free parameters matter only if the search begins at them (see above).
         views: The photographs; one or several.
         free: Names of the parameters to fit. A name is any run of whole segments of a dotted path: `"k_d"`,
             `"lights.0.intensity"`, `"attenuation"` (which frees `linear` and `quadratic`; `constant`, the gauge, only
             by its own name), `"exposure"` and `"black"` of each view, `"views.0.exposure"`. A direction is fitted as a
             unit vector.
-        tied: Names; free numbers whose paths are equal after the matched run are one unknown.
+        tied: Names. Free numbers with the same path from the name on are one unknown: `"attenuation"` is then one for
+            all lamps.
         bounds: Name to (lower, upper). A name may end in a channel, as the table prints it: `"k_d.r"`, `"position.x"`.
             By default coefficients, intensities and attenuation are at least 0, and n_s is in [0.1, 1e4].
         constraints: `Grey` and `Proportional`.
@@ -86,17 +87,17 @@ def fit(
             deviation is that of log n_s.
         loss: `"squares"`; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is found from the
             residuals' median unless the views' noise is known.
-        clipped: What a sample at an end of the sensor's range says. `"hinge"`: the residual is one-sided, the truth is
-            at least (or at most) that. `"tobit"`: the censored likelihood, which needs the views' noise; it alone has
-            no bias where much lies within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
+        clipped: How a sample at an end of the sensor's range counts. `"hinge"`: by a one-sided residual, since the true
+            value is there or beyond. `"tobit"`: by the censored likelihood, which needs the views' noise; only this has
+            no bias if many samples lie within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
         start: `"search"`, or `"scene"` to begin at the scene's values.
-        memory: Bytes that the pixels may take laid out, about 100 each. Where they would take more, they are read and
-            laid out anew at each pass, by tiles of rows; lazy images (`open_image`) are never whole in memory.
-        checkpoint: A folder, made where there is none, to which every pass is written, and every few seconds the sums
-            of the pass under way. After any end the same call resumes from there, to the same bits. Of several
-            processes the first one writes.
-        mesh: A `jax.sharding.Mesh` over whose devices the tiles are spread, with one sum over all a step. After
-            `jax.distributed.initialize` in every process, give `jax.devices()`; each process makes the same call, must
+        memory: Bytes that the pixels may take, about 100 each. If they need more, each pass reads them again, in tiles
+            of rows; lazy images (`open_image`) are never whole in memory.
+        checkpoint: A folder, made if it does not exist, for the result of every pass and, every few seconds, the sums
+            of the current one. If the fit is stopped, the same call resumes there and gives the same bits. With several
+            processes, the first one writes.
+        mesh: A `jax.sharding.Mesh` whose devices share the tiles; each step has one sum over all of them. After
+            `jax.distributed.initialize` in every process, give `jax.devices()`. Each process makes the same call, must
             be able to read all views, and gets the same fit.
         progress: Whether to show a line on the terminal.
 
@@ -163,7 +164,7 @@ def survey_tiles(
     device_group: DeviceGroup | None,
     report_progress: ReportProgress,
 ) -> tuple[Tiles, Counts]:
-    """Return the tiles that a fit reads its samples by, and the counts, as `samples_for` of views in memory."""
+    """Return the tiles from which a fit reads its samples, and the counts: `samples_for` for views not in memory."""
     again = find_repeats(scene, views)
     tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "exclude")
     ends = tiles.settle(surveyed(tiles, kept, device_group, report_progress))
@@ -183,7 +184,7 @@ def check_free(unknowns: Sequence[Unknown]) -> None:
 def check_choices(
     scene: Any, views: Sequence[Any], constraints: Sequence[Any], loss: Any, clipped: Any, start: Any
 ) -> None:
-    """Refuse what is no scene, view, constraint or choice."""
+    """Refuse arguments of a wrong type, and choices that do not exist."""
     if not views:
         raise ValueError("fit needs at least one view; got none. Give a View for each photograph.")
     check_kind("scene", scene, Scene, "Scene(Object(Sphere()), PointLight((2, 3, 4)))")
@@ -207,14 +208,14 @@ def check_choices(
     known = [view.noise is not None for view in views]
     if any(known) and not all(known):
         raise ValueError(
-            f"views[{known.index(False)}] has no noise while views[{known.index(True)}] has. Give all of them or none."
+            f"views[{known.index(False)}] has no noise, but views[{known.index(True)}] has. Give noise for all or none."
         )
     if clipped == "tobit" and not all(known):
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 
 def check_scale(memory: Any, folder: Any, mesh: Any, name: str = "checkpoint") -> None:
-    """Refuse what is no size of memory, folder or mesh."""
+    """Refuse a memory size, folder or mesh of a wrong type or value."""
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
         raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
     if folder is not None and not isinstance(folder, str | Path):

@@ -120,8 +120,8 @@ def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Coun
     """Return the samples of a fit, or those of the pixels to keep, and their count."""
     if (needs := laid_bytes(fit.scene, fit.views, fit.counts.pixels)) > fit.memory:
         raise ValueError(
-            f"what looks at a fit again holds all of its pixels at once, here {needs:.3g} bytes, and this fit's memory "
-            f"is {fit.memory:.3g}. Fit some of the rows or views, or give fit more memory."
+            f"repeating a fit needs all of its pixels in memory, here {needs:.3g} bytes, but this fit's memory is "
+            f"{fit.memory:.3g}. Fit some of the rows or views, or give fit more memory."
         )
     samples, counts = samples_for(fit.scene, fit.views, fit.unknowns, fit.clipped)
     if keep is None:

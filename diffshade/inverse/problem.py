@@ -1,8 +1,8 @@
 """Problem: what a fit minimises, in stages that each add something and change nothing.
 
-`FitProblem` is the unknowns, the samples and the model that predicts them. `Start` (found by `starting.find_start` on a
-part of the pixels) is where to begin, the scale of the residuals and the steps of the files. `LaidOutProblem` holds all
-pixels, weighed, and is minimised.
+`FitProblem` has the unknowns, the samples and the model that predicts them. `Start`, found by `starting.find_start` on
+a part of the pixels, has the first values, the scale of the residuals and the steps of the files. `LaidOutProblem` has
+all pixels with their weights, and is minimised.
 """
 
 from __future__ import annotations
@@ -58,19 +58,19 @@ class FitProblem:
     views: Sequence[View]
     unknowns: Sequence[Unknown]
     samples: Sequence[Samples] | Tiles
-    """Those of each view, in memory; or the tiles of rows to read them by."""
+    """The samples of each view, in memory; or the tiles of rows from which they are read."""
     counts: Counts
     loss: str
     clipped: str
-    """What clipped samples say: "hinge", "tobit" or "exclude"."""
+    """How clipped samples count: "hinge", "tobit" or "exclude"."""
     model: AbstractForwardModel
-    """Its likelihood is of squares and scale 1, and its views have no steps, until a stage settles these."""
+    """It begins with squares, scale 1 and no steps of the files; later stages replace these."""
     box: Box
     block_size: int
 
     @property
     def noise_known(self) -> bool:
-        """Whether the views say how much they scatter: all do, or none."""
+        """Whether the noise of the views is given; it is given for all or for none."""
         return self.views[0].noise is not None
 
     @property
@@ -95,7 +95,7 @@ class FitProblem:
 
     def with_scale(self, sigma: float, loss: str) -> FitProblem:
         """Return the problem with another scale of the residuals and another loss."""
-        # not of a weak type, as which all programs would compile anew
+        # a strong type: with a weak one, all programs would be compiled again
         likelihood = Likelihood(jnp.asarray(np.float64(sigma)), loss, self.model.likelihood.tobit)
         return dataclasses.replace(self, model=self.model.use(likelihood))
 
@@ -120,7 +120,7 @@ class FitProblem:
         return on_all_cores(chunk, chunks(parts))
 
     def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
-        """Return a chunk as NumPy arrays, with where its pixels are in place of the points they show."""
+        """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
         channels = 1 if self.grey else 3
         gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
         seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips, length=length)
@@ -144,7 +144,7 @@ class FitProblem:
         return float(np.sum(on_all_cores(lambda chunk: sum_of_squares(self.model, chunk), chunks))) or 1.0
 
     def priors(self, squares: float) -> PriorResiduals:
-        """Return what is known of the unknowns beside the views; `squares` is the sum of squares of the images."""
+        """Return the residuals of the priors and unit vectors; `squares` is the sum of squares of the images."""
         known = [(j, *u.prior) for j, u in enumerate(self.unknowns) if u.prior is not None]
         index, mean, width = (np.array([row[k] for row in known]) for k in range(3))
         units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
@@ -172,14 +172,14 @@ def fit_problem(
     """Return the problem of a fit, with the fastest model that serves.
 
     Args:
-        scene: What is known, with the values that the unknowns have in it.
+        scene: The scene; it has values for the unknowns too.
         views: The photographs.
         unknowns: What is to be found.
         samples: The samples of each view that count, or the tiles to read them by.
         counts: How many there are.
         loss: "squares", "huber", "cauchy" or "geman-mcclure".
         clipped: What clipped samples say: "hinge", "tobit" or "exclude".
-        rendered: Whether to take the model that serves any scene, where a faster one would do.
+        rendered: Whether to take the model for any scene even if a faster one would do.
     """
     setting = prepare(scene, views, slots_of(scene, views, unknowns))
     likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
@@ -196,7 +196,7 @@ def fit_problem(
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a fit begins, and what a part of the pixels settled."""
+    """Where a fit begins, and the scale and steps, all found on a part of the pixels."""
 
     theta: Theta
     sigma: float
@@ -215,12 +215,12 @@ class Start:
 
     @staticmethod
     def zeros(problem: FitProblem) -> Float[np.ndarray, " n"]:
-        """Return an array of the length of a start's, for a process that is told where to begin."""
+        """Return zeros of the length of `to_array`, for a process that receives its start from another."""
         return np.zeros(len(problem.unknowns) + 3 + 2 * len(problem.views))
 
     @staticmethod
     def from_array(numbers: Float[np.ndarray, " n"], views: int) -> Start:
-        """Return what `to_array` made an array of."""
+        """Return the start from its array, as made by `to_array`."""
         theta, known, step, srgb = np.split(numbers, np.cumsum([len(numbers) - 3 - 2 * views, 3, views]))
         sigma, squares, step_variance = known.tolist()
         return Start(theta, sigma, squares, Rounding(step, srgb, np.zeros(())), step_variance)
@@ -253,13 +253,13 @@ class LaidOutProblem:
         )
 
     def prior_gram(self, end: Minimum) -> Gram:
-        """Return the Gram of what is known beside the views, at the end."""
+        """Return the Gram of the priors and unit vectors at the end."""
         return prior_gram(end.point.theta, self.problem.priors(self.squares))
 
     def spread(self, end: Minimum) -> Float[np.ndarray, "5"]:
         """Return the sums of `Likelihood.spread` at the end."""
         cost, model = float(end.point.views.cost.sum()), self.problem.model
-        if model.projects and cost > 1e-8 * self.squares:  # else it is a difference of like numbers
+        if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
             sizes = zip(self.problem.pixels, self.problem.views, strict=True)
             count = float(sum(n * (1 if is_grey(view) else 3) for n, view in sizes))
             return np.array([count, *[2 * cost] * 2, *[count] * 2])
@@ -288,14 +288,14 @@ def lay_out_all(
     device_group: DeviceGroup | None,
     report_progress: ReportProgress,
 ) -> LaidOutProblem:
-    """Return the problem with what a start settled, and all of its pixels, weighed there.
+    """Return the problem with the scale and steps of a start, and all of its pixels, with weights at the start.
 
     Args:
-        problem: The problem, of the scale and loss that it was made with.
+        problem: The problem, with the scale and loss that it was made with.
         start: Where to begin.
-        part: Chunks of the pixels of which the start was found; of few pixels all, which are then not laid out again.
-        memory: Bytes that tiles may take laid out, before others are laid out anew at each pass.
-        checkpoint: Where tiles keep what a pass has summed.
+        part: Chunks of the pixels on which the start was found. If these are all pixels, they are not laid out again.
+        memory: Bytes for tiles that stay laid out; the other tiles are laid out again at each pass.
+        checkpoint: Keeps the sums of each pass over tiles.
         device_group: The devices to sum over; None for this process's cores.
         report_progress: Reports progress.
     """
@@ -327,7 +327,7 @@ def _homoscedastic(views: Sequence[View]) -> bool:
 
 
 def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -> float:
-    """Return about how many bytes pixels take laid out, by default all of the views: samples, and numbers a light."""
+    """Return the approximate bytes of laid-out pixels, by default all of the views: samples, and numbers per light."""
     pixels = sum(view.image.shape[0] * view.image.shape[1] for view in views) if pixels is None else pixels
     lights = max(len(lights_on(scene, view)) for view in views)
     return 8.0 * pixels * (6 + 4 * min(lights, MOST_LIGHTS))
@@ -339,5 +339,5 @@ def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
 
 
 def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    """Return the Gram of what is known of the unknowns beside the views, as NumPy arrays."""
+    """Return the Gram of the priors and unit vectors, as NumPy arrays."""
     return jax.tree.map(np.asarray, _prior_gram(theta, priors))

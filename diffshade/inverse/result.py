@@ -29,16 +29,16 @@ class Fit:
     """The outcome of a fit; `print` it for the table. Every array is NumPy float64, one entry an unknown."""
 
     scene: Scene
-    """The scene with the fitted values; what is not `determined` is one of many that fit as well."""
+    """The scene with the fitted values; a value that is not `determined` is one of many that fit equally well."""
     views: tuple[View, ...]
     """The views, with the fitted exposures and blacks."""
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
-    """Standard errors: the truth lies within 1.96 of them 95 % of the time; infinite where nothing is determined. They
-    are for independent noise where the views agree within it, else by leaving out one view at a time, widened by
-    Student's t (`clusters`); where the images are rounded to steps larger than their noise, with what that adds
-    (`rounding`)."""
+    """Standard errors: the true value lies within 1.96 of them 95 % of the time; infinite if it is not determined. They
+    are for independent noise if the views agree within it, else by leaving out one view at a time, widened by Student's
+    t (`clusters`). If the images are rounded to steps larger than their noise, they include the rounding (`rounding`).
+    """
     plain_errors: Float[np.ndarray, " p"]
     """Standard errors sigma^2 (J^T J)^-1 for independent noise, of equal size or as the views' `Noise` says; too small
     on real photographs, whose residuals are correlated. Infinite where nothing is determined."""
@@ -52,7 +52,7 @@ class Fit:
     """At the lower of its bounds; an error at a bound is one-sided, into the range."""
     rmse: float
     """Root mean square residual of the samples that were measured, in the images' units; where the noise of the views
-    is given, in units of that noise: 1 is as it should be."""
+    is given, in units of that noise, so that 1 is expected."""
     condition: float
     """Condition number of the Jacobian with columns of unit length; infinite where it is singular."""
     counts: Counts
@@ -64,15 +64,15 @@ class Fit:
     likelihood: Likelihood
     """The loss, and the scale of the residuals that it was used with."""
     clipped: str
-    """What clipped samples say, as given to the fit."""
+    """How clipped samples count, as given to the fit."""
     squares: float
-    """Sum of squares of the samples, weighted: what a residual is small or large against."""
+    """The weighted sum of squares of the samples, with which residuals are compared."""
     clusters: Clusters
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
-    """What each number may be small against, such as the largest reflection of its object; 0 where nothing is."""
+    """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
     notes: tuple[Note, ...]
-    """What these views cannot tell, what stands at a bound, what was left out: a sentence each."""
+    """What these views do not determine, what is at a bound, and what was left out: a sentence each."""
     rounding: Rounding
     """The steps of the views' files where their rounding adds to the errors, else none."""
     memory: float | int = MEMORY
@@ -93,7 +93,7 @@ class Fit:
         """The fitted material of the scene's only object; ValueError where there are several."""
         if len(self.scene.objects) != 1:
             raise ValueError(
-                f"this scene has {len(self.scene.objects)} objects, so which material is meant is not known. "
+                f"this scene has {len(self.scene.objects)} objects, so fit.material is ambiguous. "
                 "Use fit.scene.objects[i].material."
             )
         return self.scene.objects[0].material
@@ -110,7 +110,7 @@ class Fit:
         return values_in(scene, self.views, self.unknowns)
 
     def predict(self, view: View) -> Prediction:
-        """Return what a view's photograph would be by this fit, beside what it is; any view, fitted or held out."""
+        """Return a view's photograph together with this fit's prediction of it; the view may be fitted or held out."""
         moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
         with in_float64((self.scene, view)) as (scene, view):
             samples = find_samples(scene, view, moving=moving and has_mask(view))

@@ -1,4 +1,4 @@
-"""Running: one fit, from the samples to what is known at the minimum; in memory, or by tiles, on one road."""
+"""Running: one fit, from the samples to what is known at the minimum, by the same code in memory and by tiles."""
 
 from __future__ import annotations
 

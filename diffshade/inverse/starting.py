@@ -19,6 +19,7 @@ from .forward.rounding import find_rounding
 from .forward.sums import residuals, variance_of_steps
 from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
+from .solve.interchangeable import by_rising_exponent
 from .solve.solvers import minimise
 from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.slots import slots_of
@@ -40,7 +41,9 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
     squares = problem.sum_of_squares(measured)
     theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
     if not from_scene:
-        theta = _search(problem, measured, squares, report_progress)
+        theta = by_rising_exponent(
+            _search(problem, measured, squares, report_progress), problem.scene, problem.unknowns
+        )
     has_prior = any(u.prior is not None for u in problem.unknowns)
     if problem.loss != "squares" or not problem.homoscedastic or (not problem.noise_known and has_prior):
         problem, part, theta = _settle(problem, part, squares, theta)

@@ -20,6 +20,7 @@ from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .problem import LaidOutProblem
 from .result import Fit
+from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
 from .statistics.clusters import compared, independent
 from .statistics.identifiability import (
@@ -68,7 +69,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     everything, regular = evidence.total, evidence.determined
     fitted, seen = put_back(scene, views, unknowns, found.values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
-    # what is at a bound and lost there may be elsewhere: then the others' errors are not those of it held
+    # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
     held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
     evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
     which = _clusters_in_words(groups, problem.counts)
@@ -92,6 +93,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         *_clipped(problem.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),
+        *note_order(scene, unknowns),
     ]
     return Fit(
         scene=fitted,
@@ -121,12 +123,12 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
 
 
 def _values_at(end: Minimum, unknowns: Sequence[Unknown]) -> _Values:
-    """Return the values at a minimum: unit vectors of length 1, and right at a bound, not a rounding beside it."""
+    """Return the values at a minimum: directions as unit vectors, and values within rounding of a bound put on it."""
     theta = end.theta
     if not (np.isfinite(theta).all() and np.isfinite(end.point.total.cost)):
         raise FloatingPointError(
-            f"the fit met a number that is not finite at {', '.join(f'{t:g}' for t in theta)}. Check the scene for "
-            "extreme values."
+            f"the fit reached a value or a cost that is not finite, at {', '.join(f'{t:g}' for t in theta)}. Check the "
+            "scene for extreme values."
         )
     lower, upper = (np.array([getattr(u, name) for u in unknowns]) for name in ("lower", "upper"))
     values = values_at(theta, unknowns)
@@ -147,7 +149,7 @@ def _evidence(
     spread: Float[np.ndarray, "5"],
     rounded: Rounded | None,
 ) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
-    """Return what errors are made of, in the unknowns' own units, the views of each cluster, and what is singular."""
+    """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
     problem, point, prior = laid.problem, end.point.views, laid.prior_gram(end)
     H, g = np.asarray(point.hessian) * np.outer(slope, slope), np.asarray(point.gradient) * slope
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
@@ -184,18 +186,18 @@ def _not_converged(end: Minimum) -> list[Note]:
 
 
 def _clusters_in_words(groups: Sequence[Sequence[int]], counts: Counts) -> str:
-    """Name the clusters of a fit: views, or the ways in which they were taken."""
+    """Name the clusters of a fit: views, or setups (a camera with a set of lights) with several views."""
     views = count(counts.views, "view")
-    return views if len(groups) == counts.views else f"{views}, taken in {count(len(groups), 'way')},"
+    return views if len(groups) == counts.views else f"{views} in {count(len(groups), 'setup')}"
 
 
 def _scales(
     scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], curvature: np.ndarray, squares: float
 ) -> np.ndarray:
-    """Return what a number may be small against; 0 where nothing is.
+    """Return the size with which each value is compared; 0 if there is none.
 
-    Of a reflection, the largest of its object; of what fades light, what would change the image by a sixth; of a
-    transmission 1; of a coordinate, how far the objects reach: where the origin is says nothing.
+    For a reflection this is the largest one of its object; for an attenuation, the value that changes the image by a
+    sixth; for a transmission, 1; for a coordinate, the size of the objects, since the origin is arbitrary.
     """
     extent = max(item.surface.extent() for item in scene.objects)
     reflections = {
@@ -219,13 +221,13 @@ def _scales(
 
 
 def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
-    """Say which unknowns move hard squares over the pixels: a jump, of which a derivative sees nothing."""
+    """Return a note on unknowns that move hard squares over the pixels: these jump, and have no derivative."""
     hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
     movers = {u.quantity: None for u in unknowns for path, _ in u.places if _moves_points(path)}
     if not (hard and movers):
         return []
     names = listing(list(movers))
-    text = f"hard squares of a Chequer jump with {names}, of which a fit sees nothing. Give the Chequer smooth=True."
+    text = f"changing {names} makes hard squares of a Chequer jump; no derivative shows that. Give it smooth=True."
     return [Note(text, "hard edge", tuple(movers))]
 
 
@@ -235,22 +237,22 @@ def _moves_points(path: str) -> bool:
 
 
 def _clipped(counts: Counts) -> list[Note]:
-    """Say what became of samples at an end of the sensor's range."""
+    """Return a note on how samples at an end of the sensor's range were used."""
     if counts.left_out:
-        text = f"{count(counts.left_out, 'sample')} at an end of the sensor's range left out, with their pixels."
+        text = f"the fit excludes {count(counts.left_out, 'clipped sample')} and the other channels of their pixels."
         return [Note(text, "clipped")]
     if counts.clipped:
-        text = f"{count(counts.clipped, 'sample')} at an end of the sensor's range, taken to be that or beyond."
+        text = f"the fit uses {count(counts.clipped, 'clipped sample')} as limits: the true value is there or beyond."
         return [Note(text, "clipped")]
     return []
 
 
 def _beyond_noise(rmse: float) -> list[Note]:
-    """Say that the residuals are more than the noise that was given, from which the errors follow."""
+    """Return a note if the residuals exceed the given noise, from which the errors follow."""
     if rmse <= 1.5:
         return []
-    wrong = "the model, or the minimum found, is wrong, or the noise is more than that"
-    return [Note(f"the residuals are {rmse:.3g} times the noise given: {wrong}.", "beyond noise")]
+    wrong = "the model or the minimum is wrong, or the noise is larger"
+    return [Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")]
 
 
 def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> list[Note]:

@@ -1,8 +1,8 @@
 """Image formats: bytes to numbers and back. The only module that knows imageio, Pillow and OpenEXR.
 
-Pillow reads and writes whatever has 8 bits; OpenCV the rest, since Pillow drops the low byte of 16-bit RGB without a
-word, and OpenCV premultiplies the alpha of 8-bit TIFF and gives grey + alpha as RGBA. A file is checked before it is
-decoded (`image_headers`).
+Pillow reads and writes files of 8 bits, and OpenCV the others: Pillow silently drops the low byte of 16-bit RGB, and
+OpenCV premultiplies the alpha of 8-bit TIFF and returns grey + alpha as RGBA. A file is checked before it is decoded
+(`image_headers`).
 """
 
 import io
@@ -34,11 +34,11 @@ def format_of(path: Path) -> Format:
         return FORMATS[path.suffix.lower()]
     except KeyError:
         known = ", ".join(FORMATS)
-        raise ValueError(f"{path} has the suffix '{path.suffix}', which is no known image. Use {known}.") from None
+        raise ValueError(f"{path} has the suffix '{path.suffix}', which is not a known image. Use {known}.") from None
 
 
 def png_depth(path: Path) -> int:
-    """Return the bits of a sample that a PNG's header says: 8 for fewer, which are read so."""
+    """Return the bits per sample in a PNG's header; 8 if there are fewer, since those are read as 8."""
     with path.open("rb") as file:
         header = file.read(25)
     return 16 if header[24:] == b"\x10" else 8
@@ -112,7 +112,7 @@ def _decode_with_opencv(path: Path) -> np.ndarray:
 
 @contextmanager
 def _quiet_opencv() -> Iterator[None]:
-    """Keep OpenCV from printing what it thinks of a TIFF's tags. Its log level is the process's, hence the lock."""
+    """Keep OpenCV from printing warnings about TIFF tags. Its log level is that of the process, hence the lock."""
     import cv2
 
     log: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 5 has it there, OpenCV 4 at top level
@@ -126,7 +126,7 @@ def _quiet_opencv() -> Iterator[None]:
 
 
 def save(path: Path, pixels: np.ndarray) -> None:
-    """Write numbers, shape (H, W, C), as they are to be stored."""
+    """Write pixels of shape (H, W, C), with their values unchanged."""
     suffix = path.suffix.lower()
     if suffix == ".exr":
         _save_exr(path, pixels)
@@ -151,7 +151,7 @@ def _save_exr(path: Path, pixels: np.ndarray) -> None:
 
 
 def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
-    """Return the file of 8 or 16 bits that these numbers make; `quality` is that of JPEG."""
+    """Return pixels of 8 or 16 bits encoded as a file; `quality` is for JPEG."""
     import imageio.v3 as iio
 
     name = FORMATS[suffix].name
@@ -164,7 +164,7 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
 
 
 def encode_indexed(index: np.ndarray, colours: np.ndarray) -> bytes:
-    """Return the PNG that shows for each number, shape (H, W), one of up to 256 RGBA colours: a byte a pixel."""
+    """Return a PNG with one byte per pixel: an index of shape (H, W) into up to 256 RGBA colours."""
     from PIL import Image
 
     image = Image.fromarray(index.astype(np.uint8))

@@ -1,8 +1,8 @@
 """Image headers: what a file declares is checked against its bytes before it is decoded.
 
-A decoder takes memory for the pixels a header declares, and some accept files that are cut off, or print what they
-think of them. So no file is decoded whose bytes could not become that many pixels: a byte of PNG or of deflated TIFF
-gives at most 1032, as deflate does. Each check raises some error for a file that is not sound.
+A decoder allocates memory for the pixels that a header declares; some decoders accept truncated files, or print
+warnings of their own. So a file is decoded only if its bytes can become that many pixels: a byte of PNG or of deflated
+TIFF becomes at most 1032 bytes. Each check raises an error of some type for a damaged file.
 """
 
 import struct
@@ -20,22 +20,22 @@ _TAGS = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 322, 323, 324, 325, 3
 
 
 class UnsupportedError(ValueError):
-    """The file is sound, but of a kind that is not read. The message goes on after the name of the file."""
+    """The file is valid, but its kind is not supported. The message continues after the name of the file."""
 
 
 def check_holds(declared: int, stored: int, most: int) -> None:
-    """Raise where what is declared cannot come of what is stored, of which each byte becomes at most so much."""
+    """Raise if the stored bytes cannot become the declared number; each becomes at most `most`."""
     if declared > most * stored:
         raise ValueError
 
 
 def check_pixels(name: str, size: tuple[int, int], data: bytes) -> None:
-    """Raise where the bytes of a JPEG or TGA cannot be as many pixels as its header says."""
+    """Raise if the bytes of a JPEG or TGA cannot become the pixels that its header declares."""
     check_holds(size[0] * size[1], len(data), _PIXELS.get(name, 8 * ANY_EXPANSION))
 
 
 def check_png(data: bytes) -> tuple[int, int]:
-    """Give depth and colour type; raise where a chunk is cut off or has another checksum (PNG, section 5)."""
+    """Return depth and colour type; raise if a chunk is truncated or its checksum is wrong (PNG, section 5)."""
     if data[:16] != b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR":
         raise ValueError
     at, kind = 8, b""
@@ -52,7 +52,7 @@ def check_png(data: bytes) -> tuple[int, int]:
 
 
 def check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
-    """Give the tags about the pixels (TIFF 6.0, section 2); raise where these are cut off or cannot be inflated."""
+    """Return the tags about the pixels (TIFF 6.0, section 2); raise if the pixels are truncated or not inflatable."""
     order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
     (directory,) = struct.unpack_from(f"{order}I", data, 4)
     (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
@@ -72,7 +72,7 @@ def check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
 
 
 def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:
-    """Raise where strips or tiles are cut off, lie over each other, or are too short for what they should hold."""
+    """Raise if strips or tiles are truncated, overlap, or are too short for their pixels."""
     tiled = 324 in tags
     offsets, sizes = (tags[324], tags[325]) if tiled else (tags[273], tags[279])
     if sum(sizes) > len(data):
@@ -91,7 +91,7 @@ def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:
 
 
 def check_exr(data: bytes) -> None:
-    """Raise where pixels are cut off or too few (OpenEXR File Layout); the library would only print that they are."""
+    """Raise if pixels are truncated or too few (OpenEXR File Layout); the library itself would only print that."""
     magic, flags = struct.unpack_from("<4sI", data)
     if magic != b"v/1\x01":
         raise ValueError
@@ -129,7 +129,7 @@ def _check_window(attributes: dict[bytes, bytes], stored: int) -> None:
 
 
 def _check_inflates(data: bytes) -> None:
-    """Raise where deflated bytes are cut off or do not have their checksum; their memory is not taken."""
+    """Raise if deflated bytes are truncated or their checksum is wrong; the inflated bytes are not kept in memory."""
     stream = zlib.decompressobj()
     while not stream.eof:
         if not stream.decompress(data, 2**20) and not stream.eof:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,17 @@ import equinox as eqx
 import numpy as np
 
 from ..core.words import did_you_mean
-from ..model.attenuation import DepthCueing, Fog, RadialAttenuation
+from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
-from ..model.fresnel import Dielectric, NoFresnel, Schlick
-from ..model.lights import AreaLight, DirectionalLight, PointLight, SpotLight
-from ..model.materials import Blinn, Material, Phong
+from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
+from ..model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ..model.lobes import AbstractReflectance, Blinn, Brushed, Phong
+from ..model.materials import Highlight, Material
 from ..model.measured_lights import MeasuredLight, Profile
 from ..model.named_materials import material_names
-from ..model.patterns import Chequer
+from ..model.patterns import AbstractPattern, Chequer
 from ..model.scenes import Object, Scene
-from ..model.surfaces import Box, Plane, Sphere
+from ..model.surfaces import AbstractSurface, Box, Plane, Sphere
 from .files import replacing
 
 # The classes of a table by its key; where there is a choice, `type` names one, the first by default.
@@ -30,7 +32,8 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "objects": (Object,),
     "surface": (Sphere, Plane, Box),
     "material": (Material,),
-    "lobe": (Phong, Blinn),
+    "lobe": (Phong, Blinn, Brushed),
+    "highlights": (Highlight,),
     "fresnel": (NoFresnel, Schlick, Dielectric),
     "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
     "attenuation": (RadialAttenuation,),
@@ -38,7 +41,16 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
-_SEVERAL = ("objects", "lights")
+_SEVERAL = ("objects", "lights", "highlights")
+# Users' own classes of these bases can stand there too, once their module is imported.
+_OPEN: dict[str, type[eqx.Module]] = {
+    "surface": AbstractSurface,
+    "lobe": AbstractReflectance,
+    "fresnel": AbstractFresnel,
+    "lights": AbstractLight,
+    "atmosphere": AbstractAtmosphere,
+    **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), AbstractPattern),
+}
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -160,7 +172,7 @@ def _value(key: str, value: Any, where: str) -> Any:
         return value
     if isinstance(value, list) and key in _SEVERAL:
         return tuple(_value(key, item, f"{where}[{i}]") for i, item in enumerate(value))
-    types = {cls.__name__: cls for cls in _TYPES[key]}
+    types = _types_of(key)
     if key == "material" and isinstance(value, str) and value != "Material":  # probably the name of a material
         named = value if value in material_names() else "emerald"
         raise ValueError(
@@ -171,11 +183,27 @@ def _value(key: str, value: Any, where: str) -> Any:
         value = {"type": value}
     name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
     if not isinstance(name, str) or name not in types:
-        raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}")
+        own = " A class of your own must be imported first." if key in _OPEN else ""
+        raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}{own}")
     if isinstance(value, dict) and "type" not in value:
         _check_default(value, types, where)
     table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
     return _build(types[name], table, where)
+
+
+def _types_of(key: str) -> dict[str, type[eqx.Module]]:
+    """Return the classes that may stand at a key, by name: the library's, the default first, and users' own."""
+    library = {cls.__name__: cls for cls in _TYPES[key]}
+    own = {cls.__name__: cls for cls in _own_classes(_OPEN[key])} if key in _OPEN else {}
+    return library | {name: cls for name, cls in own.items() if name not in library}
+
+
+def _own_classes(base: type[eqx.Module]) -> Iterator[type[eqx.Module]]:
+    """Yield the classes outside this package that derive from a base and can be made."""
+    for cls in base.__subclasses__():
+        yield from _own_classes(cls)
+        if not (inspect.isabstract(cls) or cls.__module__.startswith(f"{__package__.partition('.')[0]}.")):
+            yield cls
 
 
 def _check_default(table: dict[str, Any], types: dict[str, type], where: str) -> None:
@@ -194,7 +222,7 @@ def _table(module: eqx.Module) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
-        if value is not None and not (isinstance(value, str) and not value):  # fields that are not given are left out
+        if value is not None and not (isinstance(value, str | tuple) and not value):  # what is not given is left out
             table[field.name] = _plain(field.name, value)
     return table
 
@@ -204,14 +232,14 @@ def _plain(key: str, value: Any) -> Any:
         return [_plain(key, item) for item in value]
     if isinstance(value, eqx.Module):
         name = type(value).__name__
-        if type(value) not in _TYPES.get(key, ()):
+        if key not in _TYPES or type(value) is not _types_of(key).get(name):
             raise ValueError(
                 f"a {name} has no form in TOML. Write its arrays with numpy.save, and the rest as a scene."
             )
         fields = _table(value)
         if not fields:
             return name
-        return {"type": name, **fields} if len(_TYPES[key]) > 1 or key == "surface" else fields
+        return {"type": name, **fields} if len(_TYPES[key]) > 1 or key in _OPEN else fields
     if isinstance(value, bool | str):
         return value
     return np.asarray(value).tolist()

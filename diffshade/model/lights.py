@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -70,9 +71,24 @@ class AbstractLight(Checked):
         """The names of the fields that say where the light is, first, and where it points; none if nothing is known."""
         return ()
 
+    @abc.abstractmethod
+    def emitters(self) -> AbstractEmitter:
+        """Return the emitters that the light consists of, as a stack: one whose leaves have a leading axis.
+
+        A light is open to users as an emitter (see `AbstractEmitter`), or as a number of emitters that this method
+        makes: a line is some spot or point lights along it, each with its share of the intensity.
+
+        Returns:
+            The stack.
+        """
+
     def bare(self) -> AbstractEmitter:
-        """Return an emitter of unit intensity in the same place that nothing attenuates; for an area, its middle."""
-        raise NotImplementedError  # a scene refuses a light that is neither an emitter nor an area of them
+        """Return an emitter of unit intensity in the same place that nothing attenuates; of several, in their middle.
+
+        Returns:
+            The emitter.
+        """
+        return jax.tree.map(lambda leaf: np.mean(np.asarray(leaf), 0), self.emitters()).bare()
 
 
 class AbstractEmitter(AbstractLight):
@@ -99,6 +115,10 @@ class AbstractEmitter(AbstractLight):
         Returns:
             The unit direction l from the point to the light, and the RGB intensity f_rad f_ang I_l there.
         """
+
+    def emitters(self) -> AbstractEmitter:
+        """Return the emitter itself, as a stack of one."""
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], self)
 
     def bare(self) -> AbstractEmitter:
         """Return an emitter of unit intensity whose light comes from the same directions."""
@@ -128,8 +148,6 @@ class AbstractLamp(AbstractEmitter):
     """An emitter with a position: what arrives is I_l f_rad f_ang, with its `attenuation` and the f_ang of its path."""
 
     position: eqx.AbstractVar[Vector]
-    intensity: eqx.AbstractVar[Colour]
-    attenuation: eqx.AbstractVar[RadialAttenuation]
 
     @property
     def is_local(self) -> bool:
@@ -152,10 +170,10 @@ class AbstractLamp(AbstractEmitter):
 
     def arriving(self, p: Vec3 | None) -> tuple[Vec3, Vec3]:
         """Return l and f_rad(d) f_ang I_l."""
+        lamp: Any = self  # its intensity and attenuation are fields; declared here they would precede its own
         l, d, f_ang = self.path(p)
-        assert d is not None
-        f_rad = self.attenuation(d)
-        return l, Vec3.of(self.intensity) * (f_rad if f_ang is None else f_rad * f_ang)
+        f_rad = lamp.attenuation(d)
+        return l, Vec3.of(lamp.intensity) * (f_rad if f_ang is None else f_rad * f_ang)
 
 
 class PointLight(AbstractLamp):
@@ -352,11 +370,7 @@ class AreaLight(AbstractLight):
         return PointLight(self.corner + 0.5 * (self.edge_u + self.edge_v))
 
     def emitters(self) -> SpotLight:
-        """Return the emitters as a stack: a light whose leaves have a leading axis.
-
-        Returns:
-            The n_u n_v spots.
-        """
+        """Return the n_u n_v spots, as a stack."""
         n_u, n_v = self.samples
         u, v = np.divmod(np.arange(n_u * n_v), n_v)
         u, v = (u + 0.5) / n_u, (v + 0.5) / n_v

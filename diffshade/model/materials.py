@@ -1,16 +1,13 @@
-"""Materials: how much of each kind of light a surface reflects, and the shape of its highlight."""
+"""Materials: how much of each kind of light a surface reflects, by its coefficients and lobes."""
 
 from __future__ import annotations
 
-import abc
 from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
 
 from ..core.fields import (
-    Array,
     Checked,
     Coefficient,
     Exponent,
@@ -26,69 +23,44 @@ from ..core.fields import (
     parameter,
 )
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
+from .lobes import EXPONENT, AbstractLobe, AbstractReflectance, Coefficients, Phong
 from .patterns import AbstractPattern, colour_at
-from .vectors import Vec3, dot, halfway, reflect
+from .vectors import Vec3
 
-EXPONENT_RANGE = (0.1, 1e4)  # range of n_s in a fit
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
 EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
-EXPONENT = parameter("exponent", lower=0, logarithmic=True, start=10.0, fit_range=EXPONENT_RANGE)
 TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
 # reach: slightly more than half the distance between the values of eta that a search tries
-INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, reach=0.06)
+INDICES = tuple(np.linspace(1.0, 2.5, 16).tolist())  # tried by a fit
+INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, search=INDICES, reach=0.06)
 
 
-class AbstractLobe(eqx.Module):
-    """The shape of a highlight: the cosine that is raised to n_s."""
-
-    @abc.abstractmethod
-    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
-        """Return the base of the highlight's power; all vectors are unit length and point away from the surface.
-
-        Args:
-            n: Normal of the surface.
-            l: Direction to the light.
-            v: Direction to the viewer.
-
-        Returns:
-            The cosine.
-        """
+def as_highlights(value: Any) -> Any:
+    """Make a tuple of one highlight or several; any other value is returned unchanged for the check to refuse."""
+    return tuple(value) if isinstance(value, list | tuple) else (value,)
 
 
-class Phong(AbstractLobe):
-    r"""A highlight around the mirror direction r of the light (E5; Phong 1975).
+class Highlight(Checked):
+    r"""A further highlight of a material, beside its own: $W I_l (cosine)_+^{n_s}$ with its own k_s, n_s and lobe.
 
-    $$ W I_l (v \cdot r)_+^{n_s}, \qquad r = 2 (n \cdot l) n - l $$
+    Args:
+        k_s: Specular reflection, RGB or grey, at least 0; 0 by default.
+        n_s: Specular exponent, at least 0, one for all channels or one per channel; 10 by default.
+        lobe: `Phong()`, the default, `Blinn()` or `Brushed()`.
+
+    Raises:
+        ValueError: A value has the wrong shape, is not finite or is out of its range.
+        TypeError: A value is of the wrong kind.
     """
 
-    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
-        """Return v . r."""
-        return dot(v, reflect(l, n))
+    k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
+    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
+    lobe: AbstractLobe = eqx.field(default_factory=Phong)
 
-
-class Blinn(AbstractLobe):
-    r"""A highlight around the halfway vector h (E6; Blinn 1977).
-
-    $$ W I_l (n \cdot h)_+^{n_s}, \qquad h = (l + v) / |l + v| $$
-
-    About four times Phong's n_s gives a similar highlight.
-    """
-
-    def cosine(self, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."]:
-        """Return n . h."""
-        return dot(n, halfway(l, v))
-
-
-class Coefficients(eqx.Module):
-    """The coefficients of a material at the points that rays hit, where patterns have been evaluated to colours."""
-
-    k_a: Vec3
-    k_d: Vec3
-    k_s: Vec3
-    k_e: Vec3
-    k_t: Vec3
-    n_s: Exponent | Vec3
-    eta: Float[Array, "..."]
+    def check_together(self) -> None:
+        check_kind("Highlight.lobe", self.lobe, AbstractLobe, "Phong()")
+        if isinstance(self.k_s, Checked):
+            check_kind("Highlight.k_s", self.k_s, AbstractPattern, "Chequer(0.1, 0.9)")
 
 
 class Material(Checked):
@@ -107,12 +79,14 @@ class Material(Checked):
         k_s: Specular reflection, at least 0; 0 by default.
         n_s: Specular exponent, at least 0 (1 is dull, 200 polished), one for all channels or one per channel; 10 by
             default.
-        lobe: `Phong()`, the default, or `Blinn()`.
+        lobe: `Phong()`, the default, `Blinn()`, `Brushed()`, or a reflectance of your own.
         fresnel: How the highlight's weight W depends on the angle: `NoFresnel()`, the default, where W is k_s;
             `Schlick()`; or `Dielectric()`, where W follows from `eta` and k_s must be 0.
         k_e: Emission, at least 0; 0 by default.
         k_t: Transmission, 0 to 1. None, the default, is an opaque surface: nothing is traced behind it.
         eta: Index of refraction, 0.1 to 10; with 1 or None, the default, rays are not bent.
+        highlights: Further highlights, which are added to the one of k_s, n_s and lobe; none by default. The weight of
+            each depends on the angle as `fresnel` says.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range; or, with `Dielectric()`, k_s is
@@ -124,11 +98,12 @@ class Material(Checked):
     k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
     k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
     n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
-    lobe: AbstractLobe = eqx.field(default_factory=Phong)
+    lobe: AbstractReflectance = eqx.field(default_factory=Phong)
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
     k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=EMISSION)
     k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata=TRANSMISSION)
     eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata=INDEX)
+    highlights: tuple[Highlight, ...] = eqx.field(converter=as_highlights, default=())
 
     @staticmethod
     def foley(
@@ -163,13 +138,20 @@ class Material(Checked):
         return Material(**scaled, **more)
 
     def check_together(self) -> None:
-        check_kind("Material.lobe", self.lobe, AbstractLobe, "Phong()")
+        check_kind("Material.lobe", self.lobe, AbstractReflectance, "Phong()")
         check_kind("Material.fresnel", self.fresnel, AbstractFresnel, "Schlick()")
         for name in ("k_a", "k_d", "k_s", "k_e", "k_t"):
             if isinstance(colour := getattr(self, name), Checked):
                 check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
+        for i, highlight in enumerate(self.highlights):
+            check_kind(f"Material.highlights[{i}]", highlight, Highlight, "Highlight(k_s=0.2, n_s=200)")
         if not isinstance(self.fresnel, Dielectric):
             return
+        if self.highlights:
+            raise ValueError(
+                "Material.highlights must not be given beside fresnel=Dielectric(), whose one W follows from eta; got "
+                f"{len(self.highlights)}. Leave them out, or use Schlick()."
+            )
         if isinstance(self.k_s, AbstractPattern) or (is_concrete(self.k_s) and np.any(self.k_s)):
             raise ValueError(
                 f"Material.k_s must not be given beside fresnel=Dielectric(), whose W follows from eta; got "
@@ -183,7 +165,7 @@ class Material(Checked):
     @property
     def patterns(self) -> tuple[AbstractPattern, ...]:
         """The patterns among the coefficients."""
-        colours = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t)
+        colours = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t, *(more.k_s for more in self.highlights))
         return tuple(colour for colour in colours if isinstance(colour, AbstractPattern))
 
     def at(self, p: Vec3 | None) -> Coefficients:
@@ -198,5 +180,11 @@ class Material(Checked):
         k_a, k_d, k_s, k_e = (colour_at(k, p) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
         opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
         k_t = opaque if self.k_t is None else colour_at(self.k_t, p)
-        n_s = Vec3.of(self.n_s) if np.ndim(self.n_s) else self.n_s
-        return Coefficients(k_a, k_d, k_s, k_e, k_t, n_s, np.ones(()) if self.eta is None else self.eta)
+        eta = np.ones(()) if self.eta is None else self.eta
+        highlights = tuple((colour_at(more.k_s, p), _exponent(more.n_s)) for more in self.highlights)
+        return Coefficients(k_a, k_d, k_s, k_e, k_t, _exponent(self.n_s), eta, highlights)
+
+
+def _exponent(n_s: Exponent) -> Exponent | Vec3:
+    """Return n_s, as a `Vec3` where there is one per channel."""
+    return Vec3.of(n_s) if np.ndim(n_s) else n_s

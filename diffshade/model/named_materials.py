@@ -8,7 +8,8 @@ from importlib.resources import files
 
 from ..core.fields import in_short
 from ..core.words import did_you_mean
-from .materials import Blinn, Material
+from .lobes import Blinn
+from .materials import Material
 
 
 def material(name: str) -> Material:

@@ -7,37 +7,34 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from .fresnel import AbstractFresnel
-from .lights import AbstractEmitter, AbstractLight, AreaLight
-from .materials import AbstractLobe, Coefficients
-from .vectors import Vec3, dot, positive_power
+from .lights import AbstractEmitter, AbstractLight
+from .lobes import Coefficients
+from .materials import Material
+from .vectors import Vec3, dot
 
 
-def reflectance(k: Coefficients, lobe: AbstractLobe, fresnel: AbstractFresnel, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
-    """Fraction of the light from l that leaves towards v: k_d (n.l)_+ + W (cos)_+^n_s (E4, E5, E6).
+def reflectance(material: Material, k: Coefficients, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
+    """Fraction of the light from l that leaves towards v: k_d (n.l)_+ + sum of W (cos)_+^n_s (E4, E5, E6).
 
-    cos is v.r (Phong) or n.h (Blinn); W is k_s or Fresnel's (E7); the highlight is 0 unless n.l > 0. Nothing is
+    cos is v.r (Phong) or n.h (Blinn); W is k_s or Fresnel's (E7); a highlight is 0 unless n.l > 0. Nothing is
     normalised by n_s and the highlight carries no n.l: the textbook model. At n.l = 0 and cos = 0 the derivative is 0,
     that of the dark side. For speed `inverse.forward.features` and `texels.geometry` have the same as exp(n_s log cos),
     and the report's `ball.glsl` in the browser.
     """
+    total = material.lobe.reflected(k, material.fresnel, n, l, v)
+    if not material.highlights:
+        return total
     n_l = dot(n, l)
     lit = n_l > 0
-    diffuse = jnp.where(lit, n_l, 0.0)
-    cosine = jnp.where(lit, lobe.cosine(n, l, v), 0.0)
-
-    W = fresnel.weight(k.k_s, k.eta, diffuse)
-    if isinstance(k.n_s, Vec3):  # one exponent per channel
-        specular = W * Vec3(*(positive_power(cosine, n_s) for n_s in (k.n_s.x, k.n_s.y, k.n_s.z)))
-    else:
-        specular = W * positive_power(cosine, k.n_s)
-    return k.k_d * diffuse + specular
+    for more, (k_s, n_s) in zip(material.highlights, k.highlights, strict=True):
+        W = material.fresnel.weight(k_s, k.eta, jnp.where(lit, n_l, 0.0))
+        total = total + W * more.lobe.gated(lit, n_s, n, l, v)
+    return total
 
 
 def reflection(
+    material: Material,
     k: Coefficients,
-    lobe: AbstractLobe,
-    fresnel: AbstractFresnel,
     ambient: Vec3,
     lights: Sequence[AbstractLight],
     p: Vec3 | None,
@@ -46,16 +43,17 @@ def reflection(
 ) -> Vec3:
     """Radiance k_e + k_a I_a + sum over lights of f_rad f_ang I_l reflectance (E9).
 
-    `lights` are stacks (see `scenes.StackedScene`): each is a light whose leaves have a leading axis, one entry a light
-    of that kind. `p`, `n`, `v` have components of one shape; `p` may be None where no light is local.
+    `k` are the coefficients at the points, which may be those of several materials of one kind. `lights` are stacks
+    (see `scenes.StackedScene`): each is a light whose leaves have a leading axis, one entry a light of that kind. `p`,
+    `n`, `v` have components of one shape; `p` may be None where no light is local.
     """
 
     def add(total: Vec3, light: AbstractEmitter) -> tuple[Vec3, None]:
         l, intensity = light.arriving(p)
-        return total + intensity * reflectance(k, lobe, fresnel, n, l, v), None
+        return total + intensity * reflectance(material, k, n, l, v), None
 
     total = (k.k_e + k.k_a * ambient) * jnp.ones_like(n.x)
-    for stack in map(emitters, lights):
+    for stack in map(stacked_emitters, lights):
         if len(jax.tree.leaves(stack)[0]) == 1:
             total, _ = add(total, jax.tree.map(lambda leaf: leaf[0], stack))
         else:  # scanned, so that a hundred lights compile as one; recomputed, so that reverse mode does not store each
@@ -63,10 +61,9 @@ def reflection(
     return total
 
 
-def emitters(stack: AbstractLight) -> AbstractEmitter:
-    """Return a stack of lights as a stack of what they consist of."""
-    if isinstance(stack, AreaLight):
-        grids = jax.vmap(AreaLight.emitters)(stack)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), grids)
-    assert isinstance(stack, AbstractEmitter)
-    return stack
+def stacked_emitters(stack: AbstractLight) -> AbstractEmitter:
+    """Return a stack of lights as a stack of the emitters that they consist of."""
+    if isinstance(stack, AbstractEmitter):
+        return stack
+    each = jax.vmap(lambda light: light.emitters())(stack)
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), each)

@@ -16,7 +16,7 @@ from ..core.words import with_article
 from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
 from .gbuffers import GBuffer
-from .lights import AbstractEmitter, AbstractLight, AreaLight
+from .lights import AbstractLight
 from .materials import Material
 from .surfaces import AbstractSolid, AbstractSurface
 
@@ -87,12 +87,6 @@ class Scene(Checked):
             check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
         for i, light in enumerate(self.lights):
             check_kind(f"Scene.lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
-            if not isinstance(light, AbstractEmitter | AreaLight):
-                raise TypeError(
-                    f"Scene.lights[{i}] must say how light reaches a point; got {with_article(type(light).__name__)}, "
-                    "an AbstractLight that does not. Derive it from diffshade.model.lights.AbstractEmitter, with path "
-                    "and arriving."
-                )
         if self.atmosphere is not None:
             check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
         names = [item.name for item in self.objects if item.name]

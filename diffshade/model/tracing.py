@@ -13,7 +13,7 @@ from jaxtyping import Bool
 
 from ..core.fields import Array
 from .cameras import Projection, Rays
-from .materials import Coefficients
+from .lobes import Coefficients
 from .reflection import reflection
 from .scenes import Object, StackedScene
 from .surfaces import AbstractSolid, AbstractSurface, Hit, touching
@@ -22,7 +22,7 @@ from .vectors import Vec3, where
 
 
 class Level(eqx.Module):
-    """Where rays are on their way from the eye."""
+    """The state of rays on their way from the eye."""
 
     way: Way
     weight: Vec3
@@ -34,9 +34,9 @@ class Level(eqx.Module):
 def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered: bool = False) -> Vec3:
     """Return the radiance that arrives along each ray.
 
-    I = (1 - k_t) I_refl + k_t I_trans, where I_trans is what the ray, bent where eta is not 1, meets next, at its end
-    the background. `covered`: the scene's only object is taken to be met by every ray, by those that miss it at its
-    nearest point, as a fit wants it whose mask stays while its surface moves.
+    I = (1 - k_t) I_refl + k_t I_trans, where I_trans is the radiance of what the ray meets next, in the end the
+    background; the ray is bent if eta is not 1. `covered`: every ray counts as meeting the scene's only object; a ray
+    that misses the object meets its nearest point. A fit needs this, since its mask stays while the surface moves.
     """
     objects = scene.objects
     hits = [item.surface.intersect(rays) for item in objects]
@@ -73,7 +73,7 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
 def nearest(objects: Sequence[Object], hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
     """Return for each object the rays on which it is the nearest hit.
 
-    Of surfaces that coincide, to rounding, an opaque one is met before one that lets light through, else the first.
+    If surfaces coincide to within rounding, an opaque one is met before a transparent one, and otherwise the first.
     """
     if len(hits) == 1:  # the distances need not be known
         return [hits[0].inside]
@@ -91,7 +91,7 @@ def reflected_light(
 ) -> tuple[Vec3, Coefficients]:
     """Return the radiance of the object that each ray sees, as it leaves towards the eye, and the coefficients there.
 
-    Points are chosen before they are shaded: many objects cost as much as one, where their highlights are of one kind.
+    Points are chosen before they are shaded, so many objects cost as much as one if their highlights are of one kind.
     """
     image = chosen = None
     for members in _of_one_kind(scene.objects):
@@ -101,7 +101,7 @@ def reflected_light(
         for i, point in zip(members[1:], points[1:], strict=True):
             hit, k = where(seen[i], point, (hit, k))
         v = projection.viewer(hit.p)
-        light = reflection(k, material.lobe, material.fresnel, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
+        light = reflection(material, k, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
         if scene.atmosphere is not None:
             assert hit.p is not None
             light = scene.atmosphere(light, projection.depth(hit.p, radial=scene.atmosphere.radial))
@@ -117,19 +117,23 @@ def reflected_light(
 
 
 def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
-    """Return the indices of the objects that are shaded by one program: of one lobe, Fresnel term and shape of n_s."""
+    """Return the indices of the objects that are shaded by one program: of one lobe, Fresnel term and shape of n_s.
+
+    A material whose lobe has numbers of its own, or with several highlights, is shaded by itself.
+    """
     kinds: dict[Any, list[int]] = {}
     for i, item in enumerate(objects):
         m = item.material
-        kinds.setdefault((type(m.lobe), type(m.fresnel), np.ndim(m.n_s)), []).append(i)
+        alone = i if m.highlights or jax.tree.leaves((m.lobe, m.fresnel)) else None
+        kinds.setdefault((type(m.lobe), type(m.fresnel), np.ndim(m.n_s), alone), []).append(i)
     return list(kinds.values())
 
 
 def _end(surface: AbstractSurface, length: Array) -> Array:
-    """Return how far along its inner part a way meets a surface from within: to its end, give or take a rounding.
+    """Return the distance up to which a surface is met on the inner part of a way: its end, plus or minus rounding.
 
-    A solid that stands against the end is entered from outside; a wall or a floor there is met before the way goes on,
-    which begins on it, or behind it by a rounding.
+    It is less for a solid, since one that touches the end is entered from outside. It is more for a wall or a floor,
+    since the outer part may begin behind it by a rounding error.
     """
     rounding = touching(length, length)
     return length - rounding if isinstance(surface, AbstractSolid) else length + rounding
@@ -150,7 +154,7 @@ def _pass(
     reflected: Vec3,
     k: Coefficients,
 ) -> tuple[Vec3, Level]:
-    """Return what arrives of the light that each ray's next object reflects, and the level behind it.
+    """Return how much of the light that each ray's next object reflects arrives, and the level behind that object.
 
     `outer` are the objects' hits on the part of the way that is outside of any solid. A solid that is met there bends
     the ray; one that is met within another is passed straight, since media do not nest. Where Snell's law has no

@@ -29,8 +29,8 @@ def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -
     """Return the way of rays through a solid that they hit, and whether there is one (E12; Snell).
 
     On entering, T = refract(v, n, 1/eta) with v = -direction; on leaving, at the last point of the solid along T, n and
-    the ratio invert. Outside is air. There is no way where either has total internal reflection. A ray from within the
-    solid only leaves.
+    the ratio invert. Outside is air. There is no way if the ray is totally reflected on entering or leaving. A ray that
+    starts inside the solid only leaves it.
     """
     far = solid.leave(rays)
     enters = ~solid.holds(rays)

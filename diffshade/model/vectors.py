@@ -1,7 +1,7 @@
-"""Vectors with the components apart: points, directions and colours, and the few operations of the model.
+"""Vectors with separate components: points, directions and colours, and the few operations of the model.
 
-A `Vec3` holds three arrays of any one shape, so that the body of a function is its equation and serves one point, an
-image or a block of pixels alike. Where a formula has no derivative, the one given here is finite and documented.
+A `Vec3` holds three arrays of one shape, whatever it is. So the body of a function is its equation, for one point, an
+image or a block of pixels. If a formula has no derivative at a point, the one used here is finite and documented.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Vec3(eqx.Module):
     def stack(self) -> Float[Array, "... 3"]:
         """Put the components back on a last axis.
 
-        By selection, not `jnp.stack`: XLA's CPU compiler fuses a concatenation with all that leads to it and computes
-        it anew in each branch (measured on an image: 9,000 ns a pixel against 11).
+        This selects instead of calling `jnp.stack`: XLA's CPU compiler fuses a concatenation with everything before it,
+        and repeats that in each branch (measured on an image: 9,000 ns a pixel against 11).
         """
         x, y, z = (c[..., None] for c in jnp.broadcast_arrays(self.x, self.y, self.z))
         component = jnp.arange(3).reshape((1,) * (x.ndim - 1) + (3,))
@@ -111,9 +111,9 @@ def refract(v: Vec3, n: Vec3, ratio: Float[Array, "..."]) -> tuple[Vec3, Bool[Ar
     """Refracted direction T = (ratio cos t_i - cos t_r) n - ratio v, and whether there is one (E12; Snell).
 
     `v` and `n` point away from the surface to the side that light comes from, cos t_i = n.v; ratio = eta_i/eta_r, so
-    that sin t_r = ratio sin t_i. Where that passes 1 there is total internal reflection: no T, and the vector returned
-    is finite and means nothing. The true derivative is infinite at the critical angle; the one here is that of the
-    totally reflecting side, 0.
+    that sin t_r = ratio sin t_i. If that exceeds 1, there is total internal reflection: T does not exist, and the
+    vector returned is finite but meaningless. The true derivative is infinite at the critical angle; the one here is 0,
+    that of the totally reflecting side.
     """
     cos_i = dot(n, v)
     cos2_r = 1.0 - ratio * ratio * (1.0 - cos_i * cos_i)

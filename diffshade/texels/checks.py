@@ -14,7 +14,7 @@ from ..core.fields import check, check_kind, refuse_traced
 from ..inverse.data.views import View, is_grey
 from ..inverse.forward.losses import LOSSES
 from ..model.fresnel import NoFresnel
-from ..model.materials import EXPONENT_RANGE
+from ..model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ..model.rendering import select
 from ..model.scenes import Scene, check_positions, check_shapes
 from .prediction import COEFFICIENTS
@@ -71,7 +71,7 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
     """Raise ValueError for a scene that is more than reflection by one object."""
     if len(scene.objects) != 1:
         raise ValueError(
-            f"fit_texels needs a scene of one object; got {len(scene.objects)}. Leave the others out and mask them."
+            f"fit_texels needs a scene of one object; got {len(scene.objects)}. Remove the others and mask them out."
         )
     material = scene.objects[0].material
     for wrong, what, remedy in (
@@ -80,6 +80,12 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
         (not isinstance(material.fresnel, NoFresnel), f"fresnel={material.fresnel!r}", "Leave it out."),
         (bool(material.patterns), "a pattern among the coefficients", "Give plain colours."),
         (np.ndim(material.n_s) > 0, "an n_s for each channel", "Give one n_s."),
+        (bool(material.highlights), "several highlights", "Give one, by k_s and n_s."),
+        (
+            not isinstance(material.lobe, AbstractPowerLobe),
+            f"the lobe {type(material.lobe).__name__}, whose highlight is not the power of a cosine",
+            "Give Phong() or Blinn(), or derive the lobe from AbstractPowerLobe.",
+        ),
         (not scene.lights, "a scene without lights", "Give the lights of the photographs."),
     ):
         if wrong:
@@ -108,7 +114,7 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
         if is_grey(view) != is_grey(first):
             raise ValueError(f"views[{i}] and views[0] must both be grey or both be colour. Convert one of them.")
         if (view.noise is None) != (first.noise is None):
-            raise ValueError(f"views[{i}] and views[0] must both have noise or neither. Give all of them or none.")
+            raise ValueError(f"views[{i}] and views[0] must both have noise, or neither. Give noise for all or none.")
         try:
             select(scene, view.lit)
         except ValueError as error:
@@ -130,5 +136,5 @@ def check_anything_left(status: np.ndarray) -> None:
     if not np.any(status):
         raise ValueError(
             "no pixel is left to fit: the masks, alpha channels and the object's silhouette have none in common. "
-            "Check that the masks are white on the object, and the camera."
+            "Check the camera, and that the masks are white on the object."
         )

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
-from ..model.materials import EXPONENT_RANGE
+from ..model.lobes import EXPONENT_RANGE
 from ..model.vectors import Vec3, normalize
 from .linear_systems import solve
 from .normal_equations import NormalEquations, cost_at, eliminate_coefficients, evaluate, tangents_of

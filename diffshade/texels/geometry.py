@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 
 from ..core.fields import Array
 from ..inverse.forward.features import DARK
-from ..model.materials import AbstractLobe
+from ..model.lobes import AbstractPowerLobe
 from ..model.vectors import Vec3, dot
 from .light_directions import out_of_plane, scatter
 from .lighting import LightingSetup
@@ -103,7 +103,7 @@ class FreeNormalGeometry(AbstractLightingGeometry[FreeNormalView]):
     strength: Float[Array, "views lamps emitters _"]
     v: Vec3
     """Components (1, texels or 1)."""
-    lobe: AbstractLobe
+    lobe: AbstractPowerLobe
 
     @property
     def fits_normal(self) -> bool:
@@ -177,7 +177,7 @@ class FixedNormalGeometry(AbstractLightingGeometry[FixedNormalView]):
         return jnp.ones(n.x.shape)
 
 
-def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractLobe) -> tuple[Array, Array]:
+def _angles(n: Vec3, l: Vec3, v: Vec3, lobe: AbstractPowerLobe) -> tuple[Array, Array]:
     """Return (n.l)_+ and the logarithm of the highlight's base, DARK where there is no highlight."""
     n = jax.tree.map(lambda c: c[None], n)
     n_l, cosine = dot(n, l), lobe.cosine(n, l, v)

@@ -133,10 +133,10 @@ def note_on_normals(lights: LightDistribution) -> str | None:
         return (
             f"the lights of {which} all lie in one direction: these photographs do not determine the normals there, "
             "nor k_d, and no such texel is marked as determined. Add photographs under at least two lights from other "
-            "sides, out of a common plane with this one, or give the normals."
+            "sides that do not lie in one plane with this one, or give the normals."
         )
     return (
-        f"the lights of {which} lie in one plane with them ({lights.off_plane:.2g} degrees off it, root mean square): "
+        f"the lights of {which} lie in one plane with them ({lights.off_plane:.2g} degrees off it, RMS): "
         "these photographs do not determine how far a normal tilts out of that plane, nor k_d, and no such texel is "
         "marked as determined. Add photographs under lights out of the plane, for example towards "
         f"({x:.2g}, {y:.2g}, {z:.2g}), or give the normals."

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.fields import Array
 from ..inverse.data.views import Noise, View, is_grey, lights_on, noises, switches
-from ..model.lights import AbstractEmitter, AreaLight
-from ..model.materials import AbstractLobe
-from ..model.reflection import emitters
+from ..model.lights import AbstractEmitter
+from ..model.lobes import AbstractPowerLobe
+from ..model.reflection import stacked_emitters
 from ..model.scenes import Scene, light_kinds, stack_scene
 
 
@@ -28,7 +29,7 @@ class LightingSetup(eqx.Module):
     ambient: Float[Array, " channels"]
     noise: Noise | None
     """The noise of each view, stacked; None where it is not known."""
-    lobe: AbstractLobe
+    lobe: AbstractPowerLobe
     grey_images: bool = eqx.field(static=True)
     """Whether a photograph has one channel, the mean of three."""
     grey_lights: bool = eqx.field(static=True)
@@ -41,10 +42,11 @@ def lighting_setup(scene: Scene, views: Sequence[View]) -> LightingSetup:
     stacks, lit = [], []
     for members, stack in zip(light_kinds(scene.lights), stack_scene(scene).lights, strict=True):
         on = [[members.index(i) for i in lights_on(scene, view) if i in members] for view in views]
-        each = int(np.prod(stack.samples)) if isinstance(stack, AreaLight) else 1
+        emitters = stacked_emitters(stack)
+        each = len(jax.tree.leaves(emitters)[0]) // len(members)
         rows = [[i * each + k for i in row for k in range(each)] for row in on]
         if any(rows):
-            stacks.append(emitters(stack))
+            stacks.append(emitters)
             lit.append(switches(rows))
     intensities = np.concatenate([np.reshape(stack.intensity, (-1, 3)) for stack in stacks] or [np.zeros((1, 3))])
     return LightingSetup(

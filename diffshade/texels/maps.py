@@ -20,7 +20,7 @@ from ..io.images import write_image
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
-from ..model.materials import Coefficients
+from ..model.lobes import Coefficients
 from ..model.reflection import reflection
 from ..model.rendering import pixel_rays, select
 from ..model.scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
@@ -261,7 +261,7 @@ def _shade(scene: StackedScene, camera: AbstractCamera, maps: Mapping[str, Array
     rest = material.at(p)
     k_a, k_d, k_s = (Vec3.of(maps[name]) for name in ("k_a", "k_d", "k_s"))
     n_s = Vec3(maps["n_s"], maps["n_s"], maps["n_s"])
-    k = Coefficients(k_a, k_d, k_s, rest.k_e, rest.k_t, n_s, rest.eta)
+    k = Coefficients(k_a, k_d, k_s, rest.k_e, rest.k_t, n_s, rest.eta, rest.highlights)
     v = projection.viewer(p)
     ambient = Vec3.of(scene.ambient)
-    return reflection(k, material.lobe, material.fresnel, ambient, scene.lights, p, n, v).stack()
+    return reflection(material, k, ambient, scene.lights, p, n, v).stack()

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..inverse.data.views import View
-from ..model.materials import EXPONENT_RANGE
+from ..model.lobes import EXPONENT_RANGE
 from ..model.scenes import Scene
 from .blocks import FitOptions, TexelBlock, scatter_of_block
 from .checks import check_anything_left

@@ -162,9 +162,9 @@ def test_what_errors_are_made_of_is_said():
     assert "times" not in of_clusters([False] * 12, 0.9).sentence(names)
     some = of_clusters([True] * 2 + [False] * 8 + [True] * 2).sentence(names)
     assert "the 8 views, which disagree about k_a, linear and quadratic" in some
-    assert "scatter by 3 times" in some
-    assert "scatter by" not in of_clusters([True] * 12, 0.9).sentence(names)
-    assert "7 are few for that" in of_clusters([True] * 12, count=7, what="7 patches").sentence(names)
+    assert "3 times the expected variance" in some
+    assert "expected variance" not in of_clusters([True] * 12, 0.9).sentence(names)
+    assert "7 are few for a jackknife" in of_clusters([True] * 12, count=7, what="7 patches").sentence(names)
     assert "few for that" not in of_clusters([True] * 12, count=12, what="12 patches").sentence(names)
     assert "few for that" not in of_clusters([True] * 12, count=7, what="7 views").sentence(names)
     few = of_clusters([False] * 12, count=0, what="4 patches").sentence(names)
@@ -228,4 +228,4 @@ def test_one_view_has_patches_for_clusters():
     assert bad.by_jackknife.any()
     assert bad.count < good.count
     assert np.all((bad.standard_errors() > bad.evidence.plain_errors())[bad.by_jackknife])
-    assert "leaving out one at a time" in bad.sentence(["k_a"] * len(bad.by_jackknife))
+    assert "by jackknife over the" in bad.sentence(["k_a"] * len(bad.by_jackknife))

@@ -1,60 +1,55 @@
-"""Lights and lobes of one's own: fitted, examined and reported as those of the library are."""
+"""Lobes, lights, patterns and surfaces of one's own: rendered, fitted, written and reported as the library's are."""
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+import own_parts
 import pytest
 import synthetic
 
 import diffshade as ds
-from diffshade.core.fields import Colour, Vector, as_colour, as_vector
 from diffshade.inverse.verdicts.stability import angle_to_highlight
-from diffshade.model.lights import AbstractEmitter, Path
-from diffshade.model.materials import AbstractLobe
-from diffshade.model.vectors import Vec3, dot, length, normalize, reflect
+
+CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
 
 
-class Lamp(AbstractEmitter):
-    """A lamp that fades with 1/d."""
-
-    position: Vector = eqx.field(converter=as_vector)
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0)
-
-    @property
-    def is_local(self):
-        return True
-
-    def path(self, p: Vec3 | None) -> Path:
-        assert p is not None
-        to_light = Vec3.of(self.position) - p
-        return Path(normalize(to_light), length(to_light), None)
-
-    def arriving(self, p):
-        l, d, _ = self.path(p)
-        assert d is not None
-        return l, Vec3.of(self.intensity) * (1.0 / d)
-
-
-class Wide(AbstractLobe):
-    """A highlight that reaches round to the dark side of r."""
-
-    def cosine(self, n, l, v):
-        return 0.5 + 0.5 * dot(v, reflect(l, n))
+def own_scene(lobe=None, light=None, k_d=0.5) -> ds.Scene:
+    material = ds.Material(0.1, k_d, 0.2, 20, lobe=lobe or own_parts.TorranceSparrow(0.3))
+    return ds.Scene(ds.Object(ds.Sphere(), material), light or own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0))
 
 
 @pytest.fixture(scope="module")
 def fit():
     """A material of an own lobe under an own lamp and two others, in three photographs."""
-    lights = (Lamp((1, 2, 3)), *synthetic.point_lights()[:2])
-    material = ds.Material(0.1, 0.5, 0.3, 15, lobe=Wide())
+    lights = (own_parts.FadingLamp((1, 2, 3)), *synthetic.point_lights()[:2])
+    material = ds.Material(0.1, 0.5, 0.3, 15, lobe=own_parts.Wide())
     scene = synthetic.standard_scene(material, lights)
     views = synthetic.one_light_each(synthetic.noisy(synthetic.photographs(scene), 0.002, 0))
     return ds.fit(scene, views, free=("k_a", "k_d", "k_s", "n_s"))
 
 
+@pytest.fixture(scope="module")
+def rough():
+    """The width of an own lobe, fitted with the material from three photographs."""
+    material = ds.Material(0.1, 0.5, 0.2, lobe=own_parts.TorranceSparrow(0.2))
+    scene = synthetic.standard_scene(material, synthetic.point_lights()[:3])
+    views = synthetic.one_light_each(synthetic.noisy(synthetic.photographs(scene), 0.002, 0))
+    wrong = eqx.tree_at(lambda s: s.objects[0].material.lobe.m, scene, np.asarray(1.5))
+    return ds.fit(wrong, views, free=("k_a", "k_d", "k_s", "m"))
+
+
 def test_they_are_fitted(fit):
     truth = np.array([*[0.1] * 3, *[0.5] * 3, *[0.3] * 3, 15.0])
     assert np.abs((fit.values - truth) / fit.plain_errors).max() < 4.5
+
+
+def test_the_numbers_of_an_own_lobe_are_fitted(rough):
+    truth = np.array([*[0.1] * 3, *[0.5] * 3, *[0.2] * 3, 0.2])
+    assert "m" in rough.names
+    assert rough.determined.all()
+    assert np.abs((rough.values - truth) / rough.errors).max() < 4.0
+    assert rough.errors[rough.names.index("m")] < 0.01
 
 
 def test_the_highlight_of_an_own_lamp_is_where_a_point_lights_is(fit):
@@ -66,8 +61,93 @@ def test_the_highlight_of_an_own_lamp_is_where_a_point_lights_is(fit):
     np.testing.assert_allclose(own, same, atol=1e-6)
 
 
-def test_the_page_says_what_its_ball_shows_instead(fit, tmp_path):
-    ds.write_report(tmp_path / "fit.html", fit)
-    page = (tmp_path / "fit.html").read_text(encoding="utf-8")
-    assert "the lobe Wide (shown as Phong" in page
-    assert "the light of lights.0" in page
+def test_the_page_says_what_its_ball_shows_instead(fit, rough, tmp_path):
+    for name, of, lobe in (("fit", fit, "Wide"), ("rough", rough, "TorranceSparrow")):
+        ds.write_report(tmp_path / f"{name}.html", of)
+        page = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
+        assert f"the lobe {lobe} (shown as Phong" in page
+    assert "the light of lights.0" in (tmp_path / "fit.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("path", "lobe"),
+    [("lobe.m", None), ("k_d.turns", None), ("start", None), ("wrap", own_parts.Wrapped()), ("radius", None)],
+)
+def test_they_render_and_differentiate(path, lobe):
+    scene = own_scene(lobe, k_d=own_parts.Marble(0.8, 0.2))
+    if path == "radius":
+        scene = eqx.tree_at(lambda s: s.objects[0].surface, scene, own_parts.Disc(0.9))
+
+    def where(s):
+        item = s.objects[0]
+        return {
+            "lobe.m": lambda: item.material.lobe.m,
+            "k_d.turns": lambda: item.material.k_d.turns,
+            "start": lambda: s.lights[0].start,
+            "wrap": lambda: item.material.lobe.wrap,
+            "radius": lambda: item.surface.radius,
+        }[path]()
+
+    with jax.enable_x64(True):
+        value = jnp.asarray(where(scene))
+
+        def total(x):
+            return jnp.sum(ds.render(eqx.tree_at(where, scene, x), CAMERA) ** 2)
+
+        step = 1e-6 * jnp.ones_like(value)
+        slope = jax.grad(total)(value)
+        assert np.isfinite(np.asarray(slope)).all()
+        if path != "radius":  # the silhouette's jump has no derivative
+            expected = (total(value + step) - total(value - step)) / 2e-6
+            np.testing.assert_allclose(np.sum(np.asarray(slope)), float(expected), rtol=1e-5, atol=1e-7)
+
+
+def test_a_line_of_one_sample_is_its_middle_and_of_many_an_area_lights_axis():
+    one = own_scene(light=own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0, samples=1))
+    same = own_scene(light=ds.PointLight((0.5, 2, 3), 2.0))
+    np.testing.assert_allclose(ds.render(one, CAMERA), ds.render(same, CAMERA), rtol=2e-6, atol=1e-7)
+    middle = one.lights[0].bare()
+    np.testing.assert_allclose(middle.position, (0.5, 2, 3))
+    assert middle.intensity.tolist() == [1, 1, 1]
+    both = own_scene(light=(own_parts.LineLight((-1, 2, 3), (2, 2, 3)), own_parts.LineLight((0, 3, 3), (0, -3, 3))))
+    apart = [ds.render(both, CAMERA, lit=i) for i in (0, 1)]
+    ambient = ds.render(eqx.tree_at(lambda s: s.lights, both, ()), CAMERA)
+    np.testing.assert_allclose(ds.render(both, CAMERA), apart[0] + apart[1] - ambient, rtol=1e-5, atol=1e-6)
+
+
+def test_a_lamp_by_its_path_alone_is_fitted_as_it_is_rendered():
+    scene = own_scene(ds.Phong(), (own_parts.Lantern((1, 3, 3), 2.0), own_parts.Lantern((-2, 1, 4), 2.0)))
+    views = [ds.View(synthetic.photograph(scene, CAMERA, (i,)), CAMERA, lit=i) for i in (0, 1)]
+    found = ds.fit(scene, views, free=("k_a", "k_d", "k_s", "n_s"))
+    truth = np.array([*[0.1] * 3, *[0.5] * 3, *[0.2] * 3, 20.0])
+    np.testing.assert_allclose(found.values, truth, rtol=1e-6)
+
+
+def test_a_scene_file_holds_them(tmp_path):
+    scene = own_scene(k_d=own_parts.Marble((0.8, 0.7, 0.6), 0.2, 3.0))
+    ds.write_scene(tmp_path / "own.toml", scene, camera=CAMERA)
+    again = ds.read_scene(tmp_path / "own.toml")
+    assert eqx.tree_equal(again, scene)
+    text = (tmp_path / "own.toml").read_text(encoding="utf-8")
+    assert 'type = "TorranceSparrow"' in text
+    (tmp_path / "other.toml").write_text(text.replace("TorranceSparrow", "WardOfMine"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"WardOfMine.*imported first"):
+        ds.read_scene(tmp_path / "other.toml")
+
+
+def test_what_cannot_take_them_says_so(tmp_path):
+    scene = own_scene()
+    views = [ds.View(np.ones((24, 24, 3)), CAMERA, lit=0)] * 2
+    with pytest.raises(ValueError, match=r"TorranceSparrow.*AbstractPowerLobe"):
+        ds.fit_texels(scene, views)
+    with pytest.raises(ValueError, match=r"Marble"):
+        ds.write_material(tmp_path / "m.mtl", ds.Material(k_d=own_parts.Marble(1, 0)))
+    with pytest.raises(ValueError, match=r"LineLight"):
+        ds.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.LineLight((0, 0, 1), (1, 0, 1)))
+    with pytest.raises(TypeError, match=r"AbstractPowerLobe|PowerLobe"):
+        ds.with_lobe(ds.Material(k_s=0.2), own_parts.TorranceSparrow())
+    exported = ds.write_material(tmp_path / "m.mtl", scene.objects[0].material)
+    assert "TorranceSparrow" in " ".join(exported.notes)
+    assert exported.rms > 0
+    with pytest.raises(ValueError, match=r"m must be between 0.02 and 2"):
+        own_parts.TorranceSparrow(3.0)

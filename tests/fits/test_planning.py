@@ -77,7 +77,7 @@ def test_the_table_has_the_shots_from_the_best_on():
     for place, i in enumerate(plan.order):
         assert lines[3 + place].startswith(f"{place + 1}  {plan.names[i]}")
         assert lines[3 + place].endswith(f" {plan.gain[i]:.2f}")
-    assert any(note.startswith("with an earlier name the errors of n_s are 0.") for note in plan.notes)
+    assert any(note.startswith("with an earlier name, the errors of n_s are 0.") for note in plan.notes)
     every = ds.plan(fit, [far, FRONT])
     assert every.order == tuple(np.argsort(-every.gain))
     assert "ranked by all errors together" in str(every)
@@ -153,7 +153,7 @@ def test_what_the_first_choice_does_is_said():
     fit = noisy_fit()
     n_s = np.array(fit.names) == "n_s"
     said = notes_of(fit)
-    assert said[0] == "with in front the errors of what the views determine are 0.5 times those of now."
+    assert said[0] == "with in front, the errors of what the views determine are 0.5 times the present ones."
     assert len(said) == 2
     assert "independent noise" in said[-1]
     assert (
@@ -163,8 +163,8 @@ def test_what_the_first_choice_does_is_said():
     unknown = np.where(n_s, np.inf, fit.plain_errors)
     said = notes_of(fit, now=unknown, rank=np.array([1]))
     assert said[0] == "in front determines n_s, which the views do not."
-    assert any("- marks an unknown" in note for note in said)
-    assert any(note.startswith("new:") for note in said)
+    assert any("a dash marks an unknown" in note for note in said)
+    assert any(note.startswith("'new'") for note in said)
     said = notes_of(fit, now=unknown, errors=unknown[None])
     assert any("none of these shots determines n_s (-). Fix it, or plan with other lights" in note for note in said)
     lost = dataclasses.replace(fit, determined=~n_s)
@@ -254,7 +254,7 @@ def test_an_aim_is_any_run_of_a_name():
             [FRONT, ds.Shot(camera=ds.Camera((0, 0, 4), target=(0, 0, 8), shape=(24, 24)))],
             {},
             ValueError,
-            ("shots[1] sees no object", "(0, 0, 4)", "Turn the camera"),
+            ("shots[1] sees no object", "(0, 0, 4)", "Set the camera's target"),
         ),
     ],
 )

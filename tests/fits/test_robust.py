@@ -42,9 +42,9 @@ def test_clipped_highlights_leave_the_exponent_within_a_percent(clipped):
     number = sum(int((image[INSIDE] >= level).sum()) for image in images)
     left_out = clipped == "exclude"
     assert (found.counts.clipped, found.counts.left_out) == ((0, number) if left_out else (number, 0))
-    (note,) = [note for note in found.notes if "end of the sensor's range" in note]
-    assert note.startswith(f"{number} samples")
-    assert ("left out" in note) == left_out
+    (note,) = [note for note in found.notes if note.kind == "clipped"]
+    assert f"{number:,} clipped samples" in note
+    assert ("excludes" in note) == left_out
     assert float(found.material.n_s) == pytest.approx(50, rel=0.02)
     assert np.abs(off(found, SHINY) / found.plain_errors).max() < 4.5
     assert found.rmse == pytest.approx(1.0 if clipped == "tobit" else SIGMA, rel=0.05)
@@ -114,7 +114,7 @@ def test_noise_that_grows_with_the_signal_is_weighed_as_it_is_told():
     np.testing.assert_allclose(twice.rmse, 0.5 * found.rmse, rtol=1e-6)
     np.testing.assert_allclose(twice.plain_errors, 2 * found.plain_errors, rtol=1e-4)
     half = standard_fit(images, view={"noise": ds.Noise(read=0.5 * read, shot=0.25 * shot)})
-    assert [" times the noise given" in " ".join(fit.notes) for fit in (twice, found, half)] == [False, False, True]
+    assert [" times the given noise" in " ".join(fit.notes) for fit in (twice, found, half)] == [False, False, True]
 
 
 @pytest.mark.parametrize("levels", [255, 1023])

@@ -57,8 +57,8 @@ def test_what_is_left_out_is_said_and_is_left_out():
     assert list(found) == [
         "the odd views",
         "the even views",
-        "saturated pixels and 1 px about them",
-        "saturated pixels and 3 px about them",
+        "saturated pixels and 1 px around them",
+        "saturated pixels and 3 px around them",
         "the brightest half of the highlight",
     ]  # a pixel of these is 6 degrees wide
     odd, even, near, far, bright = found.values()

@@ -39,7 +39,7 @@ def test_a_fit_by_tiles_is_that_of_all_in_memory(views, by_tiles):
     np.testing.assert_allclose(np.array(by_tiles.errors), np.array(whole.errors), rtol=1e-8)
     assert by_tiles.counts == whole.counts
     assert by_tiles.notes == (*whole.notes, UNCHECKED)
-    with pytest.raises(ValueError, match=r"all of its pixels at once, .* memory is 1.5e\+06"):
+    with pytest.raises(ValueError, match=r"all of its pixels in memory, .* memory is 1.5e\+06"):
         ds.examine(by_tiles)
 
 

@@ -128,9 +128,9 @@ def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
     assert note.startswith("n_s depends")
     assert "99 without that" in note
     assert "Fix n_s" in note
-    assert any("hold for these fixed" in note for note in examination.notes)
+    assert any("hold these fixed" in note for note in examination.notes)
     every = said(again=[FitWithout("this", there[0], n_s | True)], shifted=n_s | True)
-    assert not any("hold for these fixed" in note for note in every.notes)
+    assert not any("hold these fixed" in note for note in every.notes)
 
 
 def test_what_is_suspected_and_what_the_fit_said_is_said_too():
@@ -177,7 +177,7 @@ def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
         assert f"'views.{view}.exposure'" in sentence
         np.testing.assert_allclose(float(sentence.split(" is ")[1].split()[0]), factor, rtol=0.02)
     light = found["light", (3,)].sentence
-    assert light.startswith("lights.3 is")
+    assert "lights.3 is" in light
     assert "views[3]" in light
     assert "'lights.3.position'" in light
     middle = center_of(scene.objects, CAMERA)

@@ -236,7 +236,7 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
     assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
     assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").by_jackknife.any()
-    assert _clusters_in_words([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views, taken in 2 ways,"
+    assert _clusters_in_words([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views in 2 setups"
     assert _clusters_in_words([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 
 

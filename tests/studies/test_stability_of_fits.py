@@ -55,8 +55,8 @@ def test_a_highlight_of_another_shape_is_not_determined_and_the_rest_is():
         "the odd views",
         "the even views",
         "the brightest half of the highlight",
-        "2 degrees about the highlight",
-        "5 degrees about the highlight",
+        "2 degrees around the highlight",
+        "5 degrees around the highlight",
     ]
     assert "n_s" in lost
     assert "k_d" not in lost

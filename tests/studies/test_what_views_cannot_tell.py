@@ -104,7 +104,7 @@ def test_a_view_given_twice_is_counted_once_and_said_to_be():
     np.testing.assert_allclose(twice.plain_errors, once.plain_errors, rtol=1e-9)
     np.testing.assert_allclose(twice.errors, once.errors, rtol=1e-9)
     assert twice.counts.views == 2
-    assert "views[2] is views[1] again, the same numbers, and is counted once." in twice.notes
+    assert "views[2] repeats views[1] and is not counted again." in twice.notes
 
 
 def test_two_photographs_taken_alike_are_one_for_the_jackknife():

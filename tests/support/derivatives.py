@@ -244,7 +244,18 @@ SCENES = {
     ),
     "a ball under lights that are clamped and cut off": (
         ds.Scene(
-            ds.Object(ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=9.5, lobe=ds.Blinn())),
+            ds.Object(
+                ds.Sphere((0.1, -0.2, 0.15), 1.1),
+                ds.Material(
+                    **SHINY,
+                    n_s=9.5,
+                    lobe=ds.Blinn(),
+                    highlights=[
+                        ds.Highlight((0.3, 0.2, 0.1), 4.0, ds.Brushed((1, 0.3, 0.2), 7.0)),
+                        ds.Highlight(0.2, (3, 5, 8)),
+                    ],
+                ),
+            ),
             [
                 ds.PointLight((0.8, 0.7, 1.7), (0.5, 0.4, 0.3), CLAMPED),
                 ds.SpotLight((0.8, 1, 1.5), (-1, -1.2, -1.4), (5, 4, 3), 25, 3.5, ATTENUATION),
@@ -601,6 +612,8 @@ EQUATIONS = {
         "k_t": "E13",
         "eta": "E7, E12",
     },
+    "Highlight": {"k_s": "E5, E6, E7", "n_s": "E5, E6"},
+    "Brushed": dict.fromkeys(("along", "n_v"), "E6"),
     "Chequer": dict.fromkeys(("a", "b", "period", "u", "v"), "smooth"),
     "Sphere": dict.fromkeys(("center", "radius"), ""),
     "Plane": dict.fromkeys(("point", "normal"), ""),

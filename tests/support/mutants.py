@@ -40,8 +40,8 @@ GROUPS = {
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
         "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice "
         "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
-        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability inverse/laid_out_fit inverse/statistics/clusters "
-        "inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
+        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability inverse/laid_out_fit "
+        "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (
         "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/c_planes "

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = ROOT / "docs" / "pages"
 # the pages with programs, in an order in which each finds the names that the ones before it define
-ORDER = ("objective", "render", "fit", "trust", "calibration", "exchange", "texels", "large-images")
+ORDER = ("objective", "render", "fit", "trust", "calibration", "exchange", "texels", "large-images", "extend")
 
 
 def blocks(page: Path, language: str) -> list[str]:

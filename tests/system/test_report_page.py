@@ -170,7 +170,7 @@ REFUSED = {
         lambda fit, path: ds.write_report(
             path / "a.html", dataclasses.replace(fit, values=fit.values + 1), plan=ds.plan(fit, ds.Shot())
         ),
-        "plan must be of the fit",
+        "plan must belong to the fit",
     ),
     "no folder": (lambda fit, path: ds.write_report(path / "none" / "a.html", fit), "there is no folder"),
 }

@@ -77,7 +77,7 @@ def test_the_jackknife_is_widened_by_students_t():
     wide = found.wide_errors() / found.standard_errors()
     assert (wide >= t[4] / 1.96 - 1e-3).all()
     np.testing.assert_allclose(found.standard_errors(), found.evidence.clustered_errors())
-    assert "leaving out one at a time" in found.sentence(["a", "b", "c", "d"])
+    assert "by jackknife over the" in found.sentence(["a", "b", "c", "d"])
 
 
 def test_what_the_cost_rises_by_is_the_square_of_the_errors_over_the_plain_ones():

@@ -40,9 +40,9 @@ class Nowhere(AbstractLight):
         return False
 
 
-def test_a_light_that_reaches_no_point_is_refused_by_the_scene():
-    with pytest.raises(TypeError, match=r"Scene\.lights\[0\] .* got a Nowhere.* Derive it from .*AbstractEmitter"):
-        ds.Scene(ds.Object(ds.Sphere()), Nowhere())
+def test_a_light_that_reaches_no_point_cannot_be_made():
+    with pytest.raises(TypeError, match=r"Nowhere.* emitters"):
+        Nowhere()  # pyright: ignore[reportAbstractUsage]
 
 
 # Derivatives
@@ -153,7 +153,7 @@ def test_another_mask_stands_in_place_of_the_folders(folder, tmp_path):
 
 def test_a_missing_mask_is_asked_for_in_both_tongues(folder):
     (folder / "mask.png").unlink()
-    with pytest.raises(FileNotFoundError, match=r"there is no file .*mask\.png.* mask=.* --mask"):
+    with pytest.raises(FileNotFoundError, match=r"there is no mask .*mask\.png.* mask= .*--mask"):
         ds.read_photographs(folder)
 
 

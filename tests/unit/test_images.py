@@ -318,7 +318,7 @@ UNWRITABLE = [
     ("a.jpg", ALPHA, None, "a JPEG has no alpha. Leave the last channel out"),
     ("a.jpg", np.zeros((H, W, 4)), None, "a JPEG has no alpha"),
     *((f"a.{of}", ALPHA, bits, "grey + alpha takes bits=8.") for of, bits in (("png", 16), ("tif", 16), ("tif", 32))),
-    *((name, LAYER, None, "which is no known image. Use .png, .jpg") for name in ("a.gif", "a", "a.png.txt")),
+    *((name, LAYER, None, "which is not a known image. Use .png, .jpg") for name in ("a.gif", "a", "a.png.txt")),
 ]
 
 
@@ -422,7 +422,7 @@ def test_files_that_are_not_there_or_of_a_kind_that_is_not_read(file, tmp_path, 
         Image.new("CMYK", (9, 9)).save(tmp_path / f"a.{suffix}")
         with pytest.raises(ValueError, match=r"it has pixels of the kind CMYK\. Save it as grey or RGB\.$"):
             read_image(tmp_path / f"a.{suffix}")
-    with pytest.raises(ValueError, match="which is no known image"):
+    with pytest.raises(ValueError, match="which is not a known image"):
         read_image(file("a.gif", b"x"))
     assert capfd.readouterr() == ("", "")
 

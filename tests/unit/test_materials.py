@@ -25,7 +25,7 @@ N = degrees(0.0)
 def reflectance(material, l, v):
     """Of a material without patterns, as compiled programs see it, at one point or many."""
     normal = Vec3(*(jnp.broadcast_to(x, jnp.shape(l.x)) for x in (N.x, N.y, N.z)))
-    return reflectance_of(material.at(None), material.lobe, material.fresnel, normal, l, v).stack()
+    return reflectance_of(material, material.at(None), normal, l, v).stack()
 
 
 def test_what_is_not_given_is_not_there_and_grey_is_a_colour():

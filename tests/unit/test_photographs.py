@@ -94,7 +94,7 @@ BAD = {
     "one and three": (_write("light_intensities.txt", "1\n1 1 1\n1\n"), "1 or 3 numbers a line; got 3 on line 2"),
     "a word": (_write("light_directions.txt", "0 0 1\n0 up 1\n0 0 1\n"), "must hold numbers only: .*'up'"),
     "a light from nowhere": (_write("light_directions.txt", "0 0 1\n0 0 0\n0 0 1\n"), "zero vector"),
-    "no mask": (_remove("mask.png"), "there is no file .*mask.png"),
+    "no mask": (_remove("mask.png"), "there is no mask .*mask.png"),
     "no normals": (_remove("normal_gt.npy"), "has no normals. Add one of normal_gt.npy, Normal_gt.mat, normal.txt"),
     "normals of another size": (
         lambda folder: np.save(folder / "normal_gt.npy", np.zeros((4, 4, 3))),

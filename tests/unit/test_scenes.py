@@ -142,7 +142,7 @@ def test_normals_alone_do_for_a_light_and_a_viewer_at_infinity():
         (lambda s: s.objects, (), ("Scene.objects", "at least one Object")),
         (lambda s: s.lights[0], ds.Material(), ("Scene.lights[0]", "a Light", "Material")),
         (lambda s: s.objects[0].surface, ds.Blinn(), ("Object.surface", "a Surface", "Blinn")),
-        (lambda s: s.objects[0].material.lobe, ds.Schlick(), ("Material.lobe", "a Lobe", "Schlick")),
+        (lambda s: s.objects[0].material.lobe, ds.Schlick(), ("Material.lobe", "a Reflectance", "Schlick")),
         (lambda s: s.objects[0].material.fresnel, ds.Phong(), ("Material.fresnel", "a Fresnel", "Phong")),
         (lambda s: s.objects[0].material.k_d, ds.Sphere(), ("Material.k_d", "a Pattern", "Sphere")),
         (lambda s: s.atmosphere, ds.Blinn(), ("Scene.atmosphere", "an Atmosphere", "Blinn", "Fog(")),

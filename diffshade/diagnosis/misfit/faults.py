@@ -16,7 +16,9 @@ from ...inverse.forward.rounding import sawtooth
 from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
-from ...model.materials import Blinn, Phong
+from ...model.fresnel import NoFresnel
+from ...model.lobes import AbstractPowerLobe, Blinn, Phong
+from ...model.materials import Highlight
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
@@ -24,8 +26,10 @@ from .laid_samples import LaidSamples, Samples
 from .regions import center_of, rims
 from .score_tests import Rows
 
+LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+SECOND = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 SPHERES = 4  # with more spheres, their places are not tested
 
 Mask = Bool[np.ndarray, "h w"]
@@ -37,7 +41,7 @@ class Direction:
 
     kind: str
     which: int
-    """The index of the object or of the blur; else 0."""
+    """The index of the object, of the blur or of the second highlight's n_s; else 0."""
     change: Float[np.ndarray, "k n"]
     along: tuple[int, ...] = ()
     """For a fault of the geometry, its directions in the laid samples."""
@@ -114,6 +118,11 @@ def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
     if other is not None:
         changed = [photograph(other, view) - image for view, image in zip(fit.views, whole, strict=True)]
         found.append(Direction("lobe", 0, samples.of(changed)[None]))
+    for k, factor in enumerate(SECOND):
+        two = _with_second_highlight(fit.scene, factor)
+        if two is not None:
+            changed = [photograph(two, view) - image for view, image in zip(fit.views, whole, strict=True)]
+            found.append(Direction("highlight", k, samples.of(changed)[None]))
     return found
 
 
@@ -125,9 +134,21 @@ def _rho2(view: View) -> np.ndarray:
     return np.broadcast_to(rho2[..., None], (h, w, 3))
 
 
+def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
+    """Return the scene with a second highlight as strong as the first, of n_s by a factor; None if nothing shines."""
+    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
+    for i in shiny:
+        m = scene.objects[i].material
+        if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
+            return None
+        second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
+        scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
+    return scene if shiny else None
+
+
 def _other_lobe(scene: Scene) -> Scene | None:
     """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
-    shiny = [i for i, item in enumerate(scene.objects) if _shines(item.material.k_s)]
+    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
     for i in shiny:
         material = scene.objects[i].material
         if not isinstance(material.lobe, Phong | Blinn):
@@ -138,7 +159,8 @@ def _other_lobe(scene: Scene) -> Scene | None:
     return scene if shiny else None
 
 
-def _shines(k_s: Any) -> bool:
+def shines(k_s: Any) -> bool:
+    """Whether a surface with this k_s has a highlight."""
     return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,21 +12,22 @@ from ...core.words import listing
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
 from ...inverse.unknowns.unknown import coordinate_slopes, values_at
-from ...model.materials import Blinn
+from ...model.lobes import Blinn
+from ...model.scenes import Scene
 from ...model.surfaces import Sphere
-from .faults import BLURS, Direction, Linearised, Mask, linearised
+from .faults import BLURS, SECOND, Direction, Linearised, Mask, linearised, shines
 from .residual_correlation import ResidualCorrelation, correlation_of
 from .score_tests import Score, ScoreTests
 
 FALSE_ALARM = 1e-4  # significance level of the test of one fault
 EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
 RIVAL = 0.5  # another fault with this fraction of the best fault's gain may be the cause as well
-SECOND = 0.25  # the least gain of a second fault, over the best fault's
+NEXT = 0.25  # the least gain of a second fault, over the best fault's
 FAULTS = 3  # reported at most
 REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
 GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
 SIMPLER = 0.5  # the least that the centre must explain of what the radius leaves unexplained
-NEARLY = 0.85  # a radius with more than this fraction of the centre's gain is preferred
+NEARLY = 0.85  # a simpler fault with more than this fraction of the best one's gain is preferred
 CERTAIN = 5.0  # standard errors of the structure in the residuals: above it a large fault is searched for
 DARKEST, STEEPEST, WIDEST = 0.9, 0.7, 4.0  # upper limits of vignetting, |gamma - 1|, and a blur in pixels
 LOBES = (0.4, 1.7)  # the range of the amount for another lobe; 1 is exactly that lobe
@@ -89,7 +90,7 @@ def _greedy(fit: Fit, at_end: Linearised, structure: ResidualCorrelation) -> tup
         scores = [(d, s) for d in at_end.directions if (s := tests.test(d.change)) is not None]
         seen = [_candidate(fit, at_end, d, s) for d, s in scores if s.p_value < FALSE_ALARM and plausible(d, s.amount)]
         explained = sum(f.share for f in found)
-        least = max(EXPLAINED * (structure.least - explained), SECOND * found[0].share if found else 0.0)
+        least = max(EXPLAINED * (structure.least - explained), NEXT * found[0].share if found else 0.0)
         kinds = {f.direction.kind for f in found}
         usable = [f for f in seen if f.share > least and _matters(fit, f) and f.direction.kind not in kinds]
         if not usable:
@@ -98,6 +99,9 @@ def _greedy(fit: Fit, at_end: Linearised, structure: ResidualCorrelation) -> tup
         if best.direction.kind == "center":  # one of its three amounts does nearly what the radius does
             simpler = (f for f in usable if f.direction.kind == "radius" and f.share > NEARLY * best.share)
             best = next(simpler, best)
+        if best.direction.kind == "highlight":  # of either sign and any width it imitates much: what is simpler is said
+            simpler = [f for f in usable if f.direction.kind != "highlight" and f.share > NEARLY * best.share]
+            best = max(simpler, key=lambda f: f.share, default=best)
         if not found:
             rivals = [f for f in seen if f is not best and f.share > RIVAL * best.share]
         found.append(best)
@@ -128,6 +132,8 @@ def plausible(direction: Direction, amount: Float[np.ndarray, " k"]) -> bool:
         return one > 0.0 and _blur(direction, one) < WIDEST
     if direction.kind == "lobe":
         return LOBES[0] < one < LOBES[1]
+    if direction.kind == "highlight":
+        return one > 0.0
     return True
 
 
@@ -183,7 +189,22 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
             "highlights have wider edges than the lobe",
             "Focus, or shrink the images, and exclude the pixels next to outlines with View.mask.",
         )
+    if direction.kind == "highlight":
+        factor = SECOND[direction.which]
+        kind = "sharper" if factor > 1 else "wider"
+        n_s = factor * float(np.mean(next(n for n in _exponents(fit.scene))))
+        return (
+            f"the highlights have a second, {kind} part, with n_s near {n_s:.2g}",
+            f"Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both.",
+        )
     return _rotation(fit, amount) if direction.kind == "rotation" else _of_object(fit, direction, amount)
+
+
+def _exponents(scene: Scene) -> Iterator[np.ndarray]:
+    """Yield n_s of each material that shines."""
+    for item in scene.objects:
+        if shines(item.material.k_s):
+            yield np.asarray(item.material.n_s)
 
 
 def _of_object(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]:

@@ -132,8 +132,8 @@ def _describe_all(search: MisfitSearch, end: State, keys: Sequence[Key]) -> Susp
         tilts = [search.alternatives.effect(end, key) for key in keys]
         sentence = (
             f"{len(keys)} of the {len(search.fit.scene.lights)} lights are {min(tilts):.2g} to {max(tilts):.2g} "
-            "degrees off by the shading. Check the axes of directions and normals, that directions point the way the "
-            "light travels, and whether the material model is complete."
+            "degrees off, judging by the shading. Check the axes of directions and normals, that directions point the "
+            "way the light travels, and whether the material model is complete."
         )
     return Suspicion(kind, views, None, sentence)
 
@@ -167,9 +167,9 @@ def _describe_light(search: MisfitSearch, end: State, found: Explanation) -> Sus
     what = light.placement[0]
     place = ", ".join(f"{x:.3g}" for x in np.asarray(getattr(light, what)))
     sentence = (
-        f"lights.{i} is {degrees:.2g} degrees off as seen from the surface, by the "
-        f"shading in {_views(views)}, which explains {found.own_share:.0%} of the residuals there. Measure it again, "
-        f"or free 'lights.{i}.{what}', which is near ({place})."
+        f"judging by the shading in {_views(views)}, lights.{i} is {degrees:.2g} degrees off as seen from the surface. "
+        f"This explains {found.own_share:.0%} of the residuals there. Measure the light again, or free "
+        f"'lights.{i}.{what}', which is near ({place})."
     )
     return Suspicion("light", views, None, sentence)
 

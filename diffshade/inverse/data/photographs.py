@@ -85,8 +85,8 @@ def mask_file(folder: Path) -> Path:
     path = folder / "mask.png"
     if not path.is_file():
         raise FileNotFoundError(
-            f"there is no file {path}, white where the object is. Add it, or give another one: mask=, at the terminal "
-            "--mask."
+            f"there is no mask {path}. Add one that is white on the object, or give another file with mask= (--mask on "
+            "the command line)."
         )
     return path
 

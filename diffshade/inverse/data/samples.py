@@ -1,4 +1,4 @@
-"""Samples: which samples of a view count: on the object, inside the mask, and what the sensor clipped of them."""
+"""Samples: the samples of a view that count (on the object, inside the mask), and which of them are clipped."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Counts(eqx.Module):
     left_out: int
     """Samples at an end of the sensor's range that were left out, with their pixels."""
     repeats: tuple[tuple[int, int], ...] = ()
-    """The views that are an earlier one again, which is counted once, and which one."""
+    """Pairs of a view that repeats an earlier one, and that earlier view; the two are counted once."""
 
     def of(self, samples: Sequence[Samples]) -> Counts:
         """Return the counts of other samples of the same views, of which fewer may be left."""
@@ -157,7 +157,7 @@ def check_view(scene: Scene, view: View, *, moving: bool) -> None:
     check_shapes(scene, view.camera)
     check_positions(scene, view.camera)
     if moving and not has_mask(view):
-        raise ValueError("a fit of a surface needs a mask of what shows it; got none. Give View.mask.")
+        raise ValueError("a fit of a surface needs a mask of its pixels; got none. Give View.mask.")
 
 
 def check_any(pixels: int) -> None:
@@ -165,7 +165,7 @@ def check_any(pixels: int) -> None:
     if not pixels:
         raise ValueError(
             "no pixel is left to fit: the mask, the alpha channel and the objects' silhouette have none in common. "
-            "Check that the mask is white on the object, and the camera."
+            "Check the camera, and that the mask is white on the object."
         )
 
 

@@ -223,7 +223,7 @@ def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
 
 
 def find_repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
-    """Return the views whose image and mask an earlier view of the same setup has, and which view that is."""
+    """Return the views that repeat an earlier one (image, mask and setup), each with the index of the earlier one."""
     found: dict[int, int] = {}
     for group in setups(scene, views):
         for k, i in enumerate(group):
@@ -239,12 +239,12 @@ def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
 
 
 def note_repeats(pairs: Sequence[tuple[int, int]]) -> list[Note]:
-    """Say which views are an earlier one again."""
+    """Return a note on the views that repeat an earlier one."""
     if not pairs:
         return []
     i, j = pairs[0]
     if len(pairs) == 1:
-        text = f"views[{i}] is views[{j}] again, the same numbers, and is counted once."
+        text = f"views[{i}] repeats views[{j}] and is not counted again."
     else:
         text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
     return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]

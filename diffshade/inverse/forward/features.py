@@ -1,6 +1,6 @@
 """Features: the predictions of one material as sums of a few fields, so that a pass over the pixels is one small Gram.
 
-Where it is known where light comes from, a pixel shows m = c_1 + sum over its lights of c_u u + c_v v, with
+If the geometry of the light is known, a pixel shows m = c_1 + sum over its lights of c_u u + c_v v, with
 u = f_rad f_ang (n.l)_+ and v = f_rad f_ang (cos)_+^n_s (E2-E6). The fields n.l, log cos, d and f_ang are computed once
 for a fit; the coefficients c are products of k_a, k_d, k_s, intensities, exposure and black, and do not depend on the
 pixel. With the derivatives of u and v beside them, F = [1, u, v, dv/dlog n_s, du/da, dv/da], every product that a
@@ -23,7 +23,8 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.fresnel import NoFresnel
-from ...model.materials import EXPONENT_RANGE, Material
+from ...model.lobes import EXPONENT_RANGE, AbstractPowerLobe
+from ...model.materials import Material
 from ...model.scenes import Scene
 from ...model.vectors import Vec3, dot
 from ..data.views import View, lights_on
@@ -37,11 +38,11 @@ from .rendered import costs
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
 FADES = ("constant", "linear", "quadratic")  # by the power of the distance
-ROLES = {"reflection", "exponent", "attenuation", "light", "camera"}  # of the unknowns that this model serves
+SERVED = {"k_a", "k_d", "k_s", "k_e", "n_s", *FADES, "intensity", "ambient", "exposure", "black"}
 
 
 class Fields(eqx.Module):
-    """What a block's pixels are to the lights that are on: a row a light."""
+    """The geometry of a block's pixels under the lights that are on: one row per light."""
 
     counts: Bool[Array, "... pixels"]
     """False where the block is padded."""
@@ -68,8 +69,9 @@ class FeatureModel(AbstractForwardModel):
     setting: Setting
     likelihood: Likelihood
     with_exponent: bool = eqx.field(static=True)
-    """Whether n_s is unknown, and which coefficients of the attenuation are."""
+    """Whether n_s is unknown."""
     with_fade: tuple[int, ...] = eqx.field(static=True)
+    """The unknown coefficients of the attenuation, as indices into `FADES`."""
     shared: bool = eqx.field(static=True)
     """Whether all samples weigh the same, so that one Gram of the features serves all channels and coefficients."""
     grey: bool = eqx.field(static=True)
@@ -86,7 +88,7 @@ class FeatureModel(AbstractForwardModel):
         return False
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields:
-        """Return the fields of a chunk's pixels, of those that count and are no padding."""
+        """Return the fields of a chunk's pixels; they are dark where a pixel does not count or is padding."""
         return _fields(self.setting, pixels, view, counts)
 
     def rows(self, lamps: Lamps, n_s: Array, view: Array, points: Fields) -> list[Any]:
@@ -115,8 +117,8 @@ class FeatureModel(AbstractForwardModel):
     def coefficients(self, theta: Float[Array, " p"]) -> tuple[Array, Array]:
         """Return the coefficients of F in each view and channel: of the prediction, and a function with its Jacobian.
 
-        The second has for each derivative of u or v the coefficient of u or v, held constant, times the unknown that it
-        is the derivative by: its derivative by theta are the columns of the prediction's Jacobian.
+        In the second, the derivative of u or v by an unknown has the coefficient of u or v, held constant, times that
+        unknown. Its derivatives by theta are the columns of the prediction's Jacobian.
         """
         setting = self.setting
         setup = setting.slots.insert(theta, setting.setup)
@@ -167,8 +169,8 @@ class FeatureModel(AbstractForwardModel):
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Any:
         """Return for each view, over the blocks of a chunk, the Gram of [F, y].
 
-        Where samples weigh differently, the cost and, channel by channel, F l' and F h F^T with the slopes l' and the
-        curvatures h of the loss.
+        If the samples' weights differ, return instead the cost and, for each channel, F l' and F h F^T with the slopes
+        l' and the curvatures h of the loss.
         """
         setting = self.setting
         scene = setting.slots.insert(theta, setting.setup).scene
@@ -229,14 +231,16 @@ class FeatureModel(AbstractForwardModel):
 
 
 def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
-    """Whether this model can serve: one object, few lights at once, and every unknown a coefficient of light."""
+    """Whether this model can serve: one object, few lights at once, and every unknown is one that it knows."""
     names = _kinds(unknowns)
     material = scene.objects[0].material
     n_s = material.n_s
     return (
         len(scene.objects) == 1
-        and {u.parameter.role for u in unknowns if u.places} <= ROLES  # a ratio is one of reflections
+        and names <= SERVED
         and isinstance(material.fresnel, NoFresnel)
+        and isinstance(material.lobe, AbstractPowerLobe)
+        and not material.highlights
         and material.k_t is None
         and not material.patterns
         and scene.atmosphere is None

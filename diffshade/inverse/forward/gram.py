@@ -9,7 +9,7 @@ from ...core.fields import Array
 
 
 class Gram(eqx.Module):
-    """The cost |r|^2/2, J^T r and J^T J of residuals r, weighted as the loss says; a leading axis is one a view."""
+    """The cost |r|^2/2, J^T r and J^T J of residuals r, weighted by the loss; a leading axis is that of the views."""
 
     cost: Float[Array, "..."]
     gradient: Float[Array, "... p"]
@@ -17,7 +17,7 @@ class Gram(eqx.Module):
 
 
 class Point(eqx.Module):
-    """A point that was tried: where, and the Gram there, of all views and priors and of each view."""
+    """A point that was tried: theta, and the Gram there, of views and priors together and of each view."""
 
     theta: Float[Array, " p"]
     total: Gram

@@ -30,7 +30,7 @@ class Pixels(eqx.Module):
 
 
 class Setting(eqx.Module):
-    """All that the predictions of a fit depend on but the unknowns and the pixels."""
+    """All that the predictions of a fit depend on, except the unknowns and the pixels."""
 
     setup: Setup
     slots: Slots
@@ -62,7 +62,7 @@ class AbstractForwardModel(eqx.Module):
     @property
     @abstractmethod
     def transparent(self) -> bool:
-        """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
+        """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
 
     @abstractmethod
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
@@ -70,18 +70,18 @@ class AbstractForwardModel(eqx.Module):
 
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
-        """Return exposure * radiance + black of a block, one array a channel; of a grey view the mean of the three."""
+        """Return exposure * radiance + black of a block, one array per channel; a grey view has the channels' mean."""
 
     @abstractmethod
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Any:
-        """Return the sums over a chunk of which `gram` makes the Gram of each view."""
+        """Return the sums over a chunk from which `gram` computes the Gram of each view."""
 
     @abstractmethod
     def gram(self, theta: Float[Array, " p"], summary: Any) -> Gram:
         """Return the Gram of each view from the sum of the chunks' summaries."""
 
     def view_weights(self) -> Float[Array, " views"]:
-        """Return the weight of the samples of each view where all of a view weigh the same: 1/variance, or 1."""
+        """Return one weight for each view (1/variance, or 1), for views whose samples all have the same weight."""
         noise = self.setting.noise
         if noise is None:
             return jnp.ones_like(self.setting.grey)

@@ -48,18 +48,18 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
 
 
 def lay_plain(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out whose samples all weigh alike."""
+    """Return a chunk laid out, with equal weights for all samples."""
     return lay_out(theta, model, gathered, noise_known=False)
 
 
 def lay_weighed(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out whose samples weigh as the noise says."""
+    """Return a chunk laid out, with weights by the noise."""
     return lay_out(theta, model, gathered, noise_known=True)
 
 
 @jax.jit
 def weigh(theta: Array | None, model: AbstractForwardModel, chunk: Block) -> Block:
-    """Return a chunk whose samples weigh as the noise says at the level of the prediction; else of the photograph."""
+    """Return a chunk with weights by the noise at the level of the prediction; without theta, of the photograph."""
 
     def weight(block: Block) -> Array:
         seen = block.observed

@@ -1,4 +1,4 @@
-"""Losses: what a residual costs: squares, robust losses by their weights, and samples that the sensor clipped."""
+"""Losses: the cost of a residual by squares or a robust loss, and of a sample that the sensor clipped."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Terms(NamedTuple):
 
 
 class Likelihood(eqx.Module):
-    """The cost of a prediction m beside what was observed: sigma^2 rho(w (m - y)^2 / sigma^2) / 2."""
+    """The cost of a prediction m for an observation y of weight w: sigma^2 rho(w (m - y)^2 / sigma^2) / 2."""
 
     sigma: Numbers
     """Scale of the weighted residuals; 1 where the noise is known."""

@@ -31,10 +31,7 @@ class RenderedModel(AbstractForwardModel):
     setting: Setting
     likelihood: Likelihood
     steepest: Float[Array, " p"] | None = None
-    """For each unknown the slope above which a sample does not count, while a search is under way; None asks nothing.
-
-    Of the weighted sample, as a residual is: |sqrt(w) dm/dtheta|.
-    """
+    """During a search, a sample counts only if |sqrt(w) dm/dtheta| is at most this for every unknown; None: always."""
 
     @property
     def projects(self) -> bool:
@@ -43,7 +40,7 @@ class RenderedModel(AbstractForwardModel):
 
     @property
     def transparent(self) -> bool:
-        """Whether light passes through an object, which takes XLA's CPU compiler long unless it does not fuse."""
+        """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
         return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
@@ -112,7 +109,7 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
 
 
 def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Setting:
-    """Gather all that predictions depend on but the unknowns and the pixels."""
+    """Gather all that predictions depend on, except the unknowns and the pixels."""
     numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
     return Setting(
         Setup(stack_scene(without_gbuffers(scene)), *numbers),

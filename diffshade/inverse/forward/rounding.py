@@ -1,7 +1,7 @@
-r"""Rounding: what the steps of an integer file do to a fit, beside noise.
+r"""Rounding: the effect of an integer file's steps on a fit, besides noise.
 
-A file of 8 bits holds a value v, counted in its steps, as the nearest integer. The error is a sawtooth of v, and no
-noise: pixels of one value share one error, however many they are, such as the whole unlit side of an object.
+A file of 8 bits holds a value v, counted in its steps, as the nearest integer. The error is a sawtooth of v, not noise:
+all pixels of one value share one error, for example the whole unlit side of an object.
 
 $$ \frac{e}{q} = \sum_{k \ge 1} \frac{(-1)^k}{\pi k} \sin 2 \pi k v $$
 
@@ -14,7 +14,7 @@ where they are many different steps apart. Noise of standard deviation s before 
 d_ik = exp(-2 pi^2 k^2 s^2/q_i^2): with half a step of it the rounding errors are independent (dither; Gray and Stockham
 1993), and are part of the noise that the residuals show. The gradients of a fit, J^T W e, so have the covariance
 A^T A with two rows of A for each k: the sums over all samples of d_ik q_i w_i J_i times the cosine and the sine of
-2 pi k v_i, over sqrt(2) pi k. Sums, so that one pass over the pixels makes them, tile by tile where they are many.
+2 pi k v_i, over sqrt(2) pi k. Since these are sums, one pass over the pixels computes them, tile by tile if need be.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from ...core.fields import Array
 from ...io.images import srgb_encode
 from ..pixels.blocks import Block
 
-HARMONICS = 12  # of the sawtooth, which have 95 % of its variance
-MOST_NOISE = 0.6  # steps, from which on rounding is nothing but a part of the noise
+HARMONICS = 12  # terms of the sawtooth; they have 95 % of its variance
+MOST_NOISE = 0.6  # steps; with more noise, rounding is just a part of it
 BITS = (8, 10, 12, 14, 16)
-FEWEST = 3  # different values, from which steps are found
-CHANCE = 1e-9  # that so many values are so near to steps that are not there
-TOLERANCE = 0.02  # steps, within which a value is on one: float32 holds 65,535 steps to .004
-FINEST = 2.0**-17  # of the largest value: smaller steps are those of floats
+FEWEST = 3  # different values that are needed to find steps
+CHANCE = 1e-9  # largest probability that values without steps come so near to them
+TOLERANCE = 0.02  # steps: the largest distance of a value from its step; float32 holds 65,535 steps to .004
+FINEST = 2.0**-17  # smallest step over the largest value: finer ones are those of floats
 
 
 class Rounded(NamedTuple):
@@ -48,7 +48,7 @@ class Rounded(NamedTuple):
     waves: Float[np.ndarray, "views p waves"]
     """See `sums.waves`; in the solver's coordinates."""
     shared: float
-    """Which part of the residuals' mean square is of the rounding that the waves hold."""
+    """The fraction of the residuals' mean square that comes from the rounding in the waves."""
 
 
 class Rounding(eqx.Module):
@@ -91,18 +91,18 @@ def no_rounding(views: int) -> Rounding:
     return Rounding(np.zeros(views), np.zeros(views), np.zeros(()))
 
 
-# Which steps
+# How the steps are found
 
 
 def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[float, bool]:
     """Return the step between the values of a view, and whether they are equal on the sRGB curve; 0 without steps.
 
-    They are those of integers of 8 to 16 bits, or else as the smallest gap between values says, where all other gaps
-    are multiples of it: of a file that was scaled.
+    The steps are those of integers of 8 to 16 bits. Otherwise, as in a scaled file, the step is the smallest gap
+    between values if all other gaps are multiples of it.
 
     Args:
         values: Samples that are not clipped, linear.
-        levels: How many steps there are if there are any, where that is known.
+        levels: The number of steps if it is known, else 0.
     """
     different = np.unique(values)
     if not len(different) or not np.isfinite(different).all():
@@ -134,7 +134,7 @@ def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
 
 
 def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
-    """Return whether values counted in steps are whole numbers, so many and so nearly that it is no chance."""
+    """Return whether values counted in steps are whole numbers, too many and too exactly for chance."""
     values = values[np.abs(values) > TOLERANCE]
     off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
     chance = max(2.0 * off, 1e-12) ** min(len(values), 20)
@@ -155,7 +155,7 @@ def _common_step(values: Float[np.ndarray, " n"]) -> float:
     return step if _on_steps((values - values[0]) / step) else 0.0
 
 
-# What they do
+# What the steps do to a fit
 
 
 def sawtooth(rounding: Rounding, view: Any, m: Any, weight: Any) -> Float[np.ndarray, "waves n"]:
@@ -184,6 +184,6 @@ def harmonics(phase: Array, size: Array, damped: Array) -> Array:
 
 
 def share_of_waves(noise2: float) -> float:
-    """Return which part of the variance of rounding the waves hold, given the noise's variance in steps squared."""
+    """Return the fraction of the rounding's variance in the waves, given the noise's variance in squared steps."""
     k = np.arange(1.0, HARMONICS + 1.0)
     return float(6.0 / np.pi**2 * np.sum(np.exp(-4.0 * np.pi**2 * k**2 * noise2) / k**2))

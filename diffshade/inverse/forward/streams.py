@@ -43,9 +43,9 @@ class StreamingReduction:
         device_group: DeviceGroup | None,
         report_progress: ReportProgress = silent,
     ):
-        """Take what a chunk needs: `gather` makes one of pieces, in NumPy; `lay`, compiled, of the model's points.
+        """Store how chunks are made: `gather` makes one from pieces, in NumPy; `lay`, compiled, adds the points.
 
-        `weigh_at`: theta at which the noise weighs the samples, None for the photographs' own levels.
+        `weigh_at`: the theta whose predicted levels give the weights by noise; None takes the photographs' levels.
         """
         self.tiles, self.gather, self.lay, self.size, self.report_progress = tiles, gather, lay, size, report_progress
         self.checkpoint, self.device_group = checkpoint, device_group
@@ -58,7 +58,7 @@ class StreamingReduction:
     def summed(
         self, program: Callable[[Any, AbstractForwardModel, Block], T], theta: Any, model: AbstractForwardModel
     ) -> T:
-        """Return the sum of `program(theta, model, chunk)` over all chunks: a pass, or one of the checkpoint."""
+        """Return the sum of `program(theta, model, chunk)` over all chunks, by a pass or from the checkpoint."""
         name = f"pass-{self.count:04d}"
         self.count += 1
         theta = np.asarray(theta)
@@ -75,8 +75,8 @@ class StreamingReduction:
         at, *leaves = self.checkpoint.once(name, make)
         if not np.allclose(at, theta, rtol=1e-9, atol=1e-12):
             raise ValueError(
-                f"the checkpoint {self.checkpoint.folder} was made by other software: its steps lead elsewhere. Give "
-                "checkpoint another folder, or remove this one."
+                f"the checkpoint {self.checkpoint.folder} was made by other software: its steps differ from those of "
+                "this fit. Give checkpoint another folder, or remove this one."
             )
         return jax.tree.unflatten(jax.tree.structure(nothing), leaves)
 
@@ -219,7 +219,7 @@ def resumed(
     words: str,
     report_progress: ReportProgress,
 ) -> S:
-    """Return the last of the totals that `fold` yields, one a tile, from where the checkpoint is, and write them."""
+    """Return the last total that `fold` yields (one per tile), starting at the checkpoint and writing each to it."""
     done = 0
     if (part := checkpoint.part(name)) is not None:
         done, sums = part
@@ -237,7 +237,7 @@ def resumed(
 
 
 def _as_placed(leaf: Any, new: np.ndarray) -> Any:
-    """Return new numbers where old ones are: in memory, or on devices."""
+    """Return new numbers in the place of old ones, in memory or on devices."""
     return jax.device_put(new, leaf.sharding) if isinstance(leaf, jax.Array) else new
 
 
@@ -248,7 +248,7 @@ def _pieces_of(tiles: Tiles, tile: Tile, read: Any, size: int) -> list:
 
 @functools.lru_cache
 def compiled(program: Callable[..., Any], unfused: bool = False) -> Callable[..., Any]:
-    """Return a program compiled, without fusing what XLA's CPU compiler then takes long for."""
+    """Return a compiled program; `unfused` turns off fusion, with which XLA's CPU compiler can be slow."""
     return jax.jit(program, compiler_options=UNFUSED if unfused and jax.default_backend() == "cpu" else None)
 
 

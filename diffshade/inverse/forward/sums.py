@@ -48,9 +48,9 @@ def spread(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arr
 
 
 def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Array, "views p waves"]:
-    """Return the rows of A of each view, as columns, over a chunk: A^T A is what rounding makes the gradients vary.
+    """Return the rows of A of each view, as columns, over a chunk: A^T A is the gradients' covariance by rounding.
 
-    Samples weigh as in the Gram; those at an end of the sensor's range are left out.
+    Samples have the weights of the Gram; those at an end of the sensor's range are left out.
     """
     rounding, p = model.setting.rounding, theta.shape[0]
 

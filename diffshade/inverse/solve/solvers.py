@@ -192,7 +192,7 @@ def minimise(
     if result == optx.RESULTS.successful:
         message = ""
     elif result == optx.RESULTS.nonlinear_max_steps_reached:
-        message = "the cost still falls, along what these views hardly determine"
+        message = "the cost still falls, in a direction that these views hardly determine"
     else:
         message = "a step met a number that is not finite"
     return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))

@@ -1,4 +1,4 @@
-"""Start search: where a fit begins: a coarse search over the unknowns in which the image is not linear.
+"""Start search: a coarse search, over the unknowns in which the image is not linear, for where a fit begins.
 
 Each candidate is judged by its cost at the best linear unknowns (k_a, k_d, k_s), which are solved for within their
 bounds, on a few of the pixels. Unknowns of one kind are tried together, one group after another.
@@ -23,13 +23,11 @@ from ..unknowns.unknown import Unknown, coordinates
 from .descent import box_step
 from .solvers import Box, Task, evaluate, linear_step, minimise
 
-EXPONENTS = 4.0 ** np.arange(7)  # of a highlight: neighbours differ less than a basin of the cost is wide
 SEARCHING = "searching for a start"
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
 EDGE = 5.0  # degrees
-MATERIAL = {"n_s"}  # searched for over all of its range, whatever the scene says
 APPROACH = 16  # steps,
 SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
@@ -41,8 +39,11 @@ def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[
     """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
     found = []
     for (kind, quantity), members in _groups(unknowns).items():
-        values = np.array([unknowns[j].start for j in members])
-        tried = _scale(values**0, FACTORS) if "/" in quantity else _MOVES[kind](values, scene)
+        values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
+        if "/" in quantity:
+            tried = _scale(values, FACTORS)
+        else:
+            tried = _scale(values, listed) if listed else _MOVES[kind](values, scene)
         at = np.tile(theta, (len(tried), 1))
         at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
         found.append(at)
@@ -53,9 +54,13 @@ def _groups(unknowns: Sequence[Unknown]) -> dict[tuple[str, str], list[int]]:
     """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say."""
     groups: dict[tuple[str, str], list[int]] = {}
     for j, unknown in enumerate(unknowns):
-        if unknown.kind in _MOVES or "/" in unknown.quantity:
+        if _is_searched(unknown):
             groups.setdefault((unknown.kind, unknown.quantity), []).append(j)
     return groups
+
+
+def _is_searched(unknown: Unknown) -> bool:
+    return bool(unknown.kind in _MOVES or unknown.parameter.search or "/" in unknown.quantity)
 
 
 def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
@@ -109,8 +114,6 @@ def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 _MOVES = {
-    "n_s": lambda values, scene: _scale(values, EXPONENTS),
-    "eta": lambda values, scene: _scale(values**0, np.linspace(1.0, 2.5, 16)),
     "z_f": lambda values, scene: _scale(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
     "z_b": lambda values, scene: _scale(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
     "exponent": lambda values, scene: np.concatenate([values[None], _scale(values, (0.0, 1.0, 4.0, 16.0, 64.0))]),
@@ -150,7 +153,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
     """
     bends = np.array([unknown.parameter.reach > 0 for unknown in unknowns])
-    searched = np.array([unknown.kind in _MOVES or "/" in unknown.quantity for unknown in unknowns])
+    searched = np.array([_is_searched(unknown) for unknown in unknowns])
     reach = np.array([unknown.parameter.reach for unknown in unknowns])
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
@@ -185,7 +188,7 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
 
 def is_local(unknowns: Sequence[Unknown]) -> bool:
     """Whether the search is for more than a material: around what the scene says of a light's place, say."""
-    return any(unknown.kind in _MOVES and unknown.kind not in MATERIAL for unknown in unknowns)
+    return any(unknown.kind in _MOVES or unknown.parameter.reach for unknown in unknowns)
 
 
 def search(
@@ -225,7 +228,7 @@ def search(
     followed = _distinct(found or [first])[:BEST]
     if is_local(unknowns):
         as_told = first
-        for group in (g for g, kind in enumerate(kinds) if kind in MATERIAL):
+        for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "exponent"):
             as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
         followed = _distinct([*followed, as_told, (np.inf, begin)])
     ends = []

@@ -13,9 +13,9 @@ from scipy import special
 from ...core.words import listing
 from .uncertainty import Evidence, Vector
 
-FALSE_ALARMS = 0.02  # of fits whose noise is independent, in which clusters are said to disagree
-FEW = 12  # patches, below which a jackknife over them is rough
-LEAST_FREEDOM = 1.99  # of a jackknife: below it, it rests on one or two patches and tells nothing of its own
+FALSE_ALARMS = 0.02  # the fraction of fits with independent noise whose clusters are reported to disagree
+FEW = 12  # a jackknife over fewer patches is rough
+LEAST_FREEDOM = 1.99  # least degrees of freedom of a jackknife: with fewer, it rests on one or two patches
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,16 +24,16 @@ class Clusters:
 
     evidence: Evidence
     count: int
-    """Clusters; 0 where there are too few to compare."""
+    """The number of clusters; 0 if they are too few to compare."""
     what: str
     scatter: float
-    """Variance of the clusters' own optima over what independent noise would give them: 1 where it is independent."""
+    """The variance of the clusters' own optima, over that expected from independent noise: 1 if it is independent."""
     disagree: bool
     """Whether the clusters disagree by more than independent noise explains."""
     by_jackknife: Bool[np.ndarray, " p"]
     """Unknowns whose standard error is by jackknife: the clusters disagree about them."""
     freedom: Vector
-    """Of the jackknife: clusters - 1, or fewer where few of them decide (Bell and McCaffrey 2002)."""
+    """Degrees of freedom of the jackknife: clusters - 1, or fewer if a few decide (Bell and McCaffrey 2002)."""
 
     def standard_errors(self) -> Vector:
         """Return the standard errors: by jackknife where the clusters disagree, else for independent noise.
@@ -70,9 +70,9 @@ class Clusters:
         return np.where(self.by_jackknife & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
 
     def rises(self) -> Vector:
-        """Return for each unknown by how much the cost, twice, rises where it is held one error away.
+        """Return for each unknown by how much twice the cost rises if the unknown is held one error away.
 
-        sigma^2 times the inflation; of a robust loss the cost bends with the slopes psi', where H has its weights rho'.
+        This is sigma^2 times the inflation. The cost of a robust loss curves with psi', while H has the weights rho'.
         """
         return self.evidence.sigma2 * self.inflation() / self.evidence.loss_ratio
 
@@ -90,30 +90,30 @@ class Clusters:
             return f"{noise}; {self.what} cannot show whether the residuals are correlated."
         factor = np.sqrt(max(self.scatter, 1.0))
         if not self.disagree:
-            times = f", times {factor:.3g} for their scatter" if factor > 1.005 else ""
-            return f"{noise}{times}; the {self.what} agree within it."
+            times = f", times {factor:.3g} for the scatter" if factor > 1.005 else ""
+            return f"{noise}{times}; the {self.what} agree within these errors."
         if not self.by_jackknife.any():
             return (
-                f"{noise}, times {factor:.3g}, since the {self.what} disagree more than it explains and "
-                "are too few to leave out one at a time."
+                f"{noise}, times {factor:.3g}, since the {self.what} disagree more than such noise explains and are "
+                "too few for a jackknife."
             )
         names = list(dict.fromkeys(q for q, here in zip(quantities, self.by_jackknife, strict=True) if here))
         # where one unknown alone disagrees, the scatter of all together says nothing
-        much = f" (their optima scatter by {self.scatter:.3g} times the variance)" if self.scatter > 1.0 else ""
+        much = f" (their optima have {self.scatter:.3g} times the expected variance)" if self.scatter > 1.0 else ""
         also = f"; and {rounding}" if rounding else ""
-        rough = f"; {self.count} are few for that" if self.count < FEW and "patches" in self.what else ""
+        rough = f"; {self.count} are few for a jackknife" if self.count < FEW and "patches" in self.what else ""
         return (
-            f"by leaving out one at a time of the {self.what}, which disagree about {listing(names)} more than "
-            f"independent noise explains{much}{rough}{also}; errors that all of them share, such as texture or wrong "
-            "normals, are not included."
+            f"by jackknife over the {self.what}, which disagree about {listing(names)} more than independent noise "
+            f"explains{much}{rough}{also}; errors that all of them share, such as texture or wrong normals, are not "
+            "included."
         )
 
     def _of_rounding(self) -> str:
-        """Say what rounding adds; nothing where it adds nothing that is seen."""
+        """Return a phrase for what rounding adds; empty if that is negligible."""
         plain, rounding = self.evidence.plain_errors(), self.evidence.rounding_errors()
         known = np.isfinite(plain) & (plain > 0)
         times = float(np.max(np.hypot(1.0, rounding[known] / plain[known]), initial=1.0))
-        return f"for rounding to {self.evidence.steps} (up to {times:.2g} times as large)" if times > 1.05 else ""
+        return f"for rounding to {self.evidence.steps} (which adds up to a factor {times:.2g})" if times > 1.05 else ""
 
 
 def compared(evidence: Evidence, count: int, what: str) -> Clusters:

@@ -1,7 +1,8 @@
-"""Identifiability: what the views do not determine, in three grades, and in words with a remedy.
+"""Identifiability: what the views do not determine, in three grades, each with a sentence and a remedy.
 
 Singular: a column of the Jacobian is zero, or a direction changes no pixel. Lost in noise: the error is as large as the
-value. Both are "not determined". Ill-conditioned: a direction hardly changes a pixel; that is a note only.
+value. In both cases the value is "not determined". Ill-conditioned: a direction hardly changes a pixel; this only gives
+a note.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ def condition_number(H: Matrix) -> float:
 
 
 def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]:
-    """Return the unknowns of zero columns, and directions along which no residual changes, as sparse as they come.
+    """Return the unknowns of zero columns, and directions along which no residual changes, as sparse as possible.
 
-    A direction belongs to the null space where the singular value of the scaled J is below 1e-6 of the largest. The
-    basis is brought to reduced row echelon form, so that each direction names as few unknowns as it can.
+    A direction belongs to the null space if its singular value of the scaled J is below 1e-6 of the largest. The basis
+    is brought to reduced row echelon form, so that each direction names as few unknowns as possible.
     """
     A, lengths = scaled(H)
     largest = lengths.max(initial=0.0)
@@ -67,9 +68,9 @@ def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
 
 
 def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector) -> Vector:
-    """Return each error over what it should be small against: 1 for a logarithm, the value, the length of a vector.
+    """Return each error over the size to compare it with: 1 for a logarithm, else the value or a vector's length.
 
-    Of a coordinate it is the object's size in `scales`, where that is more than the vector's length.
+    For a coordinate this is the object's size in `scales` if that is larger than the vector's length.
     """
     size = np.abs(values)
     for j, unknown in enumerate(unknowns):
@@ -79,7 +80,7 @@ def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector,
             same = [i for i, other in enumerate(unknowns) if other.quantity == unknown.quantity]
             length = np.linalg.norm(values[same]) if len(same) > 1 else 0.0
             size[j] = max(length, scales[j]) or np.inf
-    with np.errstate(over="ignore"):  # infinite, beside next to nothing
+    with np.errstate(over="ignore"):  # an infinite error over a tiny value
         relative = errors / np.where((size > 0) & np.isfinite(size), size, 1e-300)
     return np.where(np.isinf(size), 0.0, relative)
 
@@ -89,8 +90,8 @@ def vague(
 ) -> tuple[Bool[np.ndarray, " p"], Bool[np.ndarray, " p"]]:
     """Return the unknowns that are lost in the noise, and those that are 0 within it.
 
-    Lost: the error is over 30 % of the value, or .5 of a logarithm. Of these a number that is at most 30 % of `scales`
-    with two errors added is known to be small, which is something.
+    A value is lost if its error is over 30 % of it, or over .5 in a logarithm. It is 0 within the noise instead if the
+    value plus two errors is at most 30 % of `scales`: then it is known to be small.
     """
     log = logarithms(unknowns)
     lost = relative_errors(unknowns, values, errors, scales) > np.where(log, VAGUE_LOG, VAGUE)
@@ -124,8 +125,8 @@ def weak_notes(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[U
         names = _quantities(unknowns, which)
         hardly = f"hardly separate {listing(names)}" if len(names) > 1 else f"hardly separate the parts of {names[0]}"
         text = (
-            f"these views {hardly}: changed together they change the pixels a thousandth as much as apart, so that the "
-            f"errors stand and fall with the model. {remedy(names)}"
+            f"these views {hardly}: changed together, they change the pixels less than a thousandth as much as one by "
+            f"one, so the errors are right only if the model is exact. {remedy(names)}"
         )
         notes.append(Note(text, "hardly separated", tuple(names)))
     return list(dict.fromkeys(notes))
@@ -160,18 +161,18 @@ def vague_notes(
             f"{u.name} {v + 2 * e:.2g}" for u, v, e, here in zip(unknowns, values, errors, small, strict=True) if here
         ]
         names = tuple(u.name for u, here in zip(unknowns, small, strict=True) if here)
-        text = f"0 within the noise, and two errors above the value at most: {listing(limits)}."
+        text = f"0 within the noise, with upper limits (value plus two errors): {listing(limits)}."
         notes.append(Note(text, "0 within noise", names))
     return notes
 
 
 def remedy(names: Sequence[str]) -> str:
-    """Say which to fix, and what photograph would tell."""
+    """Return a remedy: the parameter to fix, or the photograph to add."""
     kinds = {name.split(".")[-1] for name in names}
     last = names[-1]
     if kinds & {"constant", "linear", "quadratic"}:
         fix = next(n for n in reversed(names) if n.split(".")[-1] in ("constant", "linear", "quadratic"))
-        return f"Fix one, for example {fix}, or add photographs with the lamp at three distances that differ by half."
+        return f"Fix one, for example {fix}, or add photographs with the lamp at three distances, such as 2, 3 and 4.5."
     if kinds & {"n_s", "k_s"}:
         return f"Fix {last}, or add a photograph with the whole highlight on the object, not clipped."
     if kinds & {"position", "direction", "intensity"}:
@@ -180,13 +181,13 @@ def remedy(names: Sequence[str]) -> str:
 
 
 def _some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> list[str]:
-    """Return names of unknowns: of a quantity where all its channels are among them, else of the channels."""
+    """Return names of unknowns: the quantity's if all its channels are among them, else the channels'."""
     others = {u.quantity for u, here in zip(unknowns, which, strict=True) if not here}
     members = [u for u, here in zip(unknowns, which, strict=True) if here]
     return list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in members))
 
 
-# Along a scale gauge, what reflects and what fades light (it divides) grow as what sends light shrinks.
+# Along a scale gauge, reflections and attenuation (a divisor) grow while intensities and exposures shrink.
 _FADERS = ("constant", "linear", "quadratic")
 
 

@@ -1,4 +1,4 @@
-"""Intensities: what no image can check where they are taken as known, said beside the errors."""
+"""Intensities: a sentence, printed with the errors, on reflections that depend on the given intensities."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SCALED = ("k_a", "k_d", "k_s")
 
 
 def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
-    """Return a sentence on the lights' intensities where reflections are free and some of what sends light is not.
+    """Return a sentence on the lights' intensities if reflections are free and the intensities or exposures are not.
 
     All intensities times 1.3 and all reflections over 1.3 make the same images. With every intensity free, or every
     exposure, that is a gauge, which the fit names.
@@ -27,4 +27,7 @@ def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
     if not names or any(of and free.issuperset(of) for of in senders):
         return ""
     verb = "scales" if len(names) == 1 else "scale"
-    return f"{listing(names)} {verb} inversely with the lights' intensities, taken as exact: no image can check them."
+    return (
+        f"{listing(names)} {verb} inversely with the lights' intensities, which are taken as exact: no image can check "
+        "these."
+    )

@@ -41,7 +41,7 @@ def jackknife_covariance(
 ) -> Matrix:
     """Return the covariance by deleting one view at a time, from the Gram of each view; t has views - 1 degrees.
 
-    H_0 and g_0 are of what is known beside the views, and is never deleted.
+    H_0 and g_0 are those of the priors, which are never deleted.
 
     Without view v the optimum moves, to first order, by -(H - H_v)^-1 (g - g_v); the covariance is (G-1)/G times the
     sum of squared deviations of these moves from their mean (Tukey 1958; Efron and Tibshirani 1993, ch. 11).
@@ -53,7 +53,7 @@ def jackknife_covariance(
 def jackknife_deviations(
     H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p *_"], H_0: Matrix, g_all: Float[np.ndarray, "p *_"]
 ) -> Float[np.ndarray, "views p *_"]:
-    """Return how far the optimum without each view is from their mean, times the root of (G-1)/G; g may be many."""
+    """Return the distances of the optima without each view from their mean, times sqrt((G-1)/G); g may have columns."""
     G, H_all = len(H), H.sum(0) + H_0
     moves = np.array([-inverse(H_all - H_v) @ (g_all - g_v) for H_v, g_v in zip(H, g, strict=True)])
     return np.sqrt((G - 1) / G) * (moves - moves.mean(0))
@@ -62,9 +62,9 @@ def jackknife_deviations(
 def jackknife_of_noise(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> tuple[Vector, Vector]:
     """Return the variances that `jackknife_covariance` expects of independent noise of variance 1, and their freedom.
 
-    Of such noise the gradient of view v has the covariance H_v - H_v H^-1 H_v, and the move without it follows; the
-    sum over views is about chi^2 with (sum a)^2 / sum a^2 degrees of freedom (Satterthwaite 1946; Bell and McCaffrey
-    2002).
+    With such noise, the gradient of view v has the covariance H_v - H_v H^-1 H_v. The variance a of the move without
+    the view follows. The sum over views is about chi^2 with (sum a)^2 / sum a^2 degrees of freedom (Satterthwaite 1946;
+    Bell and McCaffrey 2002).
     """
     whole = inverse(H.sum(0) + H_0)
     share = []
@@ -89,7 +89,7 @@ def without_single_views(
     H_0: Matrix,
     single_view: Int[np.ndarray, " p"],
 ) -> tuple[Float[np.ndarray, "views s s"], Float[np.ndarray, "views s *_"]]:
-    """Return the Gram of each view for the unknowns that several views see, at the best of those it alone sees.
+    """Return the Gram of each view for the unknowns that several views see, minimised over those that it alone sees.
 
     The Schur complement: a view that is deleted takes its own unknowns with it.
     """
@@ -104,7 +104,7 @@ def without_single_views(
 
 
 def deciding_view(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> int | None:
-    """Return a view without which less is determined than with it, so that there is no jackknife; or None."""
+    """Return a view without which fewer unknowns are determined, so that no jackknife is possible; or None."""
 
     def rank(H: Matrix) -> int:
         w = np.linalg.eigvalsh(scaled(H)[0])
@@ -125,8 +125,8 @@ def on_unit_vectors(covariance: Matrix, values: Vector, units: Int[np.ndarray, "
 def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_bound: Bool[np.ndarray, " p"]) -> Vector:
     """Return the standard errors, given the covariance of any subset of the unknowns.
 
-    Unknowns at a bound do not move, so the others' errors are without them; the error of one at a bound is what it
-    would be if it alone were free to pass.
+    Unknowns at a bound do not move, so the others' errors hold them fixed. The error of an unknown at a bound is that
+    which it would have if it alone could pass its bound.
     """
     inside = ~at_bound
     errors = np.zeros(len(at_bound))
@@ -140,20 +140,20 @@ def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_b
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the samples say at the end of a fit, in the values' own units: the Gram of each cluster of samples.
+    """The information in the samples at the end of a fit, in the values' own units: the Gram of each cluster.
 
-    A cluster holds samples whose errors may hang together: a view, or a patch of one.
+    A cluster has samples whose errors may be correlated: a view, or a patch of one.
     """
 
     hessian: Float[np.ndarray, "clusters p p"]
     gradient: Float[np.ndarray, "clusters p"]
     known_hessian: Matrix
-    """The Gram of what is known beside the views."""
+    """The Gram of the priors and unit vectors."""
     known_gradient: Vector
     values: Vector
     at_bound: Bool[np.ndarray, " p"]
     determined: Bool[np.ndarray, " p"]
-    """Not singular: what the clusters, taken together, say something about."""
+    """Whether the clusters together say anything about the value: it is not singular."""
     units: Int[np.ndarray, "u 3"]
     """The unknowns that are a unit vector together."""
     sigma2: float
@@ -161,9 +161,9 @@ class Evidence:
     spread: Float[np.ndarray, "5"]
     """Sums over the samples that were measured (`Likelihood.spread`): their number, r^2, psi^2, psi', rho'."""
     waves: Float[np.ndarray, "clusters p waves"] | None = None
-    """A^T of each cluster, where A^T A is what rounding makes the gradients vary (`rounding`); None without."""
+    """A^T of each cluster, where A^T A is the gradients' covariance by rounding (`rounding`); None without rounding."""
     shared: float = 0.0
-    """Which part of sigma2 is of the rounding that the waves hold: between 0, where noise hides it, and 1."""
+    """The fraction of sigma2 that comes from the rounding in the waves: from 0, if noise hides it, to 1."""
     steps: str = ""
     """The steps of the files in words."""
 
@@ -174,7 +174,7 @@ class Evidence:
 
     @property
     def loss_ratio(self) -> float:
-        """H has the weights rho' of a robust loss where a cluster's move is by its slopes psi': their ratio, else 1."""
+        """The ratio of the weights rho' of a robust loss, which H has, to the slopes psi', by which clusters move."""
         count, _, _, slope, weight = self.spread
         return float(weight / max(slope, 1e-3 * count))
 
@@ -190,14 +190,14 @@ class Evidence:
         return self._on_units(plain_covariance(self.total[inner], self.sigma2), which)
 
     def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
-        """Return the covariance by deleting one cluster at a time; of what one cluster alone sees, the plain one."""
+        """Return the covariance by deleting one cluster at a time; the plain one for what one cluster alone sees."""
         covariance, several, kept = self.covariance(which), self.single_view[which] < 0, which & (self.single_view < 0)
         jackknife = jackknife_covariance(*self._shared(which))
         covariance[np.ix_(several, several)] = self.loss_ratio**2 * self._on_units(jackknife, kept)
         return covariance
 
     def _shared(self, which: Bool[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return H and g of each cluster, and of what is known, for those of a subset that several clusters see."""
+        """Return H and g of each cluster, and of the priors, for the unknowns of a subset that several clusters see."""
         kept = which & (self.single_view < 0)
         H, g = self.hessian[:, which][:, :, which], self.gradient[:, which]
         H, g = without_single_views(H, g, self.known_hessian[np.ix_(which, which)], self.single_view[which])
@@ -219,7 +219,7 @@ class Evidence:
     def rounding_errors(self) -> Vector:
         """Return what rounding adds to the standard errors, by the sum of squares; 0 without rounding.
 
-        Rounding is in the residuals too, as if it were independent: that part of it is counted once.
+        The residuals contain rounding too, as if it were independent; that part is not counted twice.
         """
         if self.waves is None:
             return np.zeros(len(self.values))
@@ -233,15 +233,15 @@ class Evidence:
         return self._on_units(moves @ moves.T, which)
 
     def deciding(self) -> int | None:
-        """Return a cluster without which less is determined than with it, so that there is no jackknife; or None."""
+        """Return a cluster without which fewer unknowns are determined, so that no jackknife is possible; or None."""
         H, _, known, _ = self._shared(np.ones(len(self.values), bool))
         return deciding_view(H, known)
 
     def independence_p_values(self) -> tuple[Vector, Vector]:
         """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
 
-        Nothing is held at a bound. The degrees of freedom, for Student's t, are fewer than the clusters less one where
-        a few of them decide. Of what one cluster alone sees there is no jackknife: 1 and infinitely many.
+        No unknown is held at a bound. The degrees of freedom, for Student's t, are the clusters less one, or fewer if a
+        few of them decide. What one cluster alone sees has no jackknife: p-value 1, infinitely many degrees.
         """
         p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
         kept = self.determined & (self.single_view < 0)
@@ -263,13 +263,13 @@ class Evidence:
         return p_value, freedom
 
     def scatter(self) -> tuple[float, float]:
-        """Return how far the clusters' own optima scatter, over what independent noise would let them, and its p-value.
+        """Return the variance of the clusters' own optima, over that expected from independent noise, and its p-value.
 
-        At the optimum the gradients g_c of the clusters add up to none; of independent noise each has the covariance
+        At the optimum the gradients g_c of the clusters add up to 0. With independent noise each has the covariance
         sigma^2 H_c, so that sum g_c H_c^+ g_c / sigma^2 is chi^2 with as many degrees of freedom as the clusters have
         unknowns of their own, less those fitted (White 1982, the information matrix test). The residuals within the
-        clusters give sigma^2. What rounding makes the gradients vary is expected too, with the degrees of freedom of
-        the sum (Satterthwaite 1946).
+        clusters give sigma^2. The gradients' variance by rounding is added to the expected one, and the degrees of
+        freedom are those of the sum (Satterthwaite 1946).
         """
         count, _, psi2, _, weight = self.spread
         inside = self.determined & ~self.at_bound
@@ -295,7 +295,7 @@ class Evidence:
         return float(between / expected), float(special.fdtrc(freedom, within, between / expected))
 
     def _own_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
-        """Return what rounding makes the gradients of the clusters vary at the optimum, where they add up to none."""
+        """Return the waves of the clusters' gradients by rounding at the optimum, where the gradients add up to 0."""
         if self.waves is None:
             return np.zeros((len(self.hessian), int(which.sum()), 0))
         moves = inverse(self.total[np.ix_(which, which)]) @ self.waves.sum(0)[which]

@@ -1,4 +1,4 @@
-"""Constraints: what a user knows about free numbers beside their bounds, and what that makes of the unknowns."""
+"""Constraints: known relations between free numbers, besides their bounds, and the unknowns that remain."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[str],
             (name,) = check_names("constraints", (constraint.name,), known)
             for path in (path for path in freed if end_of_run(name, path) is not None):
                 if known[path][1].metadata["converter"] not in (*COLOURS, as_exponent):
-                    raise ValueError(f"Grey needs colours; '{name}' names {path}, which is none. Leave it out.")
+                    raise ValueError(f"Grey needs colours; '{name}' names {path}, which is not one. Leave it out.")
                 if any(isinstance(c, Proportional) and end_of_run(c.name, path) is not None for c in constraints):
                     raise ValueError(
                         f"Grey names '{name}', which Proportional makes follow another. Name that instead."

@@ -98,7 +98,7 @@ def prior_of(unknown: Unknown, priors: Mapping[str, Sequence[Any]]) -> tuple[flo
                 f"{width:g}). Give (value, standard deviation)."
             )
         if unknown.logarithmic and not mean > 0:
-            raise ValueError(f"the prior of '{name}' must have a value above 0; got {mean:g}. It is held in log.")
+            raise ValueError(f"the prior of '{name}' must have a value above 0; got {mean:g}. It is fitted as a log.")
         if not unknown.lower <= mean <= unknown.upper:
             raise ValueError(
                 f"the prior of '{name}' must lie within [{unknown.lower:g}, {unknown.upper:g}]; got {mean:g}. Give a "

@@ -1,4 +1,4 @@
-"""Contradictions: priors that the images object to, by what the images say without each."""
+"""Contradictions: priors that disagree with what the images say without them."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from ..statistics.identifiability import null_directions
 from ..statistics.uncertainty import Matrix, Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
-PULL = 4.0  # standard deviations, from which a prior contradicts the images
-CORRUPTS = 2.0  # errors, by which such a prior moves a number that is then not determined
-ALONE = 1e-9  # of the information on a number, which the images give at least where they can contradict its prior
+PULL = 4.0  # standard deviations between a prior and the images' own value that make a contradiction
+CORRUPTS = 2.0  # a value that such a prior moves by this many errors is not determined
+ALONE = 1e-9  # the share of a value's information that the images must give before they can contradict its prior
 
 
 @dataclass(frozen=True, eq=False)
 class Pulls:
-    """What the images say of the numbers that have a prior; NaN where there is none, or the images say nothing."""
+    """The values that the images give without each prior; NaN without a prior, or if the images say nothing."""
 
     without: Vector
-    """The solver's coordinate, such as log n_s, without this prior."""
+    """The value without this prior, in the solver's coordinates, such as log n_s."""
     errors: Vector
     pull: Vector
-    """How far that is from the prior's mean, over the standard deviation of the difference."""
+    """The distance of `without` from the prior's mean, over the standard deviation of the difference."""
 
 
 def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: float, variance: Vector) -> Pulls:
     """Return what the images say without each prior, to first order.
 
-    `total` is the Gram of everything at the optimum theta; the priors, of `mean` and `width` (NaN: none), are in it
-    with the weights (sigma / width)^2. `variance`: of each unknown, what total^-1 is to be multiplied by.
+    `total` is the Gram of images and priors at the optimum theta. A prior has a `mean` and a `width` (NaN: none), and
+    the weight (sigma / width)^2 in `total`. `variance` holds for each unknown the factor of total^-1.
     """
     C = inverse(total)
     weight = np.where(np.isnan(width), 0.0, (sigma / np.where(np.isnan(width), 1.0, width)) ** 2)
-    left = 1.0 - weight * np.diag(C)  # the images' part of what is known of each (Sherman and Morrison 1950)
+    left = 1.0 - weight * np.diag(C)  # the images' share of the information (Sherman and Morrison 1950)
     tells = ~np.isnan(width) & (left > ALONE)
     safe = np.where(tells, left, 1.0)
     without = np.where(tells, mean + (theta - mean) / safe, np.nan)
@@ -46,7 +46,7 @@ def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: floa
 
 
 def check_priors(fit: Fit) -> Fit:
-    """Return a fit that names the priors which the images contradict, and withdraws what these move."""
+    """Return a fit with notes on the priors that the images contradict; the values that these move are undetermined."""
     if not any(u.prior for u in fit.unknowns):
         return fit
     evidence, free = fit.evidence, np.flatnonzero(~fit.at_bound)
@@ -83,7 +83,7 @@ def _by_quantity(fit: Fit, free: np.ndarray, against: Bool[np.ndarray, " q"]) ->
 def _said(
     fit: Fit, which: np.ndarray, of_images: Pulls, here: np.ndarray, moved: Vector, corrupted: Bool[np.ndarray, " p"]
 ) -> Note:
-    """Say what a prior and the images say, and the remedy, of the channel that they differ most about."""
+    """Return a note on the channel where a prior and the images differ most: both values, and the remedy."""
     worst = int(np.argmax(np.abs(of_images.pull[here])))
     j, k = int(which[worst]), int(here[worst])
     unknown = fit.unknowns[j]

@@ -21,42 +21,42 @@ from ...model.surfaces import Sphere
 from ..data.views import View, colours, has_mask
 from ..result import Fit
 
-BEYOND_NOISE = 1.5  # residuals over the photographs' own noise, from which outlines are looked at
-ROWS = 256  # of a photograph at most, by which its noise is estimated
-FAR = 3.0  # pixels from the outline, from which a photograph shows the background
-BACKGROUND = 64  # pixels of it, at least
-DARK = 5.0  # standard deviations above the background, within which a pixel looks like it
-UNIFORM = 0.1  # of the object's brightness, by which the background varies at most
-BLACK = 0.2  # of the object's brightness, which the background has at most
-ALIKE = 0.98  # of the background, that is so
-BORDER = 0.5  # of the outline, along which the background is inside
-STEP = 0.15  # of the object's brightness, which it has right behind the background that is inside
-STEEP = 0.6  # of the edge of that background, along which the object is so bright
-OUTSIDE = 0.55  # of the brightness next to the outline inside, which the object has outside
-THIN = 0.75  # pixels of background or object, below which an outline is right
-WIDEST = 0.35  # of the largest depth, that the background reaches into the silhouette at most
-LIKE = 0.5  # of the length of the outline, along which the object is outside
+BEYOND_NOISE = 1.5  # outlines are compared only if the residuals exceed this many times the noise
+ROWS = 256  # most rows of a photograph from which its noise is estimated
+FAR = 3.0  # pixels: the least distance of background pixels from the outline
+BACKGROUND = 64  # the fewest background pixels
+DARK = 5.0  # a pixel within this many standard deviations of the background's level looks like background
+UNIFORM = 0.1  # the largest variation of the background, over the object's brightness
+BLACK = 0.2  # the largest level of the background, over the object's brightness
+ALIKE = 0.98  # the least share of background pixels at that level
+BORDER = 0.5  # the least share of the outline with background inside it
+STEP = 0.15  # the least brightness of the object right behind that background, over its usual brightness
+STEEP = 0.6  # the least share of that edge where the object is so bright
+OUTSIDE = 0.55  # the least brightness of the object outside the outline, over that just inside
+THIN = 0.75  # pixels: the outline is right if the border is narrower
+WIDEST = 0.35  # the widest border of background, over the silhouette's largest depth
+LIKE = 0.5  # the least share of the outline with the object outside it
 
 Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True)
 class WrongOutline:
-    """Where the scene's silhouette is not the photographs'."""
+    """A border along which the scene's silhouette differs from the object in the photographs."""
 
     large: bool
-    """Whether the background shows inside; else the object shows outside."""
+    """Whether the silhouette is too large, with background inside; otherwise the object extends beyond it."""
     pixels: int
     width: float
-    """How wide that border is, in pixels."""
+    """The width of the border in pixels."""
     share: float
-    """Along which part of the outline it is."""
+    """The share of the outline that has this border."""
 
 
 def check_outlines(fit: Fit) -> Fit:
-    """Return a fit that says where photographs without a mask show another outline than the scene's.
+    """Return a fit with a note if photographs without a mask contradict the scene's outline.
 
-    With the background inside nothing is determined.
+    If background lies inside the outline, nothing is determined.
     """
     found = wrong_outline(fit)
     if found is None:
@@ -68,7 +68,7 @@ def check_outlines(fit: Fit) -> Fit:
 def wrong_outline(fit: Fit) -> WrongOutline | None:
     """Return how the silhouette differs from what the views without a mask show; None where it does not. In float64.
 
-    Nothing is rendered but the silhouette. Where the residuals are no more than the photographs' noise all is well.
+    Only the silhouette is rendered. If the residuals do not exceed the photographs' noise, the outline is right.
     """
     views = [v for v in fit.views if not has_mask(v) and not isinstance(v.image, LazyImage)]
     groups: list[list[View]] = []
@@ -94,7 +94,7 @@ def _brightness(view: View) -> Float[np.ndarray, "h w"]:
 
 
 def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
-    """Whether the residuals are more than the noise, known or by second differences of the photographs' rows."""
+    """Whether the residuals exceed the noise, which is known or estimated from second differences along rows."""
     if fit.views[0].noise is not None:
         return fit.rmse > BEYOND_NOISE
     rows = np.unique(np.linspace(0, len(inside) - 1, ROWS).astype(int))
@@ -109,7 +109,7 @@ def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
 def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline | None:
     """Compare a silhouette with the brightest of the photographs taken by one camera, pixel by pixel.
 
-    It tells something only before a background that is dark and alike all over, beside the object.
+    This works only if the background is uniform, and dark compared with the object.
     """
     if not inside.any() or inside.all():
         return None
@@ -132,7 +132,7 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
 
 
 def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, light: float) -> WrongOutline | None:
-    """Return where the background reaches into the silhouette, and the object begins at once behind it."""
+    """Return the border where background reaches into the silhouette, if the object begins right behind it."""
     rim = inside & (depth < 1.5)
     # filled up over single pixels of noise
     closed: Any = ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1)
@@ -152,7 +152,7 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
 
 
 def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.ndarray) -> WrongOutline | None:
-    """Return where the object goes on outside the silhouette nearly as bright as next to the outline inside."""
+    """Return the border where the object continues outside the silhouette, nearly as bright as just inside it."""
     nearest: Any = ndimage.distance_transform_edt(
         ~(inside & (depth > 1.5)), return_distances=False, return_indices=True
     )
@@ -168,7 +168,7 @@ def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.n
 
 
 def _width(distances: np.ndarray) -> float:
-    """Return how wide a border is, from its pixels' distances to the nearest pixel beyond the outline, 1 and more."""
+    """Return the width of a border, given its pixels' distances (at least 1) to the nearest one across the outline."""
     return 2.0 * float(distances.mean()) - 1.0 if len(distances) else 0.0
 
 
@@ -178,7 +178,7 @@ def said(scene: Scene, found: WrongOutline) -> str:
     sphere = isinstance(item.surface, Sphere) and not more
     what = f"objects.{item.name or 0}.surface.radius" if sphere else "an object"
     size = "too large" if found.large else "too small"
-    wrong = f"{what} is {size} or its centre off" if sphere else f"{what} is {size} or not in its place"
+    wrong = f"{what} is {size}, or the sphere is out of place," if sphere else f"{what} is {size} or out of place,"
     along = f"along {found.share:.0%} of the outline"
     if found.large:
         where = f"{found.pixels:,} pixels inside the outline are as dark as the background, {along}"
@@ -187,5 +187,5 @@ def said(scene: Scene, found: WrongOutline) -> str:
     nothing = " Nothing is determined until that is corrected." if found.large else ""
     return (
         f"{where}: {wrong} by about {max(found.width, 1.0):.0f} px.{nothing} Measure it again, check the camera, or "
-        f"give each View a mask and free {'it' if sphere else 'what is wrong'}."
+        f"give each View a mask and free {'it' if sphere else 'the wrong parameter'}."
     )

@@ -1,4 +1,4 @@
-"""Stability: what becomes of each number where some of the data are left out, by a fit of its own each time."""
+"""Stability: how far each value moves if some of the data are left out and the fit is repeated."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from ..statistics.identifiability import relative_errors
 from ..statistics.uncertainty import Vector
 from ..unknowns.unknown import coordinates, logarithms
 
-MOVED = 0.3  # of the value, or of a logarithm's unit
+MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
 ERRORS = 3.0
-ROUNDING = 1e-10  # of the sum of squares of the images: residuals below it show nothing
+ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
-    "whether a number depends on the saturated pixels, or on the brightest half of the highlight, was not checked, "
-    "since the fit was made by tiles. Give it more memory, or fit some of the rows."
+    "this fit was made by tiles, so it was not checked whether values depend on saturated pixels or on the brightest "
+    "half of the highlight. Give fit more memory, or fit some of the rows."
 )
-SEEN = 0.02  # of the brightest highlight of a view: where a highlight begins
+SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +57,11 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
     angles = [angle_to_highlight(fit.scene, view) for view in fit.views]
     for degrees in (2.0, 5.0):
         if any((angle < degrees).any() for angle in angles):
-            yield f"{degrees:g} degrees about the highlight", [angle >= degrees for angle in angles]
+            yield f"{degrees:g} degrees around the highlight", [angle >= degrees for angle in angles]
 
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
-    """Yield the pixels that are not within so many of a saturated one, where there is any."""
+    """Yield, for each width, the pixels farther than that from saturated ones; nothing if no pixel is saturated."""
     samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
@@ -69,11 +69,11 @@ def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Ma
     if any(end.any() for end in ends):
         for width in widths:
             masks = [np.logical_not(ndimage.binary_dilation(end, iterations=width)) for end in ends]
-            yield f"saturated pixels and {width} px about them", masks
+            yield f"saturated pixels and {width} px around them", masks
 
 
 def without_brightest(fit: Fit) -> Iterator[tuple[str, Masks]]:
-    """Yield the pixels that are not in the brightest half of a highlight, where there is one."""
+    """Yield the pixels outside the brightest half of each highlight; nothing if there is no highlight."""
     shine = [np.asarray(highlight(fit.scene, view)) for view in fit.views]
     in_it = [s > SEEN * s.max() if s.max() > 0 else np.zeros(s.shape, bool) for s in shine]
     if any(here.any() for here in in_it):
@@ -98,7 +98,7 @@ def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
 def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return the angle between v and the nearest mirror direction r of a light that is on, in degrees; 180 for none.
 
-    It is what a white mirror shows: with k_s = 1, n_s = 1 and a light of unit intensity that nothing fades, the
+    It is found by rendering a white mirror: with k_s = 1, n_s = 1 and an unattenuated light of unit intensity, the
     radiance is v . r (E5).
     """
     mirror = Material(k_s=1.0, n_s=1.0)
@@ -119,14 +119,14 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
 def refits(
     fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], report_progress: ReportProgress
 ) -> tuple[list[FitWithout], Bool[np.ndarray, " p"]]:
-    """Fit again with some of the data left out, and return the fits, and what depends on the data kept. In float64.
+    """Fit again with some of the data left out; return the fits, and which values depend on the data. In float64.
 
-    A number that moves takes others along: of these the quantity that moves furthest is to blame. It is held where it
-    was, and the rest is judged by new fits, until nothing moves.
+    A value that moves takes others along. The quantity that moves furthest is blamed and then held at its old value,
+    and all fits are repeated until nothing else moves.
     """
     blamed = np.zeros(len(fit.unknowns), bool)
     done: list[FitWithout] = []
-    if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # of images without noise what moves is a rounding
+    if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # without noise, only rounding could move
         return done, blamed
     errors, rises = clusters.standard_errors(), clusters.rises()
     cases = [(without, keep) for without, keep in cases if _enough(fit, keep)]
@@ -145,7 +145,7 @@ def refits(
 
 
 def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
-    """Return what moves by 30 % with the numbers that are to blame: it stays only as long as these are held."""
+    """Return the values that move by 30 % together with the blamed ones; they stay only while those are held."""
     far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
     return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
 
@@ -157,7 +157,7 @@ def _enough(fit: Fit, keep: Masks) -> bool:
 
 
 def how_far(fit: Fit, values: Vector) -> Vector:
-    """Return how far values are from those of a fit: over the value, or in a logarithm."""
+    """Return the distance of values from those of a fit, relative to the value or in a logarithm."""
     log = logarithms(fit.unknowns)
     ratio = np.abs(np.log(np.where(log, values, 1.0) / np.where(log, fit.values, 1.0)))
     plain = relative_errors(fit.unknowns, fit.values, np.abs(values - fit.values), fit.scales)
@@ -167,11 +167,11 @@ def how_far(fit: Fit, values: Vector) -> Vector:
 def moved(
     fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
 ) -> Bool[np.ndarray, " p"]:
-    """Return which numbers are elsewhere in a refit than noise explains.
+    """Return the values that a refit moves further than noise explains.
 
-    They are 30 % or three errors away, and what is left objects to where they were: with the number held there its cost
-    rises by three errors squared, as in a profile (`rises`: by one error). What is left may hardly say anything of a
-    number, and then objects to nothing.
+    They move by 30 % or three errors, and the remaining data contradict the old value: holding it raises their cost by
+    three errors squared, as in a profile (`rises` is the rise for one error). Data that say hardly anything about a
+    value do not contradict its old one.
     """
     far = how_far(fit, again.values)
     distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
@@ -198,27 +198,28 @@ def moved(
 
 
 def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
-    """Say what depends on which data are included, and without which it moved furthest."""
+    """Return notes on the values that depend on the data, each with the omission that moves it furthest."""
     notes = []
     for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
         members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
         moves = [(r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members]
         *_, j, worst = max(moves, key=lambda move: move[:2])
         text = (
-            f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} from all, and "
-            f"{worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask what the model does not cover."
+            f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} with all of them, "
+            f"and {worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask pixels that the model "
+            "does not describe."
         )
         notes.append(Note(text, "depends on data", (quantity,)))
     if shifted.any() and not shifted.all():
-        notes.append(Note("the errors of the other numbers hold for these fixed at their values.", "depends on data"))
+        notes.append(Note("the errors of the other parameters hold these fixed.", "depends on data"))
     return notes
 
 
 def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
-    """Return a fit in which no number is determined that a few pixels decide. In float64.
+    """Return a fit in which values that depend on a few pixels are not determined. In float64.
 
-    The part of an examination that costs a fit or two: without the saturated pixels, and without the brightest half of
-    the highlight. It is made where the views disagree or samples are clipped; else the noise explains the residuals.
+    This is the cheap part of an examination, one or two fits: without the saturated pixels, and without the brightest
+    half of the highlight. It is skipped if the views agree and no sample is clipped: then noise explains the residuals.
     """
     if not _doubtful(fit):
         return fit
@@ -231,7 +232,7 @@ def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
 
 
 def note_unchecked(fit: Fit) -> Fit:
-    """Return a fit whose pixels do not fit in memory, with a note where it would have been `withdraw_unstable`."""
+    """Return a fit by tiles, with a note if `withdraw_unstable` would have repeated it."""
     if not _doubtful(fit):
         return fit
     return replace(fit, notes=(*fit.notes, Note(UNCHECKED, "not checked")))

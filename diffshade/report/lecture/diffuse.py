@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...model.cameras import Camera
-from ...model.fresnel import NoFresnel
 from ...model.lights import DirectionalLight
-from ...model.materials import Material, Phong
+from ...model.materials import Material
 from ...model.reflection import reflectance
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Plane
@@ -71,8 +70,8 @@ def ambient_and_diffuse() -> Figure:
 
 def _diffuse(k_d: float, theta: np.ndarray) -> np.ndarray:
     """Return what a matte surface reflects of light at the angle theta."""
-    k, n = Material(k_d=k_d).at(None), toward(np.zeros_like(theta))
-    return evaluate(lambda l: reflectance(k, Phong(), NoFresnel(), n, l, n), toward(theta)).x
+    material, n = Material(k_d=k_d), toward(np.zeros_like(theta))
+    return evaluate(lambda l: reflectance(material, material.at(None), n, l, n), toward(theta)).x
 
 
 def _draw_incidence(axes: Axes, degrees: float) -> None:

@@ -10,7 +10,8 @@ from ...core.fields import Array
 from ...model.cameras import Camera, OrthographicCamera
 from ...model.fresnel import AbstractFresnel, Dielectric, Schlick
 from ...model.lights import DirectionalLight, PointLight
-from ...model.materials import Blinn, Material, Phong
+from ...model.lobes import Blinn, Phong
+from ...model.materials import Material
 from ...model.reflection import reflectance
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Plane, Sphere
@@ -148,7 +149,7 @@ def _floor(material: Material) -> Picture:
 
 
 def _reflectance(material: Material, n: Vec3, l: Vec3, v: Vec3) -> Array:
-    return reflectance(material.at(None), material.lobe, material.fresnel, n, l, v).x
+    return reflectance(material, material.at(None), n, l, v).x
 
 
 def _weight(fresnel: AbstractFresnel, k_s: float, eta: float, theta: np.ndarray) -> np.ndarray:

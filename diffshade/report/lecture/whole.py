@@ -9,7 +9,8 @@ import numpy as np
 
 from ...model.cameras import Camera
 from ...model.lights import PointLight
-from ...model.materials import Blinn, Material
+from ...model.lobes import Blinn
+from ...model.materials import Material
 from ...model.named_materials import material, material_names
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Box, Plane, Sphere

@@ -17,7 +17,7 @@ from ...model.attenuation import RadialAttenuation
 from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
 from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
-from ...model.materials import Blinn, Phong
+from ...model.lobes import Blinn, Phong
 from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect
 from ...model.scenes import Object, Scene
@@ -83,6 +83,7 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (len(items) > 1, "more than one object at a time"),
         (any(item.material.k_t is not None for item in items), "transparency (k_t)"),
         (any(item.material.patterns for item in items), "patterns (shown as the mean of the two colours)"),
+        (any(item.material.highlights for item in items), "highlights beside the first"),
         (bool(lobes), f"the lobe {listing(sorted(set(lobes)))} (shown as Phong's)"),
         (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),

@@ -146,7 +146,7 @@ def histogram(residuals: Residuals) -> Chart:
         "share of samples",
         frame.x_ticks(),
         frame.y_ticks(),
-        words=f"{beyond:.2%} exceed three times the RMSE; for normal noise (the line) it is 0.27%.",
+        words=f"{beyond:.2%} of the samples exceed three times the RMSE; for normal noise (the line), 0.27% would.",
         bars=tuple(bars),
         curve=frame.path(middle, normal),
     )

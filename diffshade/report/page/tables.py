@@ -80,7 +80,7 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
     kind = (
         "Errors are the examination's standard errors; the true value lies inside the interval 95 % of the time."
         if examination is not None
-        else f"The true value lies within 1.96 errors 95 % of the time; {made}"
+        else f"The true value lies within 1.96 errors 95 % of the time. Errors: {made}"
     )
     interval_68, interval_95 = (
         (examination.interval_68, examination.interval_95)

@@ -136,7 +136,7 @@ def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles
     of = [("examination", getattr(examination, "fit", None), "ds.examine(fit)"), ("plan", plan, "ds.plan(fit, shots)")]
     for name, other, example in of:
         if other is not None and not _same(fit, other):
-            raise ValueError(f"{name} must be of the fit that is reported, but is of another fit. Give {example}.")
+            raise ValueError(f"{name} must belong to the fit that is reported, not to another. Give {example}.")
     if isinstance(titles, str) or not all(isinstance(title, str) for title in titles):
         raise TypeError(f"titles must hold a string for each view; got {titles!r}. Give for example ['lamp near'].")
     if titles and len(titles) != len(fit.views):
