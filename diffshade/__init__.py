@@ -23,8 +23,8 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Materials
 
-`Material`, `Highlight`, `Phong`, `Blinn`, `Brushed`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `material`,
-`material_names`, `with_lobe`, `Refit`
+`Material`, `Highlight`, `Phong`, `Blinn`, `Brushed`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `Texture`,
+`material`, `material_names`, `with_lobe`, `Refit`
 
 ## Lights
 

@@ -70,6 +70,7 @@ from .model.measured_lights import Profile as Profile
 from .model.named_materials import material as material
 from .model.named_materials import material_names as material_names
 from .model.patterns import Chequer as Chequer
+from .model.patterns import Texture as Texture
 from .model.rendering import intersect as intersect
 from .model.rendering import render as render
 from .model.rendering import shade as shade

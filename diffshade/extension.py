@@ -37,20 +37,11 @@ inside: `jnp.where(x > 0, f(jnp.where(x > 0, x, 1.0)), 0.0)`.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import equinox as eqx
 
-from .core.fields import (
-    Colour,
-    Numbers,
-    Scalar,
-    Vector,
-    as_colour,
-    as_scalar,
-    as_vector,
-    parameter,
-)
+from .core.fields import Numbers, as_colour, as_scalar, as_vector, parameter
 from .model.attenuation import RadialAttenuation
 from .model.cameras import Rays
 from .model.lights import AbstractEmitter, AbstractLamp, AbstractLight, Path, PointLight, SpotLight
@@ -58,6 +49,13 @@ from .model.lobes import AbstractLobe, AbstractPowerLobe, AbstractReflectance, C
 from .model.patterns import AbstractPattern
 from .model.surfaces import AbstractSolid, AbstractSurface, Hit
 from .model.vectors import Vec3, cross, dot, halfway, length, normalize, positive_power, reflect, safe_sqrt, where
+
+if TYPE_CHECKING:  # what one may give; the field makes an array of it, which a type checker does not see
+    Scalar: TypeAlias = Any
+    Colour: TypeAlias = Any
+    Vector: TypeAlias = Any
+else:
+    from .core.fields import Colour, Scalar, Vector
 
 __all__ = [
     "AbstractEmitter",

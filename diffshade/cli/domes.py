@@ -40,7 +40,7 @@ def dome(fit: ds.Fit) -> list[ds.Shot]:
     if light.placement != ("position",):
         return []
     center = center_of(fit.scene.objects, camera)
-    lamps = [other.position for other in fit.scene.lights if other.placement == ("position",)]
+    lamps = [getattr(other, *other.placement) for other in fit.scene.lights if other.placement == ("position",)]
     usual = np.median([np.linalg.norm(position - center) for position in lamps])
     shots = []
     for name, towards in _directions(NEAR, frame):

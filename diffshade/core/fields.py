@@ -24,7 +24,8 @@ Colour: TypeAlias = Float[Array, "3"]
 Vector: TypeAlias = Float[Array, "3"]
 Pair: TypeAlias = Float[Array, "2"]
 Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
-# A Colour, or a pattern (see patterns.py), or None; Any, so that a type checker takes it for what one knows it is.
+# A Colour (for n_s an Exponent), an array of these over the pixels, a pattern (patterns.py), or None; Any, so that a
+# type checker takes it for what one knows it is.
 Coefficient: TypeAlias = Any
 Numbers: TypeAlias = ArrayLike | Sequence[Any]  # what people type
 
@@ -72,9 +73,12 @@ def as_vector(value: Numbers) -> Any:
     return as_array(value)
 
 
-def as_exponent(value: Numbers) -> Any:
-    """Make one number for all channels, or three, one a channel."""
-    return as_array(value)
+def as_exponent(value: Numbers | Checked) -> Any:
+    """Make one number for all channels, or three, one a channel; or these for each pixel, along a last axis."""
+    if isinstance(value, Checked):
+        return value
+    array = as_array(value)
+    return array[..., None] if getattr(array, "ndim", 0) == 2 else array
 
 
 def as_colour(value: Numbers) -> Any:
@@ -86,8 +90,20 @@ def as_colour(value: Numbers) -> Any:
 
 
 def as_coefficient(value: Numbers | Checked | None) -> Any:
-    """Make a colour; a pattern stays one, and None, where it stands for no such term, too."""
-    return value if value is None or isinstance(value, Checked) else as_colour(value)
+    """Make a colour, or a colour for each pixel; a pattern stays one, and None, where it means no such term, too."""
+    if value is None or isinstance(value, Checked):
+        return value
+    array = as_array(value)
+    if getattr(array, "ndim", 0) == 2:
+        array = array[..., None]
+    if getattr(array, "ndim", 0) == 3 and array.shape[2] == 1:
+        return array * np.ones(3) if isinstance(array, np.ndarray) else array.repeat(3, -1)
+    return as_colour(value)
+
+
+def as_normals(value: Numbers | Checked | None) -> Any:
+    """Make a unit vector for each pixel; a pattern stays one, and None, where it means the surface's own, too."""
+    return value if value is None or isinstance(value, Checked) else as_array(value)
 
 
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
@@ -97,7 +113,14 @@ _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
     as_coefficient: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
     as_exponent: (((), (3,)), "1 or 3 numbers", "Give one number, or one a channel (R, G, B)."),
+    as_normals: ((), "an array (H, W, 3)", "Give a unit vector for each pixel."),
 }
+_OVER_PIXELS = {as_coefficient: ((3, 3),), as_exponent: ((3, 1), (3, 3)), as_normals: ((3, 3),)}
+
+
+def is_over_pixels(value: Any) -> bool:
+    """Whether a value of a material is an array over the pixels."""
+    return isinstance(value, Array) and np.ndim(value) > 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,11 +183,12 @@ class Checked(eqx.Module):
             if kind is None or left_out:
                 continue
             name = f"{type(self).__name__}.{field.name}"
-            if isinstance(value, Checked) and field.metadata["converter"] is as_coefficient:
+            if isinstance(value, Checked) and field.metadata["converter"] in _OVER_PIXELS:
                 for inner in (f for f in dataclasses.fields(value) if f.metadata.get("converter") is as_colour):
                     _check_field(f"{name}.{inner.name}", getattr(value, inner.name), kind, field.metadata)
             else:
-                _check_field(name, value, kind, field.metadata)
+                over = _OVER_PIXELS.get(field.metadata["converter"], ())
+                _check_field(name, value, kind, field.metadata, over)
         self.check_together()
 
     def check_together(self) -> None:
@@ -176,22 +200,35 @@ def is_concrete(*values: Any) -> bool:
     return not any(isinstance(v, Tracer) for v in values)
 
 
-def _check_field(name: str, value: Any, kind: tuple, metadata: Mapping[str, Any]) -> None:
+def _check_field(
+    name: str, value: Any, kind: tuple, metadata: Mapping[str, Any], over_pixels: Sequence[tuple[int, int]] = ()
+) -> None:
     shapes, noun, remedy = kind
     if isinstance(value, Tracer):
         return
     # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
     if not isinstance(value, Array | np.number | int | float) or not is_number(np.asarray(value).dtype):
         raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")
-    if np.shape(value) not in shapes:
-        raise ValueError(f"{name} must be {noun}; got shape {np.shape(value)}. {remedy}")
+    shape = np.shape(value)
+    mapped = any((len(shape), *shape[-1:]) == of for of in over_pixels)
+    if shape not in shapes and not mapped:
+        raise ValueError(f"{name} must be {noun}; got shape {shape}. {remedy}")
     numbers = _as_numpy(value)
+    if mapped:
+        numbers = _first_wrong(numbers, metadata)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
     lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
     if (numbers < lower).any() or (numbers > upper).any():
         allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
         raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}. Give a value in that range.")
+
+
+def _first_wrong(numbers: np.ndarray, metadata: Mapping[str, Any]) -> np.ndarray:
+    """Return of an array over the pixels the first number that is not finite or not in its range, else any."""
+    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
+    wrong = ~(np.isfinite(numbers) & (numbers >= lower) & (numbers <= upper))
+    return numbers.reshape(-1)[np.argmax(wrong)] if numbers.size else np.zeros(())
 
 
 def checked_colour(name: str, value: Numbers) -> Any:
@@ -268,7 +305,8 @@ def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclas
     elif isinstance(tree, Checked):
         for field in dataclasses.fields(tree):
             inner, value = f"{path}.{field.name}".lstrip("."), getattr(tree, field.name)
-            if field.metadata.get("converter") in _KINDS and value is not None and not isinstance(value, Checked):
+            known = field.metadata.get("converter") in _KINDS and not is_over_pixels(value)
+            if known and value is not None and not isinstance(value, Checked):
                 yield inner, value, field
             else:
                 yield from quantities(value, inner)

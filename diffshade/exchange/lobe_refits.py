@@ -152,3 +152,8 @@ def check_plain(material: Material) -> None:
             f"a material file holds colours; got a {type(material.patterns[0]).__name__}. Give one colour for each "
             "coefficient, or write the scene with write_scene."
         )
+    if material.maps:
+        raise ValueError(
+            f"a material file holds colours; got a coefficient over {np.shape(material.maps[0])[:2]} pixels. Give one "
+            "colour for each coefficient."
+        )

@@ -20,7 +20,6 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress
-from ..model.gbuffers import GBuffer
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
@@ -40,7 +39,7 @@ from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
-from .unknowns.slots import slots_of
+from .unknowns.slots import apart, slots_of
 from .unknowns.unknown import Unknown, coordinates, unit_vectors
 
 MAX_STEPS = 200
@@ -122,11 +121,10 @@ class FitProblem:
     def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
         """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
         channels = 1 if self.grey else 3
-        gbuffers = [item.surface if isinstance(item.surface, GBuffer) else None for item in self.scene.objects]
         seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips, length=length)
         view = np.zeros(len(row), np.int64)
         view[: len(parts)] = [part.view for part in parts]
-        return Block(view, place(parts, row, column, gbuffers), seen)
+        return Block(view, place(parts, row, column, apart(self.scene)[0]), seen)
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""

@@ -12,6 +12,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
+from ..core.fields import is_over_pixels
 from ..core.words import did_you_mean
 from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
@@ -41,6 +42,7 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
+_MAPPED = ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal")  # may be an array over the pixels
 _SEVERAL = ("objects", "lights", "highlights")
 # Users' own classes of these bases can stand there too, once their module is imported.
 _OPEN: dict[str, type[eqx.Module]] = {
@@ -202,7 +204,7 @@ def _own_classes(base: type[eqx.Module]) -> Iterator[type[eqx.Module]]:
     """Yield the classes outside this package that derive from a base and can be made."""
     for cls in base.__subclasses__():
         yield from _own_classes(cls)
-        if not (inspect.isabstract(cls) or cls.__module__.startswith(f"{__package__.partition('.')[0]}.")):
+        if not (inspect.isabstract(cls) or cls.__module__.startswith("diffshade.")):
             yield cls
 
 
@@ -242,4 +244,9 @@ def _plain(key: str, value: Any) -> Any:
         return {"type": name, **fields} if len(_TYPES[key]) > 1 or key in _OPEN else fields
     if isinstance(value, bool | str):
         return value
+    if is_over_pixels(value) and key in _MAPPED:
+        raise ValueError(
+            f"{key} is an array over {np.shape(value)[:2]} pixels, which has no form in TOML. Write it with "
+            "numpy.save, and the rest as a scene."
+        )
     return np.asarray(value).tolist()

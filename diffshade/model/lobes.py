@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.fields import Array, Checked, Exponent, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
+from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
 from .fresnel import AbstractFresnel
 from .vectors import Vec3, cross, dot, halfway, normalize, positive_power, reflect
 
@@ -26,9 +26,9 @@ class Coefficients(eqx.Module):
     k_s: Vec3
     k_e: Vec3
     k_t: Vec3
-    n_s: Exponent | Vec3
+    n_s: Float[Array, "..."] | Vec3
     eta: Float[Array, "..."]
-    highlights: tuple[tuple[Vec3, Exponent | Vec3], ...] = ()
+    highlights: tuple[tuple[Vec3, Float[Array, "..."] | Vec3], ...] = ()
     """k_s and n_s of each further highlight."""
 
 
@@ -62,7 +62,7 @@ class AbstractLobe(AbstractReflectance):
     r"""A highlight beside diffuse reflection (E4): $k_d (n \cdot l)_+ + W \, highlight$, which is 0 where n.l <= 0."""
 
     @abc.abstractmethod
-    def highlight(self, n_s: Exponent | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
+    def highlight(self, n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
         """Return the highlight of weight 1 where n.l > 0; elsewhere it must only be finite, with finite derivatives.
 
         Args:
@@ -76,7 +76,7 @@ class AbstractLobe(AbstractReflectance):
         """
 
     def gated(
-        self, lit: Bool[Array, "..."], n_s: Exponent | Vec3, n: Vec3, l: Vec3, v: Vec3
+        self, lit: Bool[Array, "..."], n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3
     ) -> Float[Array, "..."] | Vec3:
         """Return the highlight where the surface is lit, and 0 elsewhere."""
         found = self.highlight(n_s, n, l, v)
@@ -109,18 +109,18 @@ class AbstractPowerLobe(AbstractLobe):
             The cosine.
         """
 
-    def highlight(self, n_s: Exponent | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
+    def highlight(self, n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
         """Return (cosine)_+^n_s."""
         return _power(self.cosine(n, l, v), n_s)
 
     def gated(
-        self, lit: Bool[Array, "..."], n_s: Exponent | Vec3, n: Vec3, l: Vec3, v: Vec3
+        self, lit: Bool[Array, "..."], n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3
     ) -> Float[Array, "..."] | Vec3:
         """Return (cosine)_+^n_s where the surface is lit; the cosine is gated, since its power costs the most."""
         return _power(jnp.where(lit, self.cosine(n, l, v), 0.0), n_s)
 
 
-def _power(cosine: Float[Array, "..."], n_s: Exponent | Vec3) -> Float[Array, "..."] | Vec3:
+def _power(cosine: Float[Array, "..."], n_s: Float[Array, "..."] | Vec3) -> Float[Array, "..."] | Vec3:
     if isinstance(n_s, Vec3):  # one exponent per channel
         return Vec3(*(positive_power(cosine, n) for n in (n_s.x, n_s.y, n_s.z)))
     return positive_power(cosine, n_s)
@@ -176,7 +176,7 @@ class Brushed(AbstractLobe):
         if is_concrete(self.along) and not np.any(self.along):
             raise ValueError("Brushed.along must not be the zero vector; got [0, 0, 0]. Give the scratches' direction.")
 
-    def highlight(self, n_s: Exponent | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
+    def highlight(self, n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
         """Return the power of n.h whose exponent depends on the azimuth of h."""
         h = halfway(l, v)
         n_h = dot(n, h)

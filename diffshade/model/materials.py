@@ -6,26 +6,29 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from ..core.fields import (
+    Array,
     Checked,
     Coefficient,
-    Exponent,
     Numbers,
     Scalar,
     as_coefficient,
     as_exponent,
+    as_normals,
     as_scalar,
     check_kind,
     checked_colour,
     in_short,
     is_concrete,
+    is_over_pixels,
     parameter,
 )
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
 from .lobes import EXPONENT, AbstractLobe, AbstractReflectance, Coefficients, Phong
-from .patterns import AbstractPattern, colour_at
-from .vectors import Vec3
+from .patterns import AbstractPattern, Texture, colour_at
+from .vectors import Vec3, normalize
 
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
 EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
@@ -54,7 +57,7 @@ class Highlight(Checked):
     """
 
     k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
-    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
+    n_s: Coefficient = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
     lobe: AbstractLobe = eqx.field(default_factory=Phong)
 
     def check_together(self) -> None:
@@ -69,8 +72,9 @@ class Material(Checked):
     $$ I_{refl} = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
     $$ I = (1 - k_t) I_{refl} + k_t I_{trans}, \qquad \sin\theta_r = (\eta_i / \eta_r) \sin\theta_i $$
 
-    A colour is RGB or one number (grey), or a pattern of the point, for example a `Chequer`, whose colours are in the
-    same range. Where n.l <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources:
+    A colour is RGB or one number (grey); an array over the pixels of the one camera that sees the object, (H, W) or
+    (H, W, 3); a pattern of the point, for example a `Chequer`; or a `Texture`. All are in the same range, and so are
+    the maps of n_s. Where n.l <= 0 there is neither diffuse reflection nor a highlight; nothing is normalised. Sources:
     Phong 1975, Blinn 1977, Foley et al. 1990, 16.1 and 16.5.
 
     Args:
@@ -87,6 +91,9 @@ class Material(Checked):
         eta: Index of refraction, 0.1 to 10; with 1 or None, the default, rays are not bent.
         highlights: Further highlights, which are added to the one of k_s, n_s and lobe; none by default. The weight of
             each depends on the angle as `fresnel` says.
+        normal: Normals that shade in place of the surface's own: (H, W, 3), unit vectors in scene coordinates; or a
+            `Texture` of $(n + 1) / 2$ with n along u, along v and out of the surface (Blinn 1978). None, the default,
+            shades with the surface's own.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range; or, with `Dielectric()`, k_s is
@@ -97,13 +104,14 @@ class Material(Checked):
     k_a: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
     k_d: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
     k_s: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=REFLECTION)
-    n_s: Exponent = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
+    n_s: Coefficient = eqx.field(converter=as_exponent, default=10.0, metadata=EXPONENT)
     lobe: AbstractReflectance = eqx.field(default_factory=Phong)
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
     k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=EMISSION)
     k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata=TRANSMISSION)
     eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata=INDEX)
     highlights: tuple[Highlight, ...] = eqx.field(converter=as_highlights, default=())
+    normal: Float[Array, "h w 3"] | AbstractPattern | None = eqx.field(converter=as_normals, default=None)
 
     @staticmethod
     def foley(
@@ -143,6 +151,17 @@ class Material(Checked):
         for name in ("k_a", "k_d", "k_s", "k_e", "k_t"):
             if isinstance(colour := getattr(self, name), Checked):
                 check_kind(f"Material.{name}", colour, AbstractPattern, "Chequer(0.1, 0.9)")
+        for name in ("n_s", "normal"):
+            if isinstance(texture := getattr(self, name), Checked):
+                check_kind(f"Material.{name}", texture, Texture, "Texture(image)")
+        if is_over_pixels(self.normal) and is_concrete(self.normal):
+            length2 = np.sum(np.square(np.asarray(self.normal)), -1)
+            if not ((np.abs(length2 - 1.0) < 2e-3) | (length2 == 0)).all():
+                row, column = np.argwhere((np.abs(length2 - 1.0) >= 2e-3) & (length2 != 0))[0]
+                raise ValueError(
+                    f"Material.normal must hold unit vectors; at row {row}, column {column} the length is "
+                    f"{float(np.sqrt(length2[row, column])):.4g}. Normalise them."
+                )
         for i, highlight in enumerate(self.highlights):
             check_kind(f"Material.highlights[{i}]", highlight, Highlight, "Highlight(k_s=0.2, n_s=200)")
         if not isinstance(self.fresnel, Dielectric):
@@ -163,28 +182,62 @@ class Material(Checked):
             )
 
     @property
+    def coefficients(self) -> tuple[Any, ...]:
+        """All that may be a pattern or an array over the pixels."""
+        own = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t, self.n_s, self.normal)
+        return (*own, *(of for more in self.highlights for of in (more.k_s, more.n_s)))
+
+    @property
     def patterns(self) -> tuple[AbstractPattern, ...]:
         """The patterns among the coefficients."""
-        colours = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t, *(more.k_s for more in self.highlights))
-        return tuple(colour for colour in colours if isinstance(colour, AbstractPattern))
+        return tuple(of for of in self.coefficients if isinstance(of, AbstractPattern))
 
-    def at(self, p: Vec3 | None) -> Coefficients:
+    @property
+    def maps(self) -> tuple[Float[Array, "h w ..."], ...]:
+        """The arrays over the pixels among the coefficients."""
+        return tuple(of for of in self.coefficients if is_over_pixels(of))
+
+    def at(self, p: Vec3 | None, uv: Vec3 | None = None) -> Coefficients:
         """Return the coefficients at a point.
 
         Args:
             p: The point, scene units; None (position unknown) is enough if no coefficient is a pattern.
+            uv: Its texture coordinates (u, v, 0); None is enough if no coefficient is a `Texture`.
 
         Returns:
             The coefficients, with patterns evaluated to colours.
         """
-        k_a, k_d, k_s, k_e = (colour_at(k, p) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
+        k_a, k_d, k_s, k_e = (colour_at(k, p, uv) for k in (self.k_a, self.k_d, self.k_s, self.k_e))
         opaque = Vec3(np.zeros(()), np.zeros(()), np.zeros(()))
-        k_t = opaque if self.k_t is None else colour_at(self.k_t, p)
+        k_t = opaque if self.k_t is None else colour_at(self.k_t, p, uv)
         eta = np.ones(()) if self.eta is None else self.eta
-        highlights = tuple((colour_at(more.k_s, p), _exponent(more.n_s)) for more in self.highlights)
-        return Coefficients(k_a, k_d, k_s, k_e, k_t, _exponent(self.n_s), eta, highlights)
+        highlights = tuple((colour_at(more.k_s, p, uv), _exponent(more.n_s, uv)) for more in self.highlights)
+        return Coefficients(k_a, k_d, k_s, k_e, k_t, _exponent(self.n_s, uv), eta, highlights)
+
+    def shading_normal(self, n: Vec3, texture: tuple[Vec3, Vec3, Vec3] | None) -> Vec3:
+        """Return the normal that shades a point.
+
+        Args:
+            n: The surface's own.
+            texture: What `AbstractSurface.texture` returns there; None is enough if `normal` is no `Texture`.
+
+        Returns:
+            The unit normal.
+        """
+        if self.normal is None:
+            return n
+        if isinstance(self.normal, AbstractPattern):
+            assert texture is not None
+            uv, along_u, along_v = texture
+            of = self.normal(uv)
+            return normalize(along_u * (2.0 * of.x - 1.0) + along_v * (2.0 * of.y - 1.0) + n * (2.0 * of.z - 1.0))
+        return Vec3.of(self.normal)
 
 
-def _exponent(n_s: Exponent) -> Exponent | Vec3:
+def _exponent(n_s: Any, uv: Vec3 | None) -> Float[Array, "..."] | Vec3:
     """Return n_s, as a `Vec3` where there is one per channel."""
-    return Vec3.of(n_s) if np.ndim(n_s) else n_s
+    if isinstance(n_s, AbstractPattern):
+        return colour_at(n_s, None, uv).x
+    if not np.ndim(n_s):
+        return n_s
+    return n_s[..., 0] if np.shape(n_s)[-1] == 1 else Vec3.of(n_s)

@@ -1,4 +1,4 @@
-"""Patterns: coefficients that change from point to point of a surface."""
+"""Patterns: coefficients that change from point to point of a surface, or with its texture coordinates."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import abc
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..core.fields import (
+    Array,
     Checked,
     Coefficient,
     Colour,
     Scalar,
     Vector,
+    as_coefficient,
     as_colour,
     as_scalar,
     as_vector,
@@ -24,14 +27,19 @@ from .vectors import Vec3, dot, where
 
 
 class AbstractPattern(Checked):
-    """A colour as a function of the point."""
+    """A colour as a function of the point, or of the texture coordinates there."""
+
+    @property
+    def over_texture(self) -> bool:
+        """Whether it is called with texture coordinates (u, v, 0), and not with a point of the scene."""
+        return False
 
     @abc.abstractmethod
     def __call__(self, p: Vec3) -> Vec3:
         """Return the colour at a point.
 
         Args:
-            p: The point, scene units.
+            p: The point, scene units; or (u, v, 0) where `over_texture` is True.
 
         Returns:
             The colour.
@@ -83,9 +91,56 @@ class Chequer(AbstractPattern):
         return b + (a - b) * (0.5 + 0.5 * wave) if self.smooth else where(wave > 0, a, b)
 
 
-def colour_at(coefficient: Coefficient, p: Vec3 | None) -> Vec3:
-    """Return a coefficient at the point p."""
+class Texture(AbstractPattern):
+    r"""An image over the texture coordinates of a surface, repeated, with bilinear interpolation.
+
+    u runs to the right and v up, from 0 to 1 over the image; row 0 is on top. It is interpolated between its last
+    column and its first, but not between its bottom row and its top. A `Sphere` has u around its y axis, 0.5 on the +z
+    side, and v from its south pole to its north pole; each face of a `Box` has the whole image; on a `Plane` an image
+    is one scene unit wide and high, around its point.
+
+    Args:
+        values: (H, W), (H, W, 1) or (H, W, 3), in the range of the coefficient that it stands for; a JAX array can be
+            differentiated. Read a file of colours with `read_image`.
+
+    Raises:
+        ValueError: The array has another shape, or a number that is not finite.
+        TypeError: It is not an array of numbers.
+    """
+
+    values: Float[Array, "h w 3"] = eqx.field(converter=as_coefficient)
+
+    @property
+    def over_texture(self) -> bool:
+        """True."""
+        return True
+
+    def check_together(self) -> None:
+        if np.ndim(self.values) != 3:
+            raise ValueError(
+                f"Texture.values must be an image (H, W) or (H, W, 3); got shape {np.shape(self.values)}. Give a "
+                "colour to the coefficient itself."
+            )
+
+    def __call__(self, p: Vec3) -> Vec3:
+        """Return the image at (u, v), between the centres of four of its pixels."""
+        h, w = self.values.shape[:2]
+        x, y = (p.x - jnp.floor(p.x)) * w - 0.5, (1.0 - (p.y - jnp.floor(p.y))) * h - 0.5
+        left, top = jnp.floor(x), jnp.floor(y)
+        along, down = x - left, y - top
+        columns = [jnp.mod(left.astype(int) + k, w) for k in (0, 1)]
+        rows = [jnp.clip(top.astype(int) + k, 0, h - 1) for k in (0, 1)]  # the poles of a sphere stay apart
+        values = jnp.asarray(self.values)
+        upper, lower = (
+            Vec3.of(values[row, columns[0]]) * (1.0 - along) + Vec3.of(values[row, columns[1]]) * along for row in rows
+        )
+        return upper * (1.0 - down) + lower * down
+
+
+def colour_at(coefficient: Coefficient, p: Vec3 | None, uv: Vec3 | None = None) -> Vec3:
+    """Return a coefficient at the point p, with texture coordinates uv."""
     if isinstance(coefficient, AbstractPattern):
-        assert p is not None
-        return coefficient(p)
+        at = uv if coefficient.over_texture else p
+        assert at is not None
+        return coefficient(at)
     return Vec3.of(coefficient)

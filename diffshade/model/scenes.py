@@ -101,13 +101,30 @@ class Scene(Checked):
                 "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
                 "Give GBuffer.position, or make it the only object."
             )
-        for i, item in enumerate(self.objects if buffers else ()):
+        for i, item in enumerate(self.objects):
+            _check_maps(i, item)
+        seen_as_they_are = buffers or any(item.material.maps for item in self.objects)
+        for i, item in enumerate(self.objects if seen_as_they_are else ()):
             if bends(item) and is_concrete(eta := item.material.eta) and eta != 1.0:
                 raise ValueError(
-                    "a GBuffer cannot stand in a scene with glass that bends rays, since it knows only what the "
-                    f"camera's own rays see; got eta {eta} in objects[{i}]. Give eta=1, or a Sphere, Plane or Box for "
-                    "the GBuffer."
+                    "a GBuffer, or a coefficient over the pixels, cannot stand in a scene with glass that bends rays, "
+                    f"since it knows only what the camera's own rays see; got eta {eta} in objects[{i}]. Give eta=1, "
+                    "or a Sphere, Plane or Box for the GBuffer and a Texture for the coefficient."
                 )
+
+
+def _check_maps(i: int, item: Object) -> None:
+    """Refuse maps of several shapes, and textures on a surface without texture coordinates."""
+    shapes = [np.shape(of)[:2] for of in item.material.maps]
+    if len(set(shapes)) > 1:
+        raise ValueError(
+            f"objects[{i}].material has coefficients over pixels of {shapes[0]} and {shapes[-1]}. Resize one of them."
+        )
+    if any(pattern.over_texture for pattern in item.material.patterns) and not item.surface.is_textured:
+        raise ValueError(
+            f"objects[{i}].surface, {with_article(type(item.surface).__name__)}, has no texture coordinates for a "
+            "Texture. Give the coefficient as an array over the pixels, or another surface."
+        )
 
 
 def bends(item: Object) -> bool:
@@ -117,13 +134,19 @@ def bends(item: Object) -> bool:
 
 
 def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
-    """Refuse a G-buffer that is not of the camera's shape."""
+    """Refuse a G-buffer, or a coefficient over the pixels, that is not of the camera's shape."""
     for i, item in enumerate(scene.objects):
         if isinstance(item.surface, GBuffer) and item.surface.mask.shape != camera.shape:
             raise ValueError(
                 f"objects[{i}].surface must have one normal a pixel; got a GBuffer of shape {item.surface.mask.shape} "
                 f"for a camera of shape {camera.shape}. Make the two the same."
             )
+        for of in item.material.maps[:1]:
+            if np.shape(of)[:2] != camera.shape:
+                raise ValueError(
+                    f"objects[{i}].material must have one coefficient a pixel; got an array over {np.shape(of)[:2]} "
+                    f"for a camera of shape {camera.shape}. Make the two the same."
+                )
 
 
 def check_positions(scene: Scene, camera: AbstractCamera) -> None:
@@ -133,7 +156,8 @@ def check_positions(scene: Scene, camera: AbstractCamera) -> None:
     needing += [] if scene.atmosphere is None else [with_article(type(scene.atmosphere).__name__)]
     for item in scene.objects:
         if isinstance(item.surface, GBuffer) and item.surface.position is None:
-            here = needing + [with_article(type(pattern).__name__) for pattern in item.material.patterns]
+            over_points = [pattern for pattern in item.material.patterns if not pattern.over_texture]
+            here = needing + [with_article(type(pattern).__name__) for pattern in over_points]
             if here:
                 raise ValueError(
                     f"{here[0]} needs to know where the surface is; got a GBuffer without positions. Give "

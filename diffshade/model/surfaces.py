@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
 from .cameras import Rays
-from .vectors import Vec3, dot, normalize, safe_sqrt, where
+from .vectors import Vec3, cross, dot, normalize, safe_sqrt, where
 
 GRAZING = 1e-12  # with a smaller cosine the ray never meets the plane
 
@@ -49,6 +49,23 @@ class AbstractSurface(Checked):
             The distance in scene units; 0 for a surface without such a length.
         """
         return 0.0
+
+    @property
+    def is_textured(self) -> bool:
+        """Whether the surface has texture coordinates."""
+        return False
+
+    def texture(self, p: Vec3, n: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+        """Return the texture coordinates of points of the surface, and the directions in which they grow.
+
+        Args:
+            p: The points.
+            n: Their normals, on the viewer's side.
+
+        Returns:
+            (u, v, 0), and two unit vectors in the surface, along u and along v.
+        """
+        raise NotImplementedError  # asked only of a surface that `is_textured`
 
 
 class AbstractSolid(AbstractSurface):
@@ -137,6 +154,25 @@ class Sphere(AbstractSolid):
         nearest, half_chord, _, _ = self._chord(rays)
         return nearest - half_chord <= -touching(nearest, self.radius)
 
+    @property
+    def is_textured(self) -> bool:
+        """True."""
+        return True
+
+    def texture(self, p: Vec3, n: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+        """Return u = 1/2 + azimuth / 360 and v = 1/2 + elevation / 180, azimuth 0 at +z and 90 degrees at +x."""
+        out = (p - Vec3.of(self.center)) * (1.0 / self.radius)
+        across2 = out.x * out.x + out.z * out.z
+        off_axis = across2 > 1e-24  # at the poles the azimuth is 0, with derivative 0
+        across = jnp.sqrt(jnp.where(off_axis, across2, 1.0))
+        azimuth = jnp.arctan2(jnp.where(off_axis, out.x, 0.0), jnp.where(off_axis, out.z, 1.0))
+        elevation = jnp.arctan2(out.y, jnp.where(off_axis, across, 0.0) + jnp.where(off_axis, 0.0, 1e-12))
+        zero = jnp.zeros_like(azimuth)
+        along_u = Vec3(jnp.where(off_axis, out.z, 1.0), zero, jnp.where(off_axis, -out.x, 0.0)) * (
+            1.0 / jnp.where(off_axis, across, 1.0)
+        )
+        return Vec3(0.5 + azimuth / (2.0 * np.pi), 0.5 + elevation / np.pi, zero), along_u, cross(out, along_u)
+
     def _chord(self, rays: Rays) -> tuple[Array, Array, Array, Vec3]:
         """Return t of the point of a ray nearest to the centre, half the chord, whether there is one, and the point."""
         o, d = rays.origin - Vec3.of(self.center), rays.direction
@@ -181,6 +217,23 @@ class Plane(AbstractSurface):
         t = jnp.where(meets, dot(Vec3.of(self.point) - rays.origin, n), 0.0) / jnp.where(meets, n_d, 1.0)
         one = jnp.ones_like(t)
         return Hit(t, rays.origin + rays.direction * t, where(n_d > 0, -n * one, n * one), meets & (t > 0))
+
+    @property
+    def is_textured(self) -> bool:
+        """True."""
+        return True
+
+    def texture(self, p: Vec3, n: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+        """Return the scene units from `point` along the x axis, projected into the plane, and across it.
+
+        Where the plane is across the x axis, u is along the z axis.
+        """
+        up = normalize(Vec3.of(self.normal))
+        x, z = Vec3.of(np.array([1.0, 0.0, 0.0])), Vec3.of(np.array([0.0, 0.0, 1.0]))
+        along_u = normalize(where(jnp.abs(up.x) < 0.9, x - up * up.x, z - up * up.z))
+        along_v = cross(up, along_u)
+        off = p - Vec3.of(self.point)
+        return Vec3(0.5 + dot(off, along_u), 0.5 + dot(off, along_v), jnp.zeros_like(off.x)), along_u, along_v
 
 
 class Box(AbstractSolid):
@@ -230,6 +283,22 @@ class Box(AbstractSolid):
         """Return whether the box was entered behind the origin."""
         (near, _), _ = self._slabs(rays)
         return near <= -touching(near, jnp.max(self.size))
+
+    @property
+    def is_textured(self) -> bool:
+        """True."""
+        return True
+
+    def texture(self, p: Vec3, n: Vec3) -> tuple[Vec3, Vec3, Vec3]:
+        """Return u and v from 0 to 1 over each face: along the box's y and z, z and x, or x and y axes."""
+        rotated = rotation_axes(self.rotation)
+        off = p - Vec3.of(self.center)
+        share = [0.5 + dot(off, axis) / self.size[i] for i, axis in enumerate(rotated)]
+        facing = [jnp.abs(dot(n, axis)) for axis in rotated]
+        on_x, on_y = (facing[0] > facing[1]) & (facing[0] > facing[2]), facing[1] > facing[2]
+        zero = jnp.zeros_like(off.x)
+        faces = [(Vec3(share[i], share[j], zero), rotated[i], rotated[j]) for i, j in ((1, 2), (2, 0), (0, 1))]
+        return where(on_x, faces[0], where(on_y, faces[1], faces[2]))
 
     def _slabs(self, rays: Rays) -> tuple[tuple[Array, Vec3], tuple[Array, Vec3]]:
         """Return t and the outward normal of the last plane crossed inwards, and of the first crossed outwards."""

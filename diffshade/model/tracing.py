@@ -96,7 +96,7 @@ def reflected_light(
     image = chosen = None
     for members in _of_one_kind(scene.objects):
         material = scene.objects[members[0]].material
-        points = [(hits[i], scene.objects[i].material.at(hits[i].p)) for i in members]
+        points = [_point(scene.objects[i], hits[i]) for i in members]
         hit, k = points[0]
         for i, point in zip(members[1:], points[1:], strict=True):
             hit, k = where(seen[i], point, (hit, k))
@@ -116,6 +116,16 @@ def reflected_light(
     return image, chosen
 
 
+def _point(item: Object, hit: Hit) -> tuple[Hit, Coefficients]:
+    """Return where rays meet an object, with the normal that shades, and the coefficients there."""
+    material, texture = item.material, None
+    if any(pattern.over_texture for pattern in material.patterns):
+        assert hit.p is not None
+        texture = item.surface.texture(hit.p, hit.n)
+    k = material.at(hit.p, None if texture is None else texture[0])
+    return eqx.tree_at(lambda h: h.n, hit, material.shading_normal(hit.n, texture)), k
+
+
 def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
     """Return the indices of the objects that are shaded by one program: of one lobe, Fresnel term and shape of n_s.
 
@@ -125,7 +135,8 @@ def _of_one_kind(objects: Sequence[Object]) -> list[list[int]]:
     for i, item in enumerate(objects):
         m = item.material
         alone = i if m.highlights or jax.tree.leaves((m.lobe, m.fresnel)) else None
-        kinds.setdefault((type(m.lobe), type(m.fresnel), np.ndim(m.n_s), alone), []).append(i)
+        per_channel = np.shape(m.n_s)[-1:] == (3,)
+        kinds.setdefault((type(m.lobe), type(m.fresnel), per_channel, alone), []).append(i)
     return list(kinds.values())
 
 

@@ -79,6 +79,7 @@ def _check_scene(scene: Scene, free: tuple[str, ...]) -> None:
         (material.k_t is not None, "k_t, a transparent material", "Leave it out."),
         (not isinstance(material.fresnel, NoFresnel), f"fresnel={material.fresnel!r}", "Leave it out."),
         (bool(material.patterns), "a pattern among the coefficients", "Give plain colours."),
+        (bool(material.maps), "coefficients over the pixels", "Give plain colours: they are fitted at every texel."),
         (np.ndim(material.n_s) > 0, "an n_s for each channel", "Give one n_s."),
         (bool(material.highlights), "several highlights", "Give one, by k_s and n_s."),
         (

@@ -49,6 +49,8 @@ def lighting_setup(scene: Scene, views: Sequence[View]) -> LightingSetup:
             stacks.append(emitters)
             lit.append(switches(rows))
     intensities = np.concatenate([np.reshape(stack.intensity, (-1, 3)) for stack in stacks] or [np.zeros((1, 3))])
+    lobe = scene.objects[0].material.lobe
+    assert isinstance(lobe, AbstractPowerLobe)  # as `checks` has seen
     return LightingSetup(
         tuple(stacks),
         tuple(lit),
@@ -56,7 +58,7 @@ def lighting_setup(scene: Scene, views: Sequence[View]) -> LightingSetup:
         np.array([float(view.black) for view in views]),
         np.mean(scene.ambient, keepdims=True) if grey else np.asarray(scene.ambient),
         noises(views),
-        scene.objects[0].material.lobe,
+        lobe,
         grey_images=grey,
         grey_lights=bool((intensities == intensities[:, :1]).all()),
     )

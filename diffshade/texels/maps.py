@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
-from ..core.fields import Array
 from ..io.files import replacing
 from ..io.image_formats import save
 from ..io.images import write_image
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
-from ..model.lobes import Coefficients
-from ..model.reflection import reflection
-from ..model.rendering import pixel_rays, select
-from ..model.scenes import Scene, StackedScene, as_tuple, check_positions, stack_scene
-from ..model.vectors import Vec3
+from ..model.rendering import render
+from ..model.scenes import Scene, as_tuple
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
 SUFFIXES = (".npy", ".exr", ".png")
@@ -120,19 +116,26 @@ class TexelMaps:
         Raises:
             ValueError: A light needs positions and the surface has none, or an index belongs to no light.
         """
-        scene = self.scene if lights is None else eqx.tree_at(lambda s: s.lights, self.scene, as_tuple(lights))
-        scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
-        check_positions(scene, self.camera)
-        material = scene.objects[0].material
-        maps = {}
-        for name in ("k_a", "k_d", "k_s", "n_s"):
-            known = np.asarray(getattr(material, name), np.float64)
-            value = np.asarray(self.values[name], np.float64) if name in self.values else known
-            maps[name] = value[..., 0] if name == "n_s" and name in self.values else value + np.zeros(3)
-        normal = np.asarray(self.values["normal"], np.float64) if "normal" in self.values else None
+        scene = self.as_scene()
+        if lights is not None:
+            scene = eqx.tree_at(lambda s: s.lights, scene, as_tuple(lights))
         with in_float64((scene, self.camera)) as (scene, camera):
-            image = np.asarray(_shade(stack_scene(scene), camera, maps, normal))
+            image = np.asarray(render(scene, camera, lit=lit))
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
+
+    def as_scene(self) -> Scene:
+        """Return the scene of the fit with the maps as its material, for `render` by the camera of the fit.
+
+        Returns:
+            The scene, whose material has the maps as coefficients over the pixels.
+        """
+        item = self.scene.objects[0]
+        maps = {name: np.asarray(value, np.float64) for name, value in self.values.items()}
+        if "normal" in maps and isinstance(item.surface, GBuffer):
+            surface = GBuffer(maps.pop("normal"), item.surface.position, self.status != OUTSIDE)
+            item = dataclasses.replace(item, surface=surface)
+        material = dataclasses.replace(item.material, **maps)
+        return dataclasses.replace(self.scene, objects=(dataclasses.replace(item, material=material),))
 
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
         """Write every map to a folder, each file whole or not at all.
@@ -247,21 +250,3 @@ def _put(path: Path, numbers: np.ndarray, suffix: str) -> Path:
     with replacing(path) as temporary:
         np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
     return path
-
-
-@jax.jit
-def _shade(scene: StackedScene, camera: AbstractCamera, maps: Mapping[str, Array], normal: Array | None) -> Array:
-    """Return the radiance of every pixel from its own coefficients and normal."""
-    projection = camera.projection()
-    item = scene.objects[0]
-    hit = item.surface.intersect(pixel_rays(projection, camera.shape))
-    n = hit.n if normal is None else Vec3.of(normal)
-    p = None if isinstance(item.surface, GBuffer) and item.surface.position is None else hit.p
-    material = item.material
-    rest = material.at(p)
-    k_a, k_d, k_s = (Vec3.of(maps[name]) for name in ("k_a", "k_d", "k_s"))
-    n_s = Vec3(maps["n_s"], maps["n_s"], maps["n_s"])
-    k = Coefficients(k_a, k_d, k_s, rest.k_e, rest.k_t, n_s, rest.eta, rest.highlights)
-    v = projection.viewer(p)
-    ambient = Vec3.of(scene.ambient)
-    return reflection(material, k, ambient, scene.lights, p, n, v).stack()

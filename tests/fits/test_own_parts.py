@@ -1,5 +1,7 @@
 """Lobes, lights, patterns and surfaces of one's own: rendered, fitted, written and reported as the library's are."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,7 +16,7 @@ from diffshade.inverse.verdicts.stability import angle_to_highlight
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
 
 
-def own_scene(lobe=None, light=None, k_d=0.5) -> ds.Scene:
+def own_scene(lobe: Any = None, light: Any = None, k_d: Any = 0.5) -> ds.Scene:
     material = ds.Material(0.1, k_d, 0.2, 20, lobe=lobe or own_parts.TorranceSparrow(0.3))
     return ds.Scene(ds.Object(ds.Sphere(), material), light or own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0))
 
@@ -106,7 +108,7 @@ def test_a_line_of_one_sample_is_its_middle_and_of_many_an_area_lights_axis():
     one = own_scene(light=own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0, samples=1))
     same = own_scene(light=ds.PointLight((0.5, 2, 3), 2.0))
     np.testing.assert_allclose(ds.render(one, CAMERA), ds.render(same, CAMERA), rtol=2e-6, atol=1e-7)
-    middle = one.lights[0].bare()
+    middle: Any = one.lights[0].bare()
     np.testing.assert_allclose(middle.position, (0.5, 2, 3))
     assert middle.intensity.tolist() == [1, 1, 1]
     both = own_scene(light=(own_parts.LineLight((-1, 2, 3), (2, 2, 3)), own_parts.LineLight((0, 3, 3), (0, -3, 3))))
@@ -145,7 +147,7 @@ def test_what_cannot_take_them_says_so(tmp_path):
     with pytest.raises(ValueError, match=r"LineLight"):
         ds.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.LineLight((0, 0, 1), (1, 0, 1)))
     with pytest.raises(TypeError, match=r"AbstractPowerLobe|PowerLobe"):
-        ds.with_lobe(ds.Material(k_s=0.2), own_parts.TorranceSparrow())
+        ds.with_lobe(ds.Material(k_s=0.2), own_parts.TorranceSparrow())  # pyright: ignore[reportArgumentType]
     exported = ds.write_material(tmp_path / "m.mtl", scene.objects[0].material)
     assert "TorranceSparrow" in " ".join(exported.notes)
     assert exported.rms > 0

@@ -181,6 +181,8 @@ COLOURS: dict[str, Any] = {"k_a": (0.1, 0.2, 0.15), "k_d": (0.7, 0.25, 0.2), "k_
 SHINY: dict[str, Any] = {**COLOURS, "k_s": (0.4, 0.3, 0.5)}
 EYE = {"eye": (0.5, 0.8, 5), "target": (0.1, 0.1, -0.1), "up": (0.2, 1, 0.1), "shape": (12, 16)}
 RANDOM = np.random.default_rng(5)
+BUMPS = np.random.default_rng(2).normal((0, 0, 1.5), 0.3, (*EYE["shape"], 3))
+BUMPS /= np.linalg.norm(BUMPS, axis=-1, keepdims=True)
 RELIEF = ds.GBuffer(
     unit(RANDOM.normal((0, 0, 1.5), size=(6, 12, 3))),
     0.5 * RANDOM.normal(size=(6, 12, 3)),
@@ -247,7 +249,7 @@ SCENES = {
             ds.Object(
                 ds.Sphere((0.1, -0.2, 0.15), 1.1),
                 ds.Material(
-                    **SHINY,
+                    **{**SHINY, "k_d": ds.Texture(np.random.default_rng(3).uniform(0.2, 0.8, (3, 4, 3)))},
                     n_s=9.5,
                     lobe=ds.Blinn(),
                     highlights=[
@@ -266,7 +268,7 @@ SCENES = {
     ),
     "a ball under two lights of each kind": (
         ds.Scene(
-            ds.Object(ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=4.5)),
+            ds.Object(ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=4.5, normal=BUMPS)),
             [
                 POINT,
                 ds.PointLight((-1.5, 2, 2.5), (2, 4, 3), ATTENUATION),
@@ -611,7 +613,9 @@ EQUATIONS = {
         "k_e": "E9",
         "k_t": "E13",
         "eta": "E7, E12",
+        "normal": "E4-E6",
     },
+    "Texture": {"values": ""},
     "Highlight": {"k_s": "E5, E6, E7", "n_s": "E5, E6"},
     "Brushed": dict.fromkeys(("along", "n_v"), "E6"),
     "Chequer": dict.fromkeys(("a", "b", "period", "u", "v"), "smooth"),

@@ -78,11 +78,13 @@ class FadingLamp(AbstractEmitter):
         return True
 
     def path(self, p):
+        assert p is not None
         to_light = Vec3.of(self.position) - p
         return Path(normalize(to_light), length(to_light), None)
 
     def arriving(self, p):
         l, d, _ = self.path(p)
+        assert d is not None
         return l, Vec3.of(self.intensity) * (1.0 / d)
 
 
@@ -94,6 +96,7 @@ class Lantern(AbstractLamp):
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
 
     def path(self, p):
+        assert p is not None
         to_light = Vec3.of(self.position) - p
         l = normalize(to_light)
         return Path(l, length(to_light), 0.5 + 0.5 * l.y)

@@ -51,7 +51,12 @@ BAD = {
     "Material(k_d='red')": (TypeError, COLOUR.format("'red'")),
     "Material(k_d=1j)": (TypeError, COLOUR.format("1j")),
     "Material(n_s=(1, 2))": (ValueError, EXPONENT.format("shape (2,)")),
-    "Material(n_s=((1, 2, 3),))": (ValueError, EXPONENT.format("shape (1, 3)")),
+    "Material(k_d=np.ones((4, 5, 2)))": (ValueError, COLOUR.format("shape (4, 5, 2)")),
+    "Material(k_d=np.full((4, 5), -0.5))": (ValueError, "Material.k_d must be at least 0; got -0.5. Give a value"),
+    "Material(n_s=np.full((4, 5), np.nan))": (ValueError, "Material.n_s must be finite; got nan."),
+    "Material(normal=np.ones((4, 5, 3)))": (ValueError, "Material.normal must hold unit vectors; at row 0, column 0"),
+    "Material(normal=(0, 0, 1))": (ValueError, "Material.normal must be an array (H, W, 3); got shape (3,)."),
+    "Texture((1, 2, 3))": (ValueError, "Texture.values must be an image (H, W) or (H, W, 3); got shape (3,)."),
     "PointLight((1, 2))": (ValueError, PLACE.format("shape (2,)")),
     "PointLight(((1, 2), (3,)))": (TypeError, PLACE.format("((1, 2), (3,))")),
     "PointLight(5)": (ValueError, PLACE.format("shape ()")),
@@ -98,7 +103,7 @@ untyped = pytest.mark.skipif(os.environ.get("DIFFSHADE_TEST_TYPES") == "1", reas
 
 def made(call):
     names = {name: getattr(ds, name) for name in dir(ds)}  # not vars: names are imported when they are asked for
-    return eval(call, names | {"nan": np.nan, "inf": np.inf, "jax": jnp.array})
+    return eval(call, names | {"nan": np.nan, "inf": np.inf, "jax": jnp.array, "np": np})
 
 
 @pytest.mark.parametrize("call", BAD)

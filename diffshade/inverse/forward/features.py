@@ -29,6 +29,7 @@ from ...model.scenes import Scene
 from ...model.vectors import Vec3, dot
 from ..data.views import View, lights_on
 from ..pixels.blocks import Block
+from ..unknowns.slots import together
 from ..unknowns.unknown import Unknown
 from .gram import Gram
 from .interface import AbstractForwardModel, Pixels, Setting
@@ -243,6 +244,7 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
         and not material.highlights
         and material.k_t is None
         and not material.patterns
+        and not material.maps
         and scene.atmosphere is None
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
@@ -291,13 +293,15 @@ def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fie
     """Compute the fields of a chunk's pixels, one block after another."""
     scene = setting.setup.scene
     material: Material = scene.objects[0].material
+    lobe = material.lobe
+    assert isinstance(lobe, AbstractPowerLobe)  # as `features_can_serve` has seen
 
     def of_block(block: tuple) -> Fields:
         pixels, view, counts = block
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         rays = projection.rays(pixels.row, pixels.column)
-        surface = scene.objects[0].surface if pixels.gbuffers[0] is None else pixels.gbuffers[0]
-        hit = surface.intersect(rays)
+        (item,) = together(pixels.objects, scene.objects)
+        hit = item.surface.intersect(rays)
         v = projection.viewer(hit.p)
         rows: list[tuple] = []
         local = angular = False
@@ -307,7 +311,7 @@ def _fields(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fie
                 l, d, f_ang = light.path(hit.p)
                 local, angular = local or d is not None, angular or f_ang is not None
                 l = l + Vec3(*(jnp.zeros_like(hit.n.x) for _ in range(3)))
-                n_l, cosine = dot(hit.n, l), material.lobe.cosine(hit.n, l, v)
+                n_l, cosine = dot(hit.n, l), lobe.cosine(hit.n, l, v)
                 lit = (n_l > 0) & counts
                 shines = lit & (cosine > 0)
                 one = jnp.ones_like(n_l)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
 from ...model.cameras import Projection
-from ...model.gbuffers import GBuffer
+from ...model.scenes import Object
 from ..data.views import Noise
 from ..pixels.blocks import Block
 from ..unknowns.slots import Setup, Slots
@@ -22,11 +22,11 @@ from .rounding import Rounding
 
 
 class Pixels(eqx.Module):
-    """Where a block's pixels are, and for each object that is a G-buffer its points there."""
+    """Where a block's pixels are, and what of the objects comes with the pixels (`slots.apart`)."""
 
     row: Float[Array, "... pixels"]
     column: Float[Array, "... pixels"]
-    gbuffers: tuple[GBuffer | None, ...]
+    objects: tuple[Object, ...]
 
 
 class Setting(eqx.Module):

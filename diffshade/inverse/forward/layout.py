@@ -10,28 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...core.fields import Array
-from ...model.gbuffers import GBuffer
+from ...model.scenes import Object
 from ..pixels.blocks import Block, Piece
 from .interface import AbstractForwardModel, Pixels
 
 
-def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, gbuffers: Sequence[GBuffer | None]) -> Pixels:
-    """Return where the pixels of a chunk are."""
-    return Pixels(row, column, tuple(None if g is None else _gather(g, parts, row.shape) for g in gbuffers))
+def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, over_pixels: tuple[Object, ...]) -> Pixels:
+    """Return where the pixels of a chunk are, with what of the objects comes with them (`slots.apart`).
 
-
-def _gather(gbuffer: GBuffer, parts: Sequence[Piece], shape: tuple[int, ...]) -> GBuffer:
-    """Return a G-buffer's points at the pixels of a chunk; a padded pixel has a zero normal and is outside the mask."""
+    A padded pixel has zeros: of a G-buffer a zero normal, outside the mask.
+    """
 
     def gather(leaf: Array) -> np.ndarray:
         leaf = np.asarray(leaf)
         flat = leaf.reshape(-1, *leaf.shape[2:])
-        out = np.zeros((*shape, *leaf.shape[2:]), leaf.dtype)
+        out = np.zeros((*row.shape, *leaf.shape[2:]), leaf.dtype)
         for b, part in enumerate(parts):
             out[b, : len(part.pixels)] = flat[part.pixels]
         return out
 
-    return jax.tree.map(gather, gbuffer)
+    return Pixels(row, column, jax.tree.map(gather, over_pixels))
 
 
 def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noise_known: bool) -> Block:

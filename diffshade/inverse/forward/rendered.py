@@ -18,7 +18,7 @@ from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
 from ..data.views import View, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, Slots, without_gbuffers
+from ..unknowns.slots import Setup, Slots, apart, together
 from .gram import Gram
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
@@ -57,11 +57,7 @@ class RenderedModel(AbstractForwardModel):
             for stack, (index, on) in zip(scene.lights, setting.lit, strict=True)
         )
         scene = eqx.tree_at(lambda s: s.lights, scene, lights)
-        for i, gbuffer in enumerate(block.points.gbuffers):
-            if gbuffer is not None:
-                scene = eqx.tree_at(
-                    lambda s, i=i: s.objects[i].surface, scene, gbuffer, is_leaf=lambda node: node is None
-                )
+        scene = eqx.tree_at(lambda s: s.objects, scene, together(block.points.objects, scene.objects))
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         rays = projection.rays(block.points.row, block.points.column)
         seen = radiance(scene, rays, projection, covered=len(scene.objects) == 1)
@@ -112,7 +108,7 @@ def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Setting:
     """Gather all that predictions depend on, except the unknowns and the pixels."""
     numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
     return Setting(
-        Setup(stack_scene(without_gbuffers(scene)), *numbers),
+        Setup(stack_scene(apart(scene)[1]), *numbers),
         slots,
         jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
         _lit(scene, views),

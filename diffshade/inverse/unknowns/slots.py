@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,9 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.fields import Array
+from ...core.fields import Array, is_over_pixels
 from ...model.gbuffers import GBuffer
-from ...model.scenes import Scene, StackedScene, stack_scene
+from ...model.lobes import AbstractReflectance
+from ...model.patterns import AbstractPattern
+from ...model.scenes import Object, Scene, StackedScene, stack_scene
+from ...model.surfaces import AbstractSurface
 from ..data.views import View
 from .names import PER_VIEW, everything, numbers_of, path_name
 from .unknown import Unknown, logarithms, natural, unit_vectors
@@ -65,7 +69,7 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
         flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= 3 else [-1]
         return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= 3 else ()), np.shape(leaf))
 
-    leaves, structure = jax.tree_util.tree_flatten_with_path(without_gbuffers(scene))
+    leaves, structure = jax.tree_util.tree_flatten_with_path(apart(scene)[1])
     places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]
     stacked = stack_scene(jax.tree.unflatten(structure, places))
     per_view = [np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))]) for name in PER_VIEW]
@@ -82,12 +86,27 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     )
 
 
-def without_gbuffers(scene: Scene) -> Scene:
-    """Return the scene with no surface where a G-buffer is: its points come with the pixels, and none is unknown."""
-    for i, item in enumerate(scene.objects):
-        if isinstance(item.surface, GBuffer):
-            scene = eqx.tree_at(lambda s, i=i: s.objects[i].surface, scene, None)
-    return scene
+def apart(scene: Scene) -> tuple[tuple[Object, ...], Scene]:
+    """Return what comes with the pixels, as objects of which all else is None, and the scene without it.
+
+    That is the G-buffers and the coefficients over the pixels; none of it is unknown.
+    """
+    over_pixels, rest = eqx.partition(scene.objects, _comes_with_pixels, is_leaf=_stays_whole)
+    return over_pixels, eqx.tree_at(lambda s: s.objects, scene, rest)
+
+
+def together(over_pixels: tuple[Object, ...], objects: tuple[Object, ...]) -> tuple[Object, ...]:
+    """Return objects with what comes with the pixels put back in its place."""
+    return eqx.combine(over_pixels, objects, is_leaf=_stays_whole)
+
+
+def _comes_with_pixels(node: Any) -> bool:
+    return isinstance(node, GBuffer) or is_over_pixels(node)
+
+
+def _stays_whole(node: Any) -> bool:
+    """Whether a node is not looked into: the arrays of a pattern or a lobe are not over the pixels."""
+    return node is None or isinstance(node, AbstractSurface | AbstractPattern | AbstractReflectance)
 
 
 def put_back(

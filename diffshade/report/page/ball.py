@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...core.fields import Array
+from ...core.fields import Array, as_coefficient, as_colour, is_over_pixels
 from ...core.words import listing
 from ...inverse.data.views import lights_on
 from ...inverse.result import Fit
@@ -26,6 +26,7 @@ from ...model.vectors import Vec3
 
 SIZE = 640  # pixels on the longer side
 LOBES = (Phong, Blinn)
+COLOURS = (as_colour, as_coefficient)
 FRESNEL = (NoFresnel, Schlick, Dielectric)
 PLAIN = OrthographicCamera((0.0, 0.0, 4.0), height=2.3, local_viewer=False)
 
@@ -83,6 +84,7 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (len(items) > 1, "more than one object at a time"),
         (any(item.material.k_t is not None for item in items), "transparency (k_t)"),
         (any(item.material.patterns for item in items), "patterns (shown as the mean of the two colours)"),
+        (any(item.material.maps for item in items), "coefficients over the pixels (shown as their mean)"),
         (any(item.material.highlights for item in items), "highlights beside the first"),
         (bool(lobes), f"the lobe {listing(sorted(set(lobes)))} (shown as Phong's)"),
         (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
@@ -176,10 +178,16 @@ def _cosine(degrees: Any) -> float:
 
 
 def _plain(coefficient: Any) -> np.ndarray:
-    """Return three numbers: the mean colour of a pattern, and a single n_s repeated."""
+    """Return three numbers: the mean colour of a pattern or over the pixels, and a single n_s repeated."""
     if isinstance(coefficient, AbstractPattern):
-        leaves = [leaf for name, leaf in vars(coefficient).items() if name in ("a", "b")]
-        return np.mean([np.asarray(leaf) for leaf in leaves], 0)
+        fields = [
+            f for f in dataclasses.fields(coefficient) if f.metadata.get("converter") in (as_colour, as_coefficient)
+        ]
+        colours = [np.asarray(getattr(coefficient, f.name)).reshape(-1, 3).mean(0) for f in fields]
+        return np.mean(colours, 0) if colours else np.full(3, 0.5)
+    if is_over_pixels(coefficient):
+        of = np.asarray(coefficient)
+        return np.broadcast_to(of.reshape(-1, *of.shape[2:]).mean(0), 3)
     return np.broadcast_to(np.asarray(coefficient), 3)
 
 
