@@ -14,6 +14,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # programs from the cache el
 import jax
 import pytest
 from jaxlib.version import __version__ as jaxlib_version
+from xdist.scheduler import LoadScopeScheduling
 
 # studies/test_settings.py runs tests again as most users have JAX, with the flag off, and with all types checked
 jax.config.update("jax_enable_x64", os.environ.get("DIFFSHADE_TEST_X64", "1") == "1")
@@ -28,6 +29,16 @@ if os.environ.get("DIFFSHADE_TEST_TYPES") == "1":
 # XLA's older way to emit loops compiles in four fifths of the time; jaxlib 0.12 has it no more
 QUICKER = "--xla_cpu_use_fusion_emitters=false"
 HAS_QUICKER = tuple(map(int, jaxlib_version.split(".")[:2])) < (0, 11)
+
+LONG = ("test_settings.py", "test_notebooks.py")
+
+
+class ByModule(LoadScopeScheduling):
+    """Each module's tests in one process, those of LONG apart."""
+
+    def _split_scope(self, nodeid):
+        return nodeid if any(f"/{name}::" in nodeid for name in LONG) else super()._split_scope(nodeid)
+
 
 STUDIES = Path(__file__).with_name("studies")
 PROGRAMS = "DIFFSHADE_TEST_PROGRAMS"
@@ -55,6 +66,16 @@ def pytest_unconfigure(config):
 def pytest_itemcollected(item):
     if STUDIES in item.path.parents and not item.get_closest_marker("slow"):
         item.add_marker("thorough")
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes long by itself, so that at the end no process waits for another."""
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """Give a process all tests of a module, which share its fixtures; each long test is by itself."""
+    return ByModule(config, log)
 
 
 MAPS = Path("/proc/self/maps")

@@ -218,6 +218,8 @@ def test_normals_are_found_with_the_rest(turned):
     assert "degrees" in str(maps)
     drawn = maps.shade(lit=3)[maps.known] - ball.views[3].image[maps.known]
     assert 0.004 < np.sqrt(np.mean(drawn**2)) < 0.006  # the noise
+    rendered = ds.render(maps.as_scene(), maps.camera, lit=3)
+    np.testing.assert_array_equal(np.asarray(rendered)[maps.status > 0], maps.shade(lit=3)[maps.status > 0])
 
 
 def test_errors_of_normals_hold_where_lights_are_all_about(turned):

@@ -185,7 +185,7 @@ WRONG_TYPES = {
     "fit_with(bounds=[('k_d', (0, 1))])": "bounds must be a Mapping | got list | {'k_s': (0, 1)}",
     "ds.Scene(ds.Sphere())": "Scene.objects[0] | Sphere | Object(",
     "ds.Scene(SPHERE, SPHERE)": "Scene.lights[0] | Object | PointLight(",
-    "ds.Material(n_s=ds.Chequer(1, 2))": "Material.n_s | got a Chequer | Give one number, or one a channel",
+    "ds.Material(n_s=ds.Chequer(1, 2))": "Material.n_s must be a Texture | got Chequer | Texture(image)",
     "ds.material(3)": "the name of a material | got 3 | 'emerald'",
     "ds.read_mesh('ball.obj', 'camera')": "camera must be a Camera | got str | Camera(eye=(0, 0, 4))",
     "ds.normal_map('map.png')": "a normal map | the path 'map.png' | ds.read_image(path, srgb=False)",
