@@ -228,7 +228,7 @@ def _first_wrong(numbers: np.ndarray, metadata: Mapping[str, Any]) -> np.ndarray
     """Return of an array over the pixels the first number that is not finite or not in its range, else any."""
     lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
     wrong = ~(np.isfinite(numbers) & (numbers >= lower) & (numbers <= upper))
-    return numbers.reshape(-1)[np.argmax(wrong)] if numbers.size else np.zeros(())
+    return np.asarray(numbers.reshape(-1)[np.argmax(wrong)] if numbers.size else 0.0)
 
 
 def checked_colour(name: str, value: Numbers) -> Any:

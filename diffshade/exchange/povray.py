@@ -7,6 +7,7 @@ over 90 degrees.
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import re
 from typing import Any
@@ -15,10 +16,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
+from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
-from ..model.materials import Material
+from ..model.materials import Highlight, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated
-from .lobe_refits import named, with_lobe
+from .lobe_refits import check_plain, named, with_lobe
 from .parsing import NUMBER, number, numbers, short
 from .reference import Cosines, Reference, differences, radiance, reference_of
 
@@ -42,6 +44,10 @@ def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Floa
 
 def write_povray(name: str, material: Material, lights: Any) -> Draft:
     """Return `#declare NAME = texture {...}` and, with eta, `#declare NAME_interior`."""
+    check_plain(material)
+    second = _second(material)  # a finish holds one highlight of each lobe
+    if second:
+        material = dataclasses.replace(material, highlights=())
     lobe = Blinn() if isinstance(material.lobe, Blinn) else Phong()
     refit = with_lobe(material, lobe)
     m, points = refit.material, reference_of(material)
@@ -67,13 +73,12 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
         notes.append(
             "POV-Ray does not reduce the highlight by k_t, and transmit has no colour: the mean of k_t is written."
         )
-    words = {Phong: ("phong", "phong_size", float(m.n_s)), Blinn: ("specular", "roughness", _roughness(float(m.n_s)))}
-    kind, size, exponent = words[type(lobe)]
-    highlight = f"{kind} {strength!r} {size} {exponent!r}" + (f" metallic {metallic!r}" if metallic else "")
+    highlight = _words(lobe, strength, float(m.n_s)) + (f" metallic {metallic!r}" if metallic else "")
+    highlight = f"{highlight if np.any(k_s) else ''} {second}".strip()
     rows = [
         f"  pigment {{ rgbt <{plain([*pigment, transmit])}> }}",
         f"  finish {{ ambient rgb <{plain(k_a / pigment)}> emission rgb <{plain(k_e / pigment)}>",
-        f"    diffuse {diffuse!r} {highlight if np.any(k_s) else ''} }}",
+        f"    diffuse {diffuse!r} {highlight} }}",
     ]
     notes.append("set global_settings { assumed_gamma 1 ambient_light rgb 1 }: k_a is for an ambient light of 1.")
     notes += notes_on_lights(lights, "POV-Ray")
@@ -81,6 +86,25 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
     if m.eta is not None:
         text += f"#declare {name}_interior = interior {{ ior {plain(m.eta)} }}\n"
     return Draft(f"{comment(notes, '//')}{text}", rms, largest, tuple(notes))
+
+
+def _second(material: Material) -> str:
+    """Return the words of a second highlight, of the other lobe; none where a finish cannot hold it."""
+    if len(material.highlights) != 1 or not isinstance(material.fresnel, NoFresnel):
+        return ""
+    both = (material, material.highlights[0])
+    if {type(of.lobe) for of in both} != {Phong, Blinn} or any(np.ptp(of.k_s) > 0 or np.ndim(of.n_s) for of in both):
+        return ""
+    lobe, k_s, n_s = both[1].lobe, float(np.max(both[1].k_s)), float(both[1].n_s)
+    assert isinstance(lobe, Phong | Blinn)
+    return _words(lobe, k_s, n_s)
+
+
+def _words(lobe: Phong | Blinn, strength: float, n_s: float) -> str:
+    """Return a highlight as a finish has it."""
+    if isinstance(lobe, Phong):
+        return f"phong {strength!r} phong_size {n_s!r}"
+    return f"specular {strength!r} roughness {_roughness(n_s)!r}"
 
 
 def _roughness(n_s: float) -> float:
@@ -128,23 +152,24 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
                 one[key] = value
     for key, inside in _COLOUR.findall(texture):
         colours[key] = np.asarray(_vector(inside, where)[:3])
-    if one["phong"] and one["specular"]:
-        raise ValueError(f"{where} has two highlights, phong and specular. Keep one of them.")
     blinn = bool(one["specular"])
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
-    n_s = 1.0 / one["roughness"] if blinn else one["phong_size"]
     if one["metallic"]:
         _LOGGER.warning(
             "%s: the tint of a metallic highlight varies with the angle; its value at normal incidence is read.", where
         )
-    k_s = (one["specular"] + one["phong"]) * (1.0 + one["metallic"] * (pigment - 1.0))
+    hue = 1.0 + one["metallic"] * (pigment - 1.0)
     given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
     given |= {"k_t": transmit} if transmit else {}
     given |= {"eta": one["ior"]} if "ior" in one else {}
-    lobe = Blinn() if blinn else Phong()
     try:
-        return {"material": Material(colours["ambient"] * pigment, one["diffuse"] * pigment, k_s, n_s, lobe, **given)}
+        found = [Highlight(one["specular"] * hue, 1.0 / one["roughness"], Blinn())] if blinn else []
+        if one["phong"] or not blinn:
+            found.insert(0, Highlight(one["phong"] * hue, one["phong_size"], Phong()))
+        first, given["highlights"] = found[0], tuple(found[1:])
+        k_a, k_d = colours["ambient"] * pigment, one["diffuse"] * pigment
+        return {"material": Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)}
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 

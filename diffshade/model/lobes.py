@@ -75,6 +75,17 @@ class AbstractLobe(AbstractReflectance):
             The highlight, one value for all channels or one per channel.
         """
 
+    def glsl(self) -> str | None:
+        """Return the highlight for the live ball of a report: the body of a GLSL function, with the numbers in it.
+
+        The function is `vec3 (vec3 n, vec3 l, vec3 v, vec3 n_s)`, and may call `vec3 halfway(vec3 l, vec3 v)` and `vec3
+        power(float cosine, vec3 n_s)`. It is called where n.l > 0.
+
+        Returns:
+            The body; None, the default, shows Phong's highlight and says so.
+        """
+        return None
+
     def gated(
         self, lit: Bool[Array, "..."], n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3
     ) -> Float[Array, "..."] | Vec3:
@@ -175,6 +186,19 @@ class Brushed(AbstractLobe):
     def check_together(self) -> None:
         if is_concrete(self.along) and not np.any(self.along):
             raise ValueError("Brushed.along must not be the zero vector; got [0, 0, 0]. Give the scratches' direction.")
+
+    def glsl(self) -> str:
+        """Return the highlight for the live ball of a report."""
+        x, y, z = (f"{float(c):.9e}" for c in self.along)
+        return (
+            "  vec3 h = halfway(l, v);\n"
+            f"  vec3 u = vec3({x}, {y}, {z});\n"
+            "  u -= dot(u, n) * n;\n"
+            "  u = dot(u, u) > 0.0 ? normalize(u) : vec3(0.0);\n"
+            "  float along = dot(h, u), across = dot(h, cross(n, u)), sine2 = along * along + across * across;\n"
+            "  float share = sine2 > 0.0 ? along * along / sine2 : 0.0;\n"
+            f"  return power(dot(n, h), mix(vec3({float(self.n_v):.9e}), n_s, share));"
+        )
 
     def highlight(self, n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3) -> Float[Array, "..."] | Vec3:
         """Return the power of n.h whose exponent depends on the azimuth of h."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from ..inverse.data.views import View
 from ..model.lobes import EXPONENT_RANGE
@@ -158,7 +158,7 @@ class TexelRun:
     def lights_of(self, sample: TexelTile) -> LightDistribution:
         """Return how the lights of some texels are distributed."""
 
-        def program(block: TexelBlock) -> Float[np.ndarray, "3 3 texels"]:
+        def program(block: TexelBlock) -> Float[Array, "3 3 texels"]:
             return scatter_of_block(self.setup, block, "k_a" in self.options.free)
 
         pieces = self.tiles.reader.pieces(sample, self._log_n_s_of(sample))

@@ -8,6 +8,7 @@ import json
 import imageio.v3 as iio
 import jax
 import numpy as np
+import own_parts
 import pytest
 from browser import chromium
 from report_pages import LIGHTS, Page
@@ -38,6 +39,8 @@ OBJECTS = (
         ds.Material(0.02, 0.1, n_s=5000, fresnel=ds.Dielectric(), eta=1.5, k_e=0.05),
         name="dielectric",
     ),
+    ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.4, 120, ds.Brushed((1, 0.3, 0.1), 12)), name="brushed"),
+    ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.2, lobe=own_parts.TorranceSparrow(0.2)), name="own"),
 )
 AROUND = ds.OrthographicCamera(
     (3e3, 1e3, 4e3), height=2.6, shape=(24, 32), local_viewer=False
@@ -146,8 +149,8 @@ def draw(browser, object_, view, **values):
     return iio.imread(io.BytesIO(base64.b64decode(uri.split(",")[1])))[..., :3] / 255, code
 
 
-CASES = ((0, 0, 70.0, -35.0), (1, 1, -25.0, 15.0), (2, 0, 0.0, 0.0))
-EVERY = [(i, j, turn, tilt) for i in range(3) for j in range(2) for turn, tilt in ((0.0, 0.0), (-160.0, 20.0))]
+CASES = ((0, 0, 70.0, -35.0), (1, 1, -25.0, 15.0), (2, 0, 0.0, 0.0), (3, 0, 0.0, 0.0), (4, 1, 30.0, 0.0))
+EVERY = [(i, j, turn, tilt) for i in range(5) for j in range(2) for turn, tilt in ((0.0, 0.0), (-160.0, 20.0))]
 
 
 @pytest.mark.parametrize("cases", [CASES, pytest.param(EVERY, marks=pytest.mark.slow)], ids=["some", "every"])

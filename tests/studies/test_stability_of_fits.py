@@ -42,7 +42,7 @@ def test_of_photographs_without_noise_nothing_is_said_to_move(count):
     np.testing.assert_allclose(examination.interval_95.mean(1), fit.values, rtol=1e-6)
 
 
-def test_a_highlight_of_another_shape_is_not_determined_and_the_rest_is():
+def test_a_highlight_of_another_shape_is_not_determined_and_its_second_part_is_named():
     """A core of its own, as of a coat of varnish: n_s is what the core says, or what the rest says."""
     scene = standard_scene(ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), 0.15, 8))
     core = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0, 0, 1.5, 600)), scene.lights)
@@ -59,7 +59,9 @@ def test_a_highlight_of_another_shape_is_not_determined_and_the_rest_is():
         "5 degrees around the highlight",
     ]
     assert "n_s" in lost
-    assert "k_d" not in lost
+    assert not fit.determined[[fit.names.index(f"k_s.{c}") for c in "rgb"]].any()
+    assert any("second, wider part" in note for note in examination.notes)  # which moves k_d, too
+    assert "k_d" in lost
     (note,) = [note for note in examination.notes if note.startswith("n_s depends on which data")]
     assert "highlight" in note
     assert "not determined" in next(line for line in str(examination).splitlines() if line.startswith("n_s"))

@@ -49,6 +49,15 @@ class TorranceSparrow(AbstractLobe):
         G = jnp.minimum(1.0, jnp.minimum(2.0 * n_h * n_v / v_h, 2.0 * n_h * n_l / v_h))
         return D * G / n_v
 
+    def glsl(self):
+        return f"""
+          vec3 h = halfway(l, v);
+          float n_h = max(dot(n, h), 1e-3), v_h = max(dot(v, h), 1e-3), n_l = max(dot(n, l), 1e-3);
+          float n_v = max(dot(n, v), 1e-3), cos2 = n_h * n_h, m2 = {float(self.m):.9e} * {float(self.m):.9e};
+          float D = exp((1.0 - 1.0 / cos2) / m2) / (4.0 * m2 * cos2 * cos2);
+          float G = min(1.0, min(2.0 * n_h * n_v / v_h, 2.0 * n_h * n_l / v_h));
+          return vec3(D * G / n_v);"""
+
 
 class Wrapped(AbstractReflectance):
     """Diffuse reflection that reaches round the terminator (wrap lighting), without a highlight."""

@@ -333,7 +333,6 @@ BAD = [
     ("a.inc", "finish { phong 1 }", "has no pigment { rgb <r, g, b> }."),
     ("a.inc", "pigment { rgb <1, 1> }", "a colour must be three numbers, or four with transmit"),
     ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong x }", "phong must be a number; got 'x'."),
-    ("a.inc", "pigment { rgb <1, 1, 1> } finish { phong 1 specular 1 }", "has two highlights, phong and specular."),
     ("a.json", "{", "is not JSON: "),
     ("a.json", "[]", "does not hold a MeshPhongMaterial of three.js."),
     ("a.json", '{"type": "MeshPhongMaterial", "color": -1}', "color must be a colour, 0 to 16777215; got '-1'."),
@@ -374,3 +373,21 @@ def test_lights_are_read_from_c_alone(tmp_path):
         ds.read_lights(tmp_path / "a.mtl")
     with pytest.raises(FileNotFoundError, match="there is no C file"):
         ds.read_lights(tmp_path / "a.c")
+
+
+def test_povray_holds_a_highlight_of_each_lobe_and_other_formats_the_nearest_one(tmp_path):
+    two = ds.Material(0.1, (0.5, 0.4, 0.3), 0.3, 20, highlights=ds.Highlight(0.2, 80, ds.Blinn()))
+    exported = ds.write_material(tmp_path / "two.inc", two, name="two")
+    assert exported.largest == 0
+    assert "phong 0.3 phong_size 20.0 specular 0.2 roughness 0.0125" in exported.path.read_text()
+    again = ds.read_material(exported.path)
+    (second,) = again.highlights
+    assert (again.n_s, second.n_s) == (20, 80)
+    assert (type(again.lobe), type(second.lobe)) == (ds.Phong, ds.Blinn)
+    np.testing.assert_allclose(second.k_s, 0.2)
+    for suffix, lobes in ((".mtl", (ds.Phong, ds.Blinn)), (".inc", (ds.Phong, ds.Phong))):
+        alike = ds.Material(0.1, 0.4, 0.3, 20, lobes[0](), highlights=ds.Highlight(0.2, 80, lobes[1]()))
+        nearest = ds.write_material(tmp_path / f"near{suffix}", alike, name="near")
+        assert 0 < nearest.rms < nearest.largest
+        assert "1 further highlight" in " ".join(nearest.notes)
+        assert ds.read_material(nearest.path).highlights == ()

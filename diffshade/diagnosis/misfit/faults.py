@@ -29,7 +29,7 @@ from .score_tests import Rows
 LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-SECOND = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 SPHERES = 4  # with more spheres, their places are not tested
 
 Mask = Bool[np.ndarray, "h w"]
@@ -118,7 +118,7 @@ def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
     if other is not None:
         changed = [photograph(other, view) - image for view, image in zip(fit.views, whole, strict=True)]
         found.append(Direction("lobe", 0, samples.of(changed)[None]))
-    for k, factor in enumerate(SECOND):
+    for k, factor in enumerate(FACTORS):
         two = _with_second_highlight(fit.scene, factor)
         if two is not None:
             changed = [photograph(two, view) - image for view, image in zip(fit.views, whole, strict=True)]

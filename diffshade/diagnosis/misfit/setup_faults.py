@@ -15,7 +15,7 @@ from ...inverse.unknowns.unknown import coordinate_slopes, values_at
 from ...model.lobes import Blinn
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
-from .faults import BLURS, SECOND, Direction, Linearised, Mask, linearised, shines
+from .faults import BLURS, FACTORS, Direction, Linearised, Mask, linearised, shines
 from .residual_correlation import ResidualCorrelation, correlation_of
 from .score_tests import Score, ScoreTests
 
@@ -190,7 +190,7 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
             "Focus, or shrink the images, and exclude the pixels next to outlines with View.mask.",
         )
     if direction.kind == "highlight":
-        factor = SECOND[direction.which]
+        factor = FACTORS[direction.which]
         kind = "sharper" if factor > 1 else "wider"
         n_s = factor * float(np.mean(next(n for n in _exponents(fit.scene))))
         return (

@@ -19,7 +19,7 @@ from .alternatives import Key, State, share
 from .encodings import Encoding
 from .explanations import APART, Explanation, MisfitSearch, matters, union
 from .regions import measure_rim
-from .setup_faults import SECOND, SetupFault, setup_faults
+from .setup_faults import NEXT, SetupFault, setup_faults
 
 ROUNDS = 12
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
@@ -72,7 +72,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         if found and not any(fault.share > found[0].share for fault in everywhere):
             end = search.alternatives.settle(state)
             rest = 1.0 - share(search.alternatives.base, end)
-            second = [f for f in setup_faults(end.fit, end.excluded) if rest * f.share > SECOND * found[0].share]
+            second = [f for f in setup_faults(end.fit, end.excluded) if rest * f.share > NEXT * found[0].share]
             return (*describe(search, end, found), *_of_all_views(fit, second))
         return _of_all_views(fit, everywhere)
 

@@ -11,7 +11,7 @@ uniform bool local_viewer;
 uniform float radius, height;
 uniform vec3 ambient, background, k_a, k_d, k_s, k_e, n_s;
 uniform float eta;
-uniform int lobe;     // 0 Phong, 1 Blinn
+uniform int lobe;     // 0 Phong, 1 Blinn, from 2 on those of own_highlight
 uniform int fresnel;  // 0 none, 1 Schlick, 2 dielectric
 uniform sampler2D lights;  // a row an emitter
 uniform int count;
@@ -67,6 +67,17 @@ vec3 halfway(vec3 l, vec3 v) {
   return squared > 1e-12 ? h * inversesqrt(squared) : vec3(0.0);
 }
 
+// own functions
+vec3 own_highlight(vec3 n, vec3 l, vec3 v) {
+  // own calls
+  return vec3(0.0);
+}
+
+vec3 highlight(vec3 n, vec3 l, vec3 v) {  // E5, E6
+  if (lobe > 1) return own_highlight(n, l, v);
+  return power(lobe == 0 ? dot(v, 2.0 * dot(n, l) * n - l) : dot(n, halfway(l, v)), n_s);
+}
+
 vec3 reflected(vec3 p, vec3 n, vec3 v) {  // E9
   vec3 total = k_e + k_a * ambient;
   for (int i = 0; i < count; i++) {
@@ -83,8 +94,7 @@ vec3 reflected(vec3 p, vec3 n, vec3 v) {  // E9
     }
     float n_l = dot(n, l);
     if (n_l <= 0.0) continue;
-    float cosine = lobe == 0 ? dot(v, 2.0 * n_l * n - l) : dot(n, halfway(l, v));
-    total += arriving * (k_d * n_l + weight(n_l) * power(cosine, n_s));  // E4, E5, E6
+    total += arriving * (k_d * n_l + weight(n_l) * highlight(n, l, v));  // E4
   }
   return total;
 }

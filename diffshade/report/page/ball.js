@@ -135,7 +135,8 @@
       values.every((x) => x === values[0]) ? short(values[0]) : `(${values.map(short).join(", ")})`;
     const object = scene.objects[control("object").value];
     const shown = [...COLOURS, "n_s"].map((name) => `${name}=${said(state.material[name])}`);
-    shown.push(section.querySelector('[name="lobe"]:checked').value === "0" ? "lobe=ds.Phong()" : "lobe=ds.Blinn()");
+    const lobe = section.querySelector('[name="lobe"]:checked');
+    shown.push(`lobe=${lobe.value < 2 ? "ds." : ""}${lobe.dataset.name}${lobe.value < 2 ? "()" : "(...)"}`);
     if (object.fresnel) shown.push(object.fresnel === 1 ? "fresnel=ds.Schlick()" : "fresnel=ds.Dielectric()");
     if (object.fresnel === 2) shown.push(`eta=${short(object.eta)}`);
     section.querySelector(".as-code").textContent = `ds.Material(${shown.join(", ")})`;

@@ -17,7 +17,7 @@ from ...model.attenuation import RadialAttenuation
 from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
 from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
-from ...model.lobes import Blinn, Phong
+from ...model.lobes import AbstractLobe, AbstractReflectance, Blinn, Phong
 from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect
 from ...model.scenes import Object, Scene
@@ -41,6 +41,7 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
     scene = fit.scene
     balls = [_ball(item, fit.views[0].camera) for item in scene.objects]
     emitters = [_emitters(light) for light in scene.lights]
+    lobes = _own_lobes(scene)
     views = [
         {
             "name": name,
@@ -57,7 +58,7 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
             "center": _floats(Sphere().center if ball is None else ball.center),
             "radius": 1.0 if ball is None else float(ball.radius),
             "material": {k: _floats(_plain(getattr(item.material, k))) for k in ("k_a", "k_d", "k_s", "k_e", "n_s")},
-            "lobe": _number(LOBES, item.material.lobe),
+            "lobe": _lobe_number(item.material.lobe, lobes),
             "fresnel": _number(FRESNEL, item.material.fresnel),
             "eta": 1.0 if item.material.eta is None else float(item.material.eta),
         }
@@ -69,6 +70,7 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
         "lights": [found or [] for found in emitters],
         "views": views,
         "objects": objects,
+        "lobes": lobes,
     }
     return data, _not_shown(scene, emitters)
 
@@ -77,7 +79,8 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
     """Name the features of a scene that the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
-    lobes = [type(m.lobe).__name__ for m in (item.material for item in items) if type(m.lobe) not in LOBES]
+    known = [type(lobe) for lobe in _with_glsl(scene)]
+    lobes = [type(item.material.lobe) for item in items if type(item.material.lobe) not in (*LOBES, *known)]
     weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
     features = (
         (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape (shown as a ball)"),
@@ -86,12 +89,30 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (any(item.material.patterns for item in items), "patterns (shown as the mean of the two colours)"),
         (any(item.material.maps for item in items), "coefficients over the pixels (shown as their mean)"),
         (any(item.material.highlights for item in items), "highlights beside the first"),
-        (bool(lobes), f"the lobe {listing(sorted(set(lobes)))} (shown as Phong's)"),
+        (bool(lobes), f"the lobe {listing(sorted({of.__name__ for of in lobes}))} (shown as Phong's)"),
         (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
     )
     return [words for here, words in features if here]
+
+
+def _with_glsl(scene: Scene) -> list[AbstractLobe]:
+    """Return the lobes that are not the shader's own and say how it draws them."""
+    lobes = [item.material.lobe for item in scene.objects]
+    return [of for of in lobes if isinstance(of, AbstractLobe) and type(of) not in LOBES and of.glsl() is not None]
+
+
+def _own_lobes(scene: Scene) -> list[tuple[str, str]]:
+    """Return the name and the shader's function body of each of these lobes, each once."""
+    return list(dict.fromkeys((type(of).__name__, str(of.glsl())) for of in _with_glsl(scene)))
+
+
+def _lobe_number(lobe: AbstractReflectance, own: Sequence[tuple[str, str]]) -> int:
+    """Return the shader's number of a lobe; Phong's for one that it does not know."""
+    if isinstance(lobe, AbstractLobe) and (type(lobe).__name__, lobe.glsl()) in own:
+        return len(LOBES) + own.index((type(lobe).__name__, str(lobe.glsl())))
+    return _number(LOBES, lobe)
 
 
 def _number(kinds: Sequence[type], value: object) -> int:

@@ -185,7 +185,8 @@ def _render(**what: Any) -> str:
         **what,
         css=parts["page.css"],
         scripts=[parts["page.js"], parts["ball.js"]],
-        shader=(HERE / "ball.glsl").read_text(encoding="utf-8"),
+        shader=shader(ball),
+        lobes=["Phong", "Blinn", *(name for name, _ in ball["lobes"])],
         # within a script, only "<" can end the script or start another
         ball=json.dumps(ball, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         ball_views=[view["name"] for view in ball["views"]],
@@ -193,6 +194,16 @@ def _render(**what: Any) -> str:
         sliders=[slider for slider in SLIDERS if slider[0] != "k_e" or emits],
         allowed={name: f"'sha256-{_digest(text)}'" for name, text in parts.items()},
     )
+
+
+def shader(ball: dict[str, Any]) -> str:
+    """Return the live ball's shader, with the highlights of lobes that are not the library's first two."""
+    functions = [
+        f"vec3 own_{k}(vec3 n, vec3 l, vec3 v, vec3 n_s) {{\n{body}\n}}" for k, (_, body) in enumerate(ball["lobes"])
+    ]
+    calls = [f"if (lobe == {k + 2}) return own_{k}(n, l, v, n_s);" for k in range(len(functions))]
+    text = (HERE / "ball.glsl").read_text(encoding="utf-8")
+    return text.replace("// own functions", "\n".join(functions)).replace("// own calls", "\n  ".join(calls))
 
 
 def _digest(text: str) -> str:
