@@ -32,6 +32,7 @@ from diffshade.texels.estimates import estimate
 from diffshade.texels.lighting import lighting_setup
 from diffshade.texels.prediction import KnownCoefficients
 from diffshade.texels.run import FIRST_STEPS
+from diffshade.texels.status import TypicalResidual
 from diffshade.texels.tiles import BLOCK, ViewReader
 
 SCIPY, OPTIMISTIX, NUMBA = "SciPy least_squares, lm, a loop", "optimistix LM, vmapped", "numba LM, all cores"
@@ -195,7 +196,8 @@ def program(p: Problem) -> Callable[[], Any]:
     known, setup = KnownCoefficients(zero, None, None, zero), lighting_setup(p.scene, p.views)
     choices = FitOptions(("k_d", "k_s", "n_s"), "squares", True, False)
     sigma, patience = np.asarray(1.0), np.asarray(FIRST_STEPS)
-    return lambda: on_all_cores(lambda block: estimate(setup, known, block, sigma, patience, choices), blocks)
+    any_residual = TypicalResidual(np.asarray(np.inf), np.asarray(np.inf))
+    return lambda: on_all_cores(lambda b: estimate(setup, known, b, sigma, any_residual, patience, choices), blocks)
 
 
 def bound(lights: int, channels: int) -> float:

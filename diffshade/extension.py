@@ -118,10 +118,11 @@ def number(
         The field, to stand behind the annotation `Scalar`.
 
     Raises:
-        ValueError: A number that is solved for as its logarithm may be 0 or less.
+        ValueError: A number that is solved for as its logarithm may be 0 or less, or `lower` is not below `upper`.
     """
     if logarithmic and not (lower is not None and lower > 0):
         raise ValueError(f"lower must be above 0 for a logarithmic number; got {lower}. Give the least value.")
+    _check_range(lower, upper)
     known = parameter(lower=lower, upper=upper, start=start, search=search, logarithmic=logarithmic, linear=linear)
     return _field(as_scalar, default, known)
 
@@ -145,7 +146,11 @@ def colour(
 
     Returns:
         The field, to stand behind the annotation `Colour`.
+
+    Raises:
+        ValueError: `lower` is not below `upper`.
     """
+    _check_range(lower, upper)
     return _field(as_colour, default, parameter(lower=lower, upper=upper, start=start, linear=linear))
 
 
@@ -166,6 +171,11 @@ def vector(default: Numbers | Any = dataclasses.MISSING, *, role: str = "") -> A
     if role not in ("", "position", "direction"):
         raise ValueError(f"role must be 'position', 'direction' or ''; got {role!r}. Give one of them.")
     return _field(as_vector, default, parameter(role))
+
+
+def _check_range(lower: float | None, upper: float | None) -> None:
+    if lower is not None and upper is not None and not lower < upper:
+        raise ValueError(f"lower must be below upper; got {lower:g} and {upper:g}. Exchange them, or give one alone.")
 
 
 def _field(converter: Any, default: Any, metadata: dict[str, Any]) -> Any:

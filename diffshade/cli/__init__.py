@@ -6,6 +6,7 @@ Only click is imported before a command runs, so that help and completion are fa
 from __future__ import annotations
 
 import contextlib
+import importlib
 import logging
 import os
 import signal
@@ -41,12 +42,22 @@ class InOrder(click.Group):
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )
 @click.version_option(package_name="diffshade")
-def diffshade() -> None:
+@click.option(
+    "--import",
+    "modules",
+    metavar="MODULE",
+    multiple=True,
+    help="Import a module whose classes scene files name.",
+)
+def diffshade(modules: tuple[str, ...] = ()) -> None:
     """The classic illumination model, forwards and backwards.
 
-    Render a scene; or find k_a, k_d, k_s, n_s and the parameters of lamps from photographs, with errors and notes on
-    what the photographs do not determine.
+    Render a scene; or find a material and lamps from photographs, with errors.
     """
+    if modules:
+        sys.path.insert(0, os.getcwd())  # where an installed command does not look
+    for module in modules:
+        importlib.import_module(module.removesuffix(".py"))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -77,7 +77,7 @@ def as_exponent(value: Numbers | Checked) -> Any:
     """Make one number for all channels, or three, one a channel; or these for each pixel, along a last axis."""
     if isinstance(value, Checked):
         return value
-    array = as_array(value)
+    array = _of_own_values(value)
     return array[..., None] if getattr(array, "ndim", 0) == 2 else array
 
 
@@ -93,12 +93,23 @@ def as_coefficient(value: Numbers | Checked | None) -> Any:
     """Make a colour, or a colour for each pixel; a pattern stays one, and None, where it means no such term, too."""
     if value is None or isinstance(value, Checked):
         return value
-    array = as_array(value)
+    array = _of_own_values(value)
     if getattr(array, "ndim", 0) == 2:
         array = array[..., None]
     if getattr(array, "ndim", 0) == 3 and array.shape[2] == 1:
-        return array * np.ones(3) if isinstance(array, np.ndarray) else array.repeat(3, -1)
-    return as_colour(value)
+        return array.repeat(3, -1)
+    return as_colour(array)
+
+
+def _of_own_values(value: Any) -> Any:
+    """Return `as_array`, and refuse the bytes of an image file, which are no coefficients."""
+    kind = getattr(value, "dtype", None)
+    if np.ndim(value) > 1 and kind in (np.uint8, np.uint16):
+        raise TypeError(
+            f"an array over the pixels must hold the coefficients themselves; got whole numbers of {kind}. Read the "
+            f"file with read_image, or divide by {np.iinfo(kind).max}."
+        )
+    return as_array(value)
 
 
 def as_normals(value: Numbers | Checked | None) -> Any:
@@ -106,13 +117,14 @@ def as_normals(value: Numbers | Checked | None) -> Any:
     return value if value is None or isinstance(value, Checked) else as_array(value)
 
 
+_MAPS = "an array (H, W) or (H, W, 3) over the pixels"
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     as_scalar: (((),), "a number", "Give one number."),
     as_pair: (((2,),), "a pair of numbers", "Give two numbers (column, row)."),
     as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
     as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
-    as_coefficient: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
-    as_exponent: (((), (3,)), "1 or 3 numbers", "Give one number, or one a channel (R, G, B)."),
+    as_coefficient: (((3,),), "a colour of 1 or 3 numbers", f"Give one number (grey), three (R, G, B), or {_MAPS}."),
+    as_exponent: (((), (3,)), "1 or 3 numbers", f"Give one number, three (R, G, B), or {_MAPS}."),
     as_normals: ((), "an array (H, W, 3)", "Give a unit vector for each pixel."),
 }
 _OVER_PIXELS = {as_coefficient: ((3, 3),), as_exponent: ((3, 1), (3, 3)), as_normals: ((3, 3),)}
@@ -213,22 +225,18 @@ def _check_field(
     mapped = any((len(shape), *shape[-1:]) == of for of in over_pixels)
     if shape not in shapes and not mapped:
         raise ValueError(f"{name} must be {noun}; got shape {shape}. {remedy}")
-    numbers = _as_numpy(value)
-    if mapped:
-        numbers = _first_wrong(numbers, metadata)
-    if not np.isfinite(numbers).all():
-        raise ValueError(f"{name} must be finite; got {_shown(numbers)}. {remedy}")
-    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
-    if (numbers < lower).any() or (numbers > upper).any():
-        allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
-        raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}. Give a value in that range.")
-
-
-def _first_wrong(numbers: np.ndarray, metadata: Mapping[str, Any]) -> np.ndarray:
-    """Return of an array over the pixels the first number that is not finite or not in its range, else any."""
+    numbers, where = _as_numpy(value), ""
     lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
     wrong = ~(np.isfinite(numbers) & (numbers >= lower) & (numbers <= upper))
-    return np.asarray(numbers.reshape(-1)[np.argmax(wrong)] if numbers.size else 0.0)
+    if not wrong.any():
+        return
+    if mapped:
+        row, column, _ = first = np.unravel_index(np.argmax(wrong), shape)
+        numbers, where = numbers[first], f" at row {row}, column {column}"
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name} must be finite; got {_shown(numbers)}{where}. {remedy}")
+    allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
+    raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}{where}. Give a value in that range.")
 
 
 def checked_colour(name: str, value: Numbers) -> Any:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from ..core.fields import check, check_kind
-from ..core.words import count
+from ..core.words import count, listing
 from ..model.fresnel import NoFresnel
 from ..model.lobes import AbstractPowerLobe
 from ..model.materials import Material
@@ -154,6 +154,6 @@ def check_plain(material: Material) -> None:
         )
     if material.maps:
         raise ValueError(
-            f"a material file holds colours; got a coefficient over {np.shape(material.maps[0])[:2]} pixels. Give one "
+            f"a material file holds colours; got an array for {listing(list(material.maps))}. Give one "
             "colour for each coefficient."
         )

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import Mesh
@@ -205,6 +206,13 @@ def check_choices(
         if value not in choices:
             listed = ", ".join(f"'{choice}'" for choice in choices)
             raise ValueError(f"{name} must be one of {listed}; got {value!r}. Give one of them.")
+    others = [i for i, view in enumerate(views) if not eqx.tree_equal(view.camera, views[0].camera)]
+    mapped = [f"objects[{i}].material.{name}" for i, item in enumerate(scene.objects) for name in item.material.maps]
+    if others and mapped:
+        raise ValueError(
+            f"{mapped[0]} is over the pixels of one camera, but views[0] and views[{others[0]}] have different ones. "
+            "Give a Texture, which belongs to the surface, or the views of one camera."
+        )
     known = [view.noise is not None for view in views]
     if any(known) and not all(known):
         raise ValueError(

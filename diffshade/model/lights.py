@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -129,6 +129,7 @@ class BareLight(AbstractEmitter):
     """A light of unit intensity that nothing attenuates, whose light comes from where another's does."""
 
     light: AbstractEmitter
+    intensity: ClassVar[Colour] = np.ones(3)
 
     @property
     def is_local(self) -> bool:

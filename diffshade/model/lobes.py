@@ -91,6 +91,7 @@ class AbstractLobe(AbstractReflectance):
     ) -> Float[Array, "..."] | Vec3:
         """Return the highlight where the surface is lit, and 0 elsewhere."""
         found = self.highlight(n_s, n, l, v)
+        _check_points(f"{type(self).__name__}.highlight", found, lit, n_s)
         if isinstance(found, Vec3):
             return Vec3(*(jnp.where(lit, c, 0.0) for c in (found.x, found.y, found.z)))
         return jnp.where(lit, found, 0.0)
@@ -128,7 +129,21 @@ class AbstractPowerLobe(AbstractLobe):
         self, lit: Bool[Array, "..."], n_s: Float[Array, "..."] | Vec3, n: Vec3, l: Vec3, v: Vec3
     ) -> Float[Array, "..."] | Vec3:
         """Return (cosine)_+^n_s where the surface is lit; the cosine is gated, since its power costs the most."""
-        return _power(jnp.where(lit, self.cosine(n, l, v), 0.0), n_s)
+        cosine = self.cosine(n, l, v)
+        _check_points(f"{type(self).__name__}.cosine", cosine, lit, n_s)
+        return _power(jnp.where(lit, cosine, 0.0), n_s)
+
+
+def _check_points(
+    name: str, found: Float[Array, "..."] | Vec3, lit: Bool[Array, "..."], n_s: Float[Array, "..."] | Vec3
+) -> None:
+    """Refuse what a method of a user's lobe returns if it has an axis more than the points."""
+    most = max(jnp.ndim(lit), 0 if isinstance(n_s, Vec3) else jnp.ndim(n_s))
+    if not isinstance(found, Vec3) and jnp.ndim(found) > most:
+        raise TypeError(
+            f"{name} must return one number for each point, or a Vec3 of red, green and blue; got an array of shape "
+            f"{jnp.shape(found)} for points of shape {jnp.shape(lit)}. Write it without a last axis for the channels."
+        )
 
 
 def _power(cosine: Float[Array, "..."], n_s: Float[Array, "..."] | Vec3) -> Float[Array, "..."] | Vec3:

@@ -182,20 +182,25 @@ class Material(Checked):
             )
 
     @property
-    def coefficients(self) -> tuple[Any, ...]:
-        """All that may be a pattern or an array over the pixels."""
-        own = (self.k_a, self.k_d, self.k_s, self.k_e, self.k_t, self.n_s, self.normal)
-        return (*own, *(of for more in self.highlights for of in (more.k_s, more.n_s)))
+    def coefficients(self) -> dict[str, Any]:
+        """All that may be a pattern or an array over the pixels, by name."""
+        own = {name: getattr(self, name) for name in ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal")}
+        more = {
+            f"highlights.{i}.{name}": getattr(of, name)
+            for i, of in enumerate(self.highlights)
+            for name in ("k_s", "n_s")
+        }
+        return {**own, **more}
 
     @property
     def patterns(self) -> tuple[AbstractPattern, ...]:
         """The patterns among the coefficients."""
-        return tuple(of for of in self.coefficients if isinstance(of, AbstractPattern))
+        return tuple(of for of in self.coefficients.values() if isinstance(of, AbstractPattern))
 
     @property
-    def maps(self) -> tuple[Float[Array, "h w ..."], ...]:
-        """The arrays over the pixels among the coefficients."""
-        return tuple(of for of in self.coefficients if is_over_pixels(of))
+    def maps(self) -> dict[str, Float[Array, "h w ..."]]:
+        """The arrays over the pixels among the coefficients, by name."""
+        return {name: of for name, of in self.coefficients.items() if is_over_pixels(of)}
 
     def at(self, p: Vec3 | None, uv: Vec3 | None = None) -> Coefficients:
         """Return the coefficients at a point.

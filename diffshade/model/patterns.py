@@ -20,6 +20,7 @@ from ..core.fields import (
     as_colour,
     as_scalar,
     as_vector,
+    in_short,
     is_concrete,
     parameter,
 )
@@ -142,5 +143,11 @@ def colour_at(coefficient: Coefficient, p: Vec3 | None, uv: Vec3 | None = None) 
     if isinstance(coefficient, AbstractPattern):
         at = uv if coefficient.over_texture else p
         assert at is not None
-        return coefficient(at)
+        found = coefficient(at)
+        if not isinstance(found, Vec3):
+            raise TypeError(
+                f"{type(coefficient).__name__} must return a Vec3 of red, green and blue; got {in_short(found)}. Make "
+                "one of three arrays of the point's shape: Vec3(r, g, b)."
+            )
+        return found
     return Vec3.of(coefficient)

@@ -87,6 +87,11 @@ class Scene(Checked):
             check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
         for i, light in enumerate(self.lights):
             check_kind(f"Scene.lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
+            if not hasattr(light, "intensity"):
+                raise TypeError(
+                    f"Scene.lights[{i}] must have a field named intensity, which is 0 where the light is off; got "
+                    f"{with_article(type(light).__name__)} without one. Give the colour of its light that name."
+                )
         if self.atmosphere is not None:
             check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
         names = [item.name for item in self.objects if item.name]
@@ -115,7 +120,7 @@ class Scene(Checked):
 
 def _check_maps(i: int, item: Object) -> None:
     """Refuse maps of several shapes, and textures on a surface without texture coordinates."""
-    shapes = [np.shape(of)[:2] for of in item.material.maps]
+    shapes = [np.shape(of)[:2] for of in item.material.maps.values()]
     if len(set(shapes)) > 1:
         raise ValueError(
             f"objects[{i}].material has coefficients over pixels of {shapes[0]} and {shapes[-1]}. Resize one of them."
@@ -141,10 +146,10 @@ def check_shapes(scene: Scene, camera: AbstractCamera) -> None:
                 f"objects[{i}].surface must have one normal a pixel; got a GBuffer of shape {item.surface.mask.shape} "
                 f"for a camera of shape {camera.shape}. Make the two the same."
             )
-        for of in item.material.maps[:1]:
+        for name, of in item.material.maps.items():
             if np.shape(of)[:2] != camera.shape:
                 raise ValueError(
-                    f"objects[{i}].material must have one coefficient a pixel; got an array over {np.shape(of)[:2]} "
+                    f"objects[{i}].material.{name} must have one value a pixel; got an array over {np.shape(of)[:2]} "
                     f"for a camera of shape {camera.shape}. Make the two the same."
                 )
 

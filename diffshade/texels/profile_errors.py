@@ -29,7 +29,7 @@ from .standard_errors import Numbers, with_ridge
 
 REACH = 4.0  # distance along the valley, in standard errors of the curvature
 DISTANT_LOG_N_S = 3.0  # and in log n_s: a factor of 20, about the distance between two minima
-STEPS = 2  # places on each way, each nearer to the best of the other unknowns
+STEPS = 2  # places on each way, for each loss, each nearer to the best of the other unknowns
 MAX_RISE = 36.0  # of the cost, in variances: errors are to hold up to 25, and a place is not quite at its best
 MIN_RISE = 0.01  # least rise of the cost, in variances, where the valley is flat
 STIFFNESS = 1e6  # how firmly the unknown along the way is held, relative to the curvature
@@ -83,7 +83,8 @@ def _required_along(minimum: Minimum, values: Numbers, limit: Array, step: Array
 
     n = tilted(found.n, step[0], step[1]) if problem.fit_normal else found.n
     x = jnp.clip(found.x + step[-1], LOW, HIGH) if problem.fit_exponent else found.x
-    return _largest(jax.lax.scan(improve, (n, x), None, STEPS)[1])
+    # a loss that is not convex bends the valley more: twice the steps
+    return _largest(jax.lax.scan(improve, (n, x), None, STEPS * len(problem.losses))[1])
 
 
 def _ways(minimum: Minimum) -> list[tuple[list[Array], list[Array]]]:

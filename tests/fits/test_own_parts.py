@@ -1,5 +1,8 @@
 """Lobes, lights, patterns and surfaces of one's own: rendered, fitted, written and reported as the library's are."""
 
+import subprocess
+import sys
+from pathlib import Path as FilePath
 from typing import Any
 
 import equinox as eqx
@@ -11,6 +14,18 @@ import pytest
 import synthetic
 
 import diffshade as ds
+from diffshade.extension import (
+    AbstractEmitter,
+    AbstractLobe,
+    AbstractPattern,
+    AbstractPowerLobe,
+    Colour,
+    Path,
+    Vec3,
+    colour,
+    dot,
+    number,
+)
 from diffshade.inverse.verdicts.stability import angle_to_highlight
 
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
@@ -68,6 +83,7 @@ def test_the_page_says_what_its_ball_shows_instead(fit, rough, tmp_path):
     page = (tmp_path / "fit.html").read_text(encoding="utf-8")
     assert "the lobe Wide (shown as Phong" in page
     assert "the light of lights.0" in page
+    assert "as <code>render</code> draws it" in page
     ds.write_report(tmp_path / "rough.html", rough)
     page = (tmp_path / "rough.html").read_text(encoding="utf-8")
     assert "the lobe TorranceSparrow" not in page
@@ -156,3 +172,56 @@ def test_what_cannot_take_them_says_so(tmp_path):
     assert exported.rms > 0
     with pytest.raises(ValueError, match=r"m must be between 0.02 and 2"):
         own_parts.TorranceSparrow(3.0)
+
+
+def test_what_is_not_of_the_right_form_is_named():
+    class Stacked(AbstractLobe):
+        def highlight(self, n_s, n, l, v):
+            return jnp.stack([dot(n, l)] * 3, -1)
+
+    class StackedPower(AbstractPowerLobe):
+        def cosine(self, n, l, v):
+            return jnp.stack([dot(n, l)] * 3, -1)
+
+    class Coloured(AbstractPattern):
+        def __call__(self, p):
+            stacked: Any = jnp.stack([p.x, p.y, p.z], -1)
+            return stacked
+
+    class Nameless(AbstractEmitter):
+        power: Colour = colour(1.0)
+
+        @property
+        def is_local(self):
+            return False
+
+        def path(self, p):
+            return Path(Vec3.of(np.array((0.0, 0.0, 1.0))), None, None)
+
+        def arriving(self, p):
+            return Vec3.of(np.array((0.0, 0.0, 1.0))), Vec3.of(self.power)
+
+    for lobe, name in ((Stacked(), "Stacked.highlight"), (StackedPower(), "StackedPower.cosine")):
+        with pytest.raises(TypeError, match=rf"{name}.*\(24, 24, 3\).*without a last axis"):
+            ds.render(own_scene(lobe), CAMERA)
+    with pytest.raises(TypeError, match=r"Coloured must return a Vec3"):
+        ds.render(own_scene(k_d=Coloured()), CAMERA)
+    with pytest.raises(TypeError, match=r"lights\[0\].*intensity.*Nameless"):
+        own_scene(light=Nameless())
+    with pytest.raises(ValueError, match=r"lower must be below upper; got 2 and 1"):
+        number(1.5, lower=2, upper=1)
+
+
+def test_the_command_line_imports_them_where_it_is_told_to(tmp_path):
+    source = FilePath(own_parts.__file__).read_text(encoding="utf-8").replace("TorranceSparrow", "Cook")
+    (tmp_path / "parts_of_mine.py").write_text(source, encoding="utf-8")
+    ds.write_scene(tmp_path / "own.toml", own_scene(), camera=CAMERA)
+    text = (tmp_path / "own.toml").read_text(encoding="utf-8").replace("TorranceSparrow", "Cook")
+    (tmp_path / "own.toml").write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "diffshade"]
+    asked = [*command, "--import", "parts_of_mine", "render", "own.toml", "-o", "own.png"]
+    subprocess.run(asked, cwd=tmp_path, check=True)
+    assert (tmp_path / "own.png").is_file()
+    found = subprocess.run([*command, "render", "own.toml"], cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert found.returncode == 1
+    assert "imported first" in found.stderr

@@ -42,8 +42,8 @@ def test_one_number_is_grey(grey):
     np.testing.assert_array_equal(colour, [0.7, 0.7, 0.7])
 
 
-COLOUR = "Material.k_d must be a colour of 1 or 3 numbers; got {}. Give one number (grey) or three (R, G, B)."
-EXPONENT = "Material.n_s must be 1 or 3 numbers; got {}. Give one number, or one a channel (R, G, B)."
+COLOUR = "Material.k_d must be a colour of 1 or 3 numbers; got {}. Give one number (grey), three (R, G, B)"
+EXPONENT = "Material.n_s must be 1 or 3 numbers; got {}. Give one number, three (R, G, B)"
 PLACE = "PointLight.position must be a vector of 3 numbers; got {}. Give three numbers (x, y, z)."
 SPOT = "SpotLight((0, 0, 1), (0, 0, -1), "
 BAD = {
@@ -52,8 +52,11 @@ BAD = {
     "Material(k_d=1j)": (TypeError, COLOUR.format("1j")),
     "Material(n_s=(1, 2))": (ValueError, EXPONENT.format("shape (2,)")),
     "Material(k_d=np.ones((4, 5, 2)))": (ValueError, COLOUR.format("shape (4, 5, 2)")),
-    "Material(k_d=np.full((4, 5), -0.5))": (ValueError, "Material.k_d must be at least 0; got -0.5. Give a value"),
-    "Material(n_s=np.full((4, 5), np.nan))": (ValueError, "Material.n_s must be finite; got nan."),
+    "Material(k_d=np.full((4, 5), -0.5))": (
+        ValueError,
+        "Material.k_d must be at least 0; got -0.5 at row 0, column 0.",
+    ),
+    "Material(n_s=np.full((4, 5), np.nan))": (ValueError, "Material.n_s must be finite; got nan at row 0, column 0."),
     "Material(normal=np.ones((4, 5, 3)))": (ValueError, "Material.normal must hold unit vectors; at row 0, column 0"),
     "Material(normal=(0, 0, 1))": (ValueError, "Material.normal must be an array (H, W, 3); got shape (3,)."),
     "Texture((1, 2, 3))": (ValueError, "Texture.values must be an image (H, W) or (H, W, 3); got shape (3,)."),
@@ -61,7 +64,7 @@ BAD = {
     "PointLight(((1, 2), (3,)))": (TypeError, PLACE.format("((1, 2), (3,))")),
     "PointLight(5)": (ValueError, PLACE.format("shape ()")),
     "Sphere((0, nan, 0))": (ValueError, "Sphere.center must be finite; got (0, nan, 0). Give three numbers (x, y, z)."),
-    "Material(n_s=inf)": (ValueError, "Material.n_s must be finite; got inf. Give one number, or one a channel"),
+    "Material(n_s=inf)": (ValueError, "Material.n_s must be finite; got inf. Give one number, three"),
     "Material(n_s=-1)": (ValueError, "Material.n_s must be at least 0; got -1. Give a value in that range."),
     "Material(n_s=(1, -2, 3))": (ValueError, "Material.n_s must be at least 0; got (1, -2, 3)."),
     "Material(k_s=(0.5, -0.1, 0))": (ValueError, "Material.k_s must be at least 0; got (0.5, -0.1, 0)."),

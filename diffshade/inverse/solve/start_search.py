@@ -6,6 +6,7 @@ bounds, on a few of the pixels. Unknowns of one kind are tried together, one gro
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -38,12 +39,12 @@ Theta = Float[np.ndarray, " p"]
 def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[Float[np.ndarray, "n p"]]:
     """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
     found = []
-    for (kind, quantity), members in _groups(unknowns).items():
+    for (_, quantity), members in _groups(unknowns).items():
         values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
         if "/" in quantity:
             tried = _scale(values, FACTORS)
         else:
-            tried = _scale(values, listed) if listed else _MOVES[kind](values, scene)
+            tried = _scale(values, listed) if listed else _MOVES[_moved_as(unknowns[members[0]])](values, scene)
         at = np.tile(theta, (len(tried), 1))
         at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
         found.append(at)
@@ -60,7 +61,14 @@ def _groups(unknowns: Sequence[Unknown]) -> dict[tuple[str, str], list[int]]:
 
 
 def _is_searched(unknown: Unknown) -> bool:
-    return bool(unknown.kind in _MOVES or unknown.parameter.search or "/" in unknown.quantity)
+    return bool(_moved_as(unknown) or unknown.parameter.search or "/" in unknown.quantity)
+
+
+def _moved_as(unknown: Unknown) -> str:
+    """Return the key of `_MOVES` that an unknown is tried by: of its own name, or of any direction; else nothing."""
+    if unknown.kind in _MOVES:
+        return unknown.kind
+    return "direction" if unknown.parameter.role == "direction" else ""
 
 
 def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
@@ -188,7 +196,7 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
 
 def is_local(unknowns: Sequence[Unknown]) -> bool:
     """Whether the search is for more than a material: around what the scene says of a light's place, say."""
-    return any(unknown.kind in _MOVES or unknown.parameter.reach for unknown in unknowns)
+    return any(_moved_as(unknown) or unknown.parameter.reach for unknown in unknowns)
 
 
 def search(
@@ -231,11 +239,40 @@ def search(
         for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "exponent"):
             as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
         followed = _distinct([*followed, as_told, (np.inf, begin)])
+
+    def follow(theta: Theta) -> tuple[float, Theta]:
+        end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
+        return float(end.point.total.cost), np.asarray(end.point.theta)
+
     ends = []
     for k, (_, theta) in enumerate(followed):
         report_progress(SEARCHING, 0.5 + 0.5 * k / len(followed))
-        ends.append(minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6))
-    return np.asarray(min(ends, key=lambda end: float(end.point.total.cost)).point.theta)
+        ends.append(follow(theta))
+    best = min(ends, key=lambda end: end[0])
+    for exchanged in _with_exponents_exchanged(best[1], unknowns, members):
+        # a highlight that is wide across its direction looks much like one that is wide along it, turned by 90 degrees
+        for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "direction"):
+            exchanged = min(tried(group, exchanged), key=lambda pair: pair[0], default=(np.inf, exchanged))[1]
+        best = min(best, follow(exchanged), key=lambda end: end[0])
+    return best[1]
+
+
+def _with_exponents_exchanged(
+    theta: Theta, unknowns: Sequence[Unknown], members: Sequence[Sequence[int]]
+) -> list[Theta]:
+    """Return the point with each two exponents of one material exchanged, where a direction of it is free as well."""
+    found = []
+    material = ["".join(path.partition(".material.")[0] for path, _ in unknowns[of[0]].places[:1]) for of in members]
+    roles = [unknowns[of[0]].parameter.role for of in members]
+    for i, j in itertools.combinations(range(len(members)), 2):
+        turns = any(r == "direction" and m == material[i] for r, m in zip(roles, material, strict=True))
+        if roles[i] == roles[j] == "exponent" and material[i] == material[j] and turns:
+            one, other = list(members[i]), list(members[j])
+            if len(one) == len(other):
+                exchanged = np.array(theta)
+                exchanged[one + other] = theta[other + one]
+                found.append(exchanged)
+    return found
 
 
 def _lowest(costs: Sequence[float]) -> list[int]:

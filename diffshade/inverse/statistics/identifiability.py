@@ -19,6 +19,7 @@ from .uncertainty import SINGULAR, Matrix, Vector, scaled
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
 VAGUE = 0.3  # error relative to the value, above which a number says little
 VAGUE_LOG = 0.5  # standard error of a logarithm
+ONE_TOO_MANY = "The images can do with one highlight fewer. Leave it out, or add a photograph in which both show."
 
 
 def condition_number(H: Matrix) -> float:
@@ -154,7 +155,8 @@ def vague_notes(
         else:
             size = f"{errors[worst]:.2g} with the value at 0"
         verb, its = ("is", "its error is") if len(names) == 1 else ("are", "the largest error is")
-        text = f"{listing(names)} {verb} lost in the noise: {its} {size}. {remedy([quantity])}"
+        advice = ONE_TOO_MANY if _beside_others(unknowns[worst], unknowns) else remedy([quantity])
+        text = f"{listing(names)} {verb} lost in the noise: {its} {size}. {advice}"
         notes.append(Note(text, "lost in noise", tuple(names)))
     if small.any():
         limits = [
@@ -164,6 +166,14 @@ def vague_notes(
         text = f"0 within the noise, with upper limits (value plus two errors): {listing(limits)}."
         notes.append(Note(text, "0 within noise", names))
     return notes
+
+
+def _beside_others(unknown: Unknown, unknowns: Sequence[Unknown]) -> bool:
+    """Whether an unknown is of one highlight of a material that has several."""
+    if unknown.kind not in ("k_s", "n_s") or not unknown.places:
+        return False
+    others = unknown.places[0][0].partition(".material")[0] + ".material.highlights."
+    return any(path.startswith(others) for u in unknowns for path, _ in u.places)
 
 
 def remedy(names: Sequence[str]) -> str:

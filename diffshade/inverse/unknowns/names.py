@@ -70,7 +70,7 @@ def check_names(where: str, names: Iterable[str], known: Mapping[str, Any]) -> t
                     f"{'0.5' if last == 'k_t' else '1.5'}."
                 )
             short = {path.partition(".")[2] for path in known}  # ball.material.k_d
-            options = segments | set(known) | {path for path in short if not path[:1].isdigit()}
+            options = segments | set(known) | {path for path in short if path and not path[0].isdigit()}
             if fuller := [path for path in options if _holds_in_order(name, path)]:
                 raise ValueError(f"no parameter is named '{name}'. Did you mean '{min(fuller, key=len)}'?")
             raise ValueError(f"no parameter is named '{name}'. {did_you_mean(name, options)}")

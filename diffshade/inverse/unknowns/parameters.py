@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import as_exponent, as_vector, check_kind, parameter_of
+from ...core.fields import as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
+from ...model.patterns import Texture
 from ...model.scenes import Scene, bends
 from ..data.views import View
 from .constraints import COLOURS, Grey, Proportional, colourless, has_factor, make_proportional, proportions_of
@@ -53,6 +54,8 @@ def find_unknowns(
     """
     known = {path: (value, spec) for path, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
+    free = tuple(free) if isinstance(free, Iterable) and not isinstance(free, str) else (free,)
+    _refuse_arrays(scene, free, known)
     free, tied = check_names("free", free, known), check_names("tied", tied, known)
     bounds, priors = bounds or {}, priors or {}
     check_kind("bounds", bounds, Mapping, "{'k_s': (0, 1)}")
@@ -79,6 +82,25 @@ def find_unknowns(
         unknown.prior = prior_of(unknown, priors)
     check_directions(unknowns)
     return unknowns
+
+
+def _refuse_arrays(scene: Scene, free: Iterable[str], known: Mapping[str, Any]) -> None:
+    """Refuse names of coefficients that are arrays, where they name nothing else."""
+    arrays = [
+        f"objects.{item.name or i}.material.{name}"
+        for i, item in enumerate(scene.objects)
+        for name, of in item.material.coefficients.items()
+        if is_over_pixels(of) or isinstance(of, Texture)
+    ]
+    for name in free:
+        if not isinstance(name, str) or any(end_of_run(name, path) is not None for path in known):
+            continue
+        for path in arrays:
+            if end_of_run(name, path) is not None:
+                raise ValueError(
+                    f"free names '{name}', but {path} is an array, which fit leaves as it is. Use fit_texels for a "
+                    "value at every pixel, or minimise an objective of your own."
+                )
 
 
 def _add(

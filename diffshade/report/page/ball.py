@@ -16,7 +16,7 @@ from ...inverse.result import Fit
 from ...model.attenuation import RadialAttenuation
 from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
-from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ...model.lights import AbstractEmitter, AbstractLight, DirectionalLight, PointLight, SpotLight
 from ...model.lobes import AbstractLobe, AbstractReflectance, Blinn, Phong
 from ...model.patterns import AbstractPattern
 from ...model.rendering import intersect
@@ -86,7 +86,7 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (any(not isinstance(item.surface, Sphere) for item in items), "the surface's own shape (shown as a ball)"),
         (len(items) > 1, "more than one object at a time"),
         (any(item.material.k_t is not None for item in items), "transparency (k_t)"),
-        (any(item.material.patterns for item in items), "patterns (shown as the mean of the two colours)"),
+        (any(item.material.patterns for item in items), "patterns (shown as the mean of their colours)"),
         (any(item.material.maps for item in items), "coefficients over the pixels (shown as their mean)"),
         (any(item.material.highlights for item in items), "highlights beside the first"),
         (bool(lobes), f"the lobe {listing(sorted({of.__name__ for of in lobes}))} (shown as Phong's)"),
@@ -95,6 +95,22 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
     )
     return [words for here, words in features if here]
+
+
+def scene_to_render(fit: Fit) -> Scene | None:
+    """Return the scene of the balls for `render` to draw, where the live ball lacks part of a material or a light.
+
+    None where the live ball has all, or where a ball cannot stand for an object.
+    """
+    materials = [item.material for item in fit.scene.objects]
+    drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(fit.scene)))
+    lacks = any(m.patterns or m.highlights or type(m.lobe) not in drawn for m in materials)
+    lacks = lacks or any(_emitters(light) is None for light in fit.scene.lights)
+    balls = [_ball(item, fit.views[0].camera) for item in fit.scene.objects]
+    found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
+    if not lacks or len(found) < len(balls) or any(m.maps for m in materials):
+        return None
+    return dataclasses.replace(fit.scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
 
 
 def _with_glsl(scene: Scene) -> list[AbstractLobe]:
@@ -170,11 +186,11 @@ def _emitters(light: AbstractLight) -> list[list[float]] | None:
     The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
     a1, a2, 1 for a spot; the spot's axis, the cosine of its edge; its exponent, the width of its soft edge, 0, 0.
     """
-    if isinstance(light, AreaLight):
-        stack = jax.jit(AreaLight.emitters)(light)
-        number = light.samples[0] * light.samples[1]
-        spots = [jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack) for i in range(number)]
-        return [row for spot in spots for row in _emitters(spot) or ()]
+    if not isinstance(light, AbstractEmitter):
+        stack = jax.jit(type(light).emitters)(light)
+        number = len(jax.tree.leaves(stack)[0])
+        each = [_emitters(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack)) for i in range(number)]
+        return None if None in each else [row for rows in each for row in rows or ()]
     if isinstance(light, DirectionalLight):
         to_light = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         return [[*_floats(to_light), 0.0, *_floats(light.intensity), *[0.0] * 13]]

@@ -12,6 +12,8 @@ from jaxtyping import Float, UInt8
 from ...inverse.result import Fit, Prediction
 from ...io.image_formats import encode, encode_indexed
 from ...io.images import srgb_encode
+from ...model.rendering import render
+from ...model.scenes import Scene
 
 LARGEST = 800  # pixels of the longer side; a larger photograph is shown smaller
 QUALITY = 88  # JPEG quality
@@ -75,6 +77,16 @@ def build_gallery(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Galle
         )
     colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])
     return Gallery(tuple(pictures), white, limit, colours)
+
+
+def ball_picture(fit: Fit, scene: Scene, white: float) -> str:
+    """Return a scene under the first view's lights, drawn by `render`, as a data URI."""
+    view = fit.views[0]
+    camera = view.camera
+    image = np.asarray(render(scene, camera, lit=view.lit)) * float(view.exposure) + float(view.black)
+    small = min(1.0, LARGEST / max(camera.shape))
+    shape = (max(round(camera.shape[0] * small), 1), max(round(camera.shape[1] * small), 1))
+    return _uri("png", encode(".png", _displayed(image, shape, white)))
 
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:

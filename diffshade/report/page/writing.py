@@ -21,8 +21,8 @@ from ...diagnosis.planning import Plan
 from ...inverse.result import Fit
 from ...io.files import replacing, writable
 from . import charts, tables
-from .ball import ball_scene
-from .pictures import build_gallery
+from .ball import ball_scene, scene_to_render
+from .pictures import ball_picture, build_gallery
 from .residuals import collect_residuals, curve
 
 HERE = Path(__file__).parent
@@ -82,6 +82,7 @@ def write_report(
         report_progress("drawing")
         gallery = build_gallery(fit, which, names)
         ball, missing = ball_scene(fit, names, gallery.white)
+        whole = scene_to_render(fit)
         rms = float(np.sqrt(np.mean(residuals.values**2)))
         curves = (
             ("From the light", "angle between n and l, degrees", curve(residuals, residuals.to_light)),
@@ -96,6 +97,7 @@ def write_report(
             shown=len(which),
             ball=ball,
             missing=missing,
+            whole=None if whole is None else ball_picture(fit, whole, gallery.white),
             residual_charts=[
                 *(charts.over_angle(found, title, label, rms) for title, label, found in curves if found is not None),
                 charts.histogram(residuals),
