@@ -232,7 +232,7 @@ def _check_field(
         return
     if mapped:
         row, column, _ = first = np.unravel_index(np.argmax(wrong), shape)
-        numbers, where = numbers[first], f" at row {row}, column {column}"
+        numbers, where = np.asarray(numbers[first]), f" at row {row}, column {column}"
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}{where}. {remedy}")
     allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
