@@ -112,7 +112,7 @@ def number(
         start: Where a fit begins; by default at the scene's value.
         search: Values that a fit tries before it begins; none by default. Give them where the cost has several minima.
         logarithmic: Whether a fit solves for its logarithm; for widths and exponents. Needs `lower` above 0.
-        linear: Whether the image is linear in it.
+        linear: Whether the image is linear in it together with k_a, k_d and k_s. An intensity multiplies them: False.
 
     Returns:
         The field, to stand behind the annotation `Scalar`.
@@ -142,7 +142,7 @@ def colour(
         lower: The least value allowed; 0 by default.
         upper: The largest value allowed; no bound by default.
         start: Where a fit begins; by default at the scene's value.
-        linear: Whether the image is linear in it.
+        linear: Whether the image is linear in it together with k_a, k_d and k_s. An intensity multiplies them: False.
 
     Returns:
         The field, to stand behind the annotation `Colour`.

@@ -143,21 +143,24 @@ class Parameter:
     """"reflection", "transmission", "exponent", "attenuation", "light", "camera", "position", "direction", "edge",
     "index"; empty where no more is known than the number."""
     linear: bool = False
-    """Whether the image is linear in it."""
+    """Whether the image is linear in it together with all others of which this is said."""
     logarithmic: bool = False
     """Whether it is solved for as its logarithm: its error is proportional to it."""
     start: float | None = None
-    """Where a search begins; None begins at the scene's value."""
+    """The value before any search; None for the scene's."""
     fit_range: tuple[float, float] | None = None
     """The range in a fit, where it is narrower than the field's."""
     gauge: int = 0
-    """1 where twice as much of it cancels half the light, -1 where it cancels twice the reflection, 0 neither."""
+    """The sign of its change along a scale gauge: 1 for reflection and attenuation, -1 for light, 0 for neither.
+
+    k x 2 with I / 2 changes no pixel, nor does k x 2 with an attenuation x 2, by which light is divided.
+    """
     by_own_name: bool = False
     """Whether only its own name frees it, and not that of what holds it: most scenes do without."""
     search: tuple[float, ...] = ()
-    """Values that a fit tries at its start, in this order, where the image is not linear in it; empty for none."""
+    """Values that the search tries, in this order, where the image is not linear in it; empty for none."""
     reach: float = 0.0
-    """How far the first step of an approach from coarse to fine may go (`starts.approach`); 0 for none."""
+    """How far the first step of an approach from coarse to fine may go (`start_search.approach`); 0 for none."""
 
 
 def parameter(

@@ -46,15 +46,16 @@ class Exported:
 
     path: Path
     rms: float
-    """Root mean square difference of radiance over the reference (see `with_lobe`), under a light of intensity 1; the
-    largest of several materials."""
+    """Root mean square difference of diffuse reflection and highlight over the reference (see `with_lobe`), under a
+    light of intensity 1; the largest of several materials."""
     largest: float
     """The largest difference."""
     notes: tuple[str, ...]
     """The differences there, and what to do about them; the file has them as comments."""
 
     def __str__(self) -> str:
-        same = [] if self.largest else ["the material is written exactly."]
+        exact = "the diffuse reflection and the highlight are" if self.notes else "the material is"
+        same = [] if self.largest else [f"{exact} written exactly."]
         return "\n".join([f"{self.path}: {note}" for note in (*same, *self.notes)])
 
 

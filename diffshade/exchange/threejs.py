@@ -17,10 +17,10 @@ import numpy as np
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated
+from .hex_colours import from_hex, to_hex
 from .lobe_refits import EXPONENTS, Shape, check_plain, named
 from .parsing import NUMBER, number, short
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
-from .srgb import from_hex, to_hex
 
 _COLOUR = re.compile(r"\b(color|emissive|specular)\s*:\s*new THREE\.Color\(\)\.setRGB\(([^()]{1,200})\)", re.ASCII)
 _NUMBER = re.compile(r"\b(shininess|opacity)\s*:\s*([^,}\s]{1,40})", re.ASCII)

@@ -64,13 +64,14 @@ def fit(
     the scene's values of these are ignored. Geometry (a light's position or direction, a spot's shape, a sphere) is
     searched for near the scene's values.
 
-    A fit checks itself. Where the views disagree, or samples are clipped, it is repeated without the saturated pixels
-    and without the brightest half of the highlight; a number that then moves by 30 % or three errors is not determined.
-    If views without a mask show a dark background inside the scene's silhouette, nothing is determined. A prior is
-    reported if it is four standard deviations from the value that the images alone give, and values that it moves by
-    two errors are not determined. If the images of integer files have less noise than a step, the steps are found from
-    the values, and the effect of rounding is added to the errors (`Fit.rounding`). A fit by tiles is not repeated, and
-    has a note on that; lazy images are not compared with the silhouette.
+    A fit checks itself. Where the views disagree, or samples are clipped, it is repeated without the saturated
+    pixels and without the brightest half of the highlight. A number that then moves by 30 % or three errors, and
+    whose old value these samples contradict, is not determined. If views without a mask show a dark background
+    inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from
+    the value that the images alone give, and values that it moves by two errors are not determined. If the images
+    of integer files have less noise than a step, the steps are found from the values, and the effect of rounding is
+    added to the errors (`Fit.rounding`). A fit by tiles (of `checkpoint`, `mesh`, or more pixels than `memory`
+    holds) is not repeated, and has a note on that; lazy images are not compared with the silhouette.
 
     Args:
         scene: The scene. Its values of free parameters matter only if the search begins at them (see above).

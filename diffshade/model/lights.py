@@ -36,7 +36,7 @@ class Path(NamedTuple):
     d: Float[Array, "..."] | None
     """Distance to the light; None at infinity."""
     f_ang: Float[Array, "..."] | None
-    """Angular attenuation (E3), and whatever else the light's geometry decides; None where it is 1."""
+    """Angular attenuation (E3), or any factor that depends on the point alone; None where it is 1."""
 
 
 def as_counts(value: Any) -> Any:

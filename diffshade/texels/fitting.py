@@ -63,7 +63,8 @@ def fit_texels(
             an observation are weighted together.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`. The same call
             resumes from it, whenever it was stopped. By default the maps stay in memory.
-        memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows.
+        memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows. A run
+            that is resumed keeps the bands of its first call: to use less memory, begin in a new folder.
         mesh: Devices that share the work. Several processes, joined by `jax.distributed.initialize`, each fit their
             share and write to one `out`, on a disk of the machine they run on. By default all cores.
         progress: Show a line of progress on the terminal.

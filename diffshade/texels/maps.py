@@ -50,8 +50,11 @@ class TexelMaps:
     - not determined: the views cannot separate the texel's numbers; or its normal is free and the lights that reach it
       lie in one plane, or k_d times the normal has an error over 20 %; or, by the curvature at the minimum, k_s has an
       error over itself or log n_s one over 0.5; or its residuals are much larger than those of most texels.
-    - shadowed: a light reaches no more unclipped observations than there are numbers.
-    - failed: the fit did not converge.
+    - shadowed: the unclipped samples (observations, each with its channels) that a light reaches are no more than the
+      numbers; or, with the normal free, it reaches fewer than 3 observations.
+    - failed: the fit did not converge, or a number is too large for a map.
+
+    Of several, the last counts.
 
     Where k_s is free, k_s and n_s are 0 with infinite errors unless the status is "determined".
 

@@ -59,7 +59,9 @@ def unknowns_of(*free: str, tied: tuple[str, ...] = ()) -> list[Unknown]:
         (("linear", "quadratic"), (1, -1), ("linear and quadratic", "changed together", "other distances")),
         (("linear", "quadratic"), (1, 1.1), ("changed together",)),
         (("linear", "quadratic"), (1, 1.0005), ("scaling all",)),
-        (("k_d", "linear", "intensity"), (1, 1, -1), ("k_d and linear from intensity",)),
+        (("intensity", "constant", "linear"), (1, 1, 1), ("intensity from constant and linear", "together")),
+        (("intensity", "constant"), (1, -1), ("changed together",)),
+        (("k_d", "linear", "intensity"), (1, 1, -1), ("changed together",)),  # half of each pixel is left
     ],
 )
 def test_a_gauge_is_said_with_what_scales_up_and_what_down(free, direction, words):

@@ -16,15 +16,22 @@ import synthetic
 import diffshade as ds
 from diffshade.extension import (
     AbstractEmitter,
+    AbstractLamp,
     AbstractLobe,
     AbstractPattern,
     AbstractPowerLobe,
     Colour,
     Path,
+    RadialAttenuation,
+    Scalar,
     Vec3,
+    Vector,
     colour,
     dot,
+    length,
+    normalize,
     number,
+    vector,
 )
 from diffshade.inverse.verdicts.stability import angle_to_highlight
 
@@ -225,3 +232,24 @@ def test_the_command_line_imports_them_where_it_is_told_to(tmp_path):
     found = subprocess.run([*command, "render", "own.toml"], cwd=tmp_path, check=False, capture_output=True, text=True)
     assert found.returncode == 1
     assert "imported first" in found.stderr
+
+
+def test_a_number_may_have_the_name_of_one_of_the_librarys():
+    class HighLamp(AbstractLamp):
+        position: Vector = vector(role="position")
+        intensity: Colour = colour(1.0)
+        attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+        linear: Scalar = number(0.2, lower=0)
+
+        def path(self, p):
+            assert p is not None
+            to_light = Vec3.of(self.position) - p
+            return Path(normalize(to_light), length(to_light), jnp.exp(-self.linear * p.y))
+
+    truth = own_scene(ds.Phong(), (HighLamp((1, 2, 3), linear=0.5), HighLamp((-2, 1, 3), linear=0.3)))
+    views = [ds.View(synthetic.photograph(truth, CAMERA, (i,)), CAMERA, lit=i) for i in (0, 1)]
+    told = eqx.tree_at(lambda s: [light.linear for light in s.lights], truth, [np.asarray(0.2)] * 2)
+    found = ds.fit(told, views, free=("k_d", "lights.0.linear", "lights.1.linear", "lights.0.intensity"))
+    known = dict(zip(found.names, found.values, strict=True))
+    np.testing.assert_allclose([known["lights.0.linear"], known["lights.1.linear"]], (0.5, 0.3), rtol=1e-5)
+    np.testing.assert_allclose(known["lights.0.intensity.r"] * known["k_d.r"], 0.5, rtol=1e-5)

@@ -73,6 +73,7 @@ def grown(out: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
+@pytest.mark.slow
 def test_300_mb_of_photographs_take_little_memory_and_survive_three_kills(tmp_path):
     given = (1250, 1000, 20, 0.02)
     whole = finish(start(tmp_path / "whole", *given))
@@ -112,6 +113,7 @@ def test_50_gb_of_photographs_take_under_2_gb_and_survive_20_kills(tmp_path):
     assert all((np.asarray(status[row]) == 1).mean() > 0.9 for row in range(0, 35_000, 500))
 
 
+@pytest.mark.slow
 def test_eight_devices_give_what_one_gives(tmp_path):
     """Virtual devices of the CPU, through a mesh."""
     program = """

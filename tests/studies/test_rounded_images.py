@@ -136,6 +136,7 @@ def test_intervals_are_no_wider_than_the_errors_ask_for(tmp_path, materials, shi
         assert ratio.mean() < 5.5 if materials < 3 else ratio.max() < 5.0
 
 
+@pytest.mark.slow
 def test_an_examination_withdraws_nothing_for_rounding(tmp_path):
     for seed in range(3):
         one = ball(seed, tmp_path, 3)

@@ -28,7 +28,7 @@ def both_exponents(fit: ds.Fit) -> tuple[np.ndarray, np.ndarray]:
     return fit.values[which], fit.errors[which]
 
 
-@pytest.mark.parametrize("draws", [10, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("draws", [5, pytest.param(100, marks=pytest.mark.slow)])
 def test_both_exponents_are_found(draws):
     inside = 0
     for seed in range(draws):
@@ -63,7 +63,10 @@ def test_two_highlights_fitted_to_one_say_so():
     assert any("listed by rising n_s" in note for note in fit.notes)
 
 
-@pytest.mark.parametrize("direction", [(1, 0.2, 0), (0, 1, 0), (0, 0, 1)])
+@pytest.mark.parametrize(
+    "direction",
+    [pytest.param((1, 0.2, 0), marks=pytest.mark.slow), (0, 1, 0), pytest.param((0, 0, 1), marks=pytest.mark.slow)],
+)
 def test_the_exponents_of_brushed_metal_are_found(direction):
     truth = ds.Material(0.05, 0.3, 0.4, 120, lobe=ds.Brushed(direction, 12))
     told = ds.Material(lobe=ds.Brushed((1, 0, 0)))

@@ -190,7 +190,9 @@ def test_views_that_all_disagree_are_told_as_one(clean):
 # --- lights
 
 
-@pytest.mark.parametrize("degrees", [4, 8, 20])
+@pytest.mark.parametrize(
+    "degrees", [pytest.param(4, marks=pytest.mark.slow), 8, pytest.param(20, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("only", [None, (3,)], ids=str)
 def test_a_light_is_found_with_its_tilt(clean, degrees, only):
     images, there = taken_from_elsewhere(clean, 3, degrees)
@@ -234,6 +236,7 @@ def test_a_cast_shadow_is_found_with_its_region(clean, sigma, only):
     assert "row 12, column 10" in found.sentence
 
 
+@pytest.mark.slow
 def test_a_bright_rim_is_found(clean):
     extra = 0.15 * grazing()[..., None] ** 4 * np.array([0.6, 0.4, 0.25])
     for only in (None, (1,)):

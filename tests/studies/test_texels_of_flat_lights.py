@@ -113,6 +113,7 @@ def test_a_real_cat_under_coplanar_lights_has_no_determined_normal(step):
     assert "lie in one plane" in maps.notes[0]
 
 
+@pytest.mark.slow
 def test_one_exponent_for_all_leaves_texels_determined():
     """One n_s fits neither half of a ball of two; yet the other numbers are determined, with finite errors."""
     ball = textured_ball(24, noise=0.005)

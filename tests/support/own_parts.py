@@ -80,7 +80,7 @@ class FadingLamp(AbstractEmitter):
     """A lamp that fades with 1/d."""
 
     position: Vector = vector(role="position")
-    intensity: Colour = colour(1.0, linear=True)
+    intensity: Colour = colour(1.0)
 
     @property
     def is_local(self):
@@ -101,7 +101,7 @@ class Lantern(AbstractLamp):
     """A lamp that is the brighter the more it is above the point: what it sends down is not what it sends aside."""
 
     position: Vector = vector(role="position")
-    intensity: Colour = colour(1.0, linear=True)
+    intensity: Colour = colour(1.0)
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
 
     def path(self, p):
@@ -116,7 +116,7 @@ class LineLight(AbstractLight):
 
     start: Vector = vector(role="position")
     end: Vector = vector(role="position")
-    intensity: Colour = colour(1.0, linear=True)
+    intensity: Colour = colour(1.0)
     samples: int = eqx.field(static=True, default=6)
 
     @property

@@ -100,7 +100,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "few pixels": (fit(masked((4, 6), (4, 7), (5, 6)), free=("k_a", "k_d", "n_s")), "fewer | 3 for 7 | add views"),
     "nothing but clipped": (fit(ds.View(IMAGE, CAMERA, floor=9.0)), "fewer samples that are not clipped | 0 for 4"),
     "all images black": (fit(ds.View(0 * IMAGE, CAMERA)), "the images are black | above 0 | Check the files and masks"),
-    "unknown loss": (fit(loss="tukey"), "loss | 'huber' | 'tukey' | Give one"),
+    "unknown loss": (fit(loss="cube"), "loss | 'huber' | 'cube' | Give one"),
     "unknown use of clipped samples": (fit(clipped="ignore"), "clipped | 'exclude' | 'ignore' | Give one"),
     "unknown start": (fit(start="truth"), "start | 'search' | 'scene' | 'truth' | Give one"),
     "tobit without noise": (fit(clipped="tobit"), "clipped='tobit' | views[0] has none | Give View.noise"),

@@ -27,7 +27,11 @@ def test_it_is_thin_and_has_no_outputs(path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    # test_all_figures.py draws what the notebook of the figures draws
+    [pytest.param(path, marks=[pytest.mark.slow] * path.stem.startswith("04"), id=path.stem) for path in NOTEBOOKS],
+)
 @pytest.mark.filterwarnings("default")  # of the notebook machinery; the kernel below has its own
 def test_it_runs_and_draws(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONWARNINGS", "error::FutureWarning,error::DeprecationWarning:diffshade")

@@ -5,8 +5,9 @@ u = f_rad f_ang (n.l)_+ and v = f_rad f_ang (cos)_+^n_s (E2-E6). The fields n.l,
 for a fit; the coefficients c are products of k_a, k_d, k_s, intensities, exposure and black, and do not depend on the
 pixel. With the derivatives of u and v beside them, F = [1, u, v, dv/dlog n_s, du/da, dv/da], every product that a
 Gauss-Newton step needs is a sum of F F^T, F y and y^2, and none of these depends on the coefficients: one pass gives
-J^T J at any k_a, k_d, k_s at once. That is variable projection (Golub and Pereyra 1973, in Kaufman's form of 1975) with
-the linear unknowns solved for exactly.
+J^T J at any k_a, k_d, k_s at once. That is variable projection (Golub and Pereyra 1973, in Kaufman's form of 1975):
+`solve.solvers.point_of` solves for the linear unknowns exactly, where all samples have one weight (squares, no clipped
+sample, noise that is the same at every level).
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
 MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
 FADES = ("constant", "linear", "quadratic")  # by the power of the distance
 SERVED = {"k_a", "k_d", "k_s", "k_e", "n_s", *FADES, "intensity", "ambient", "exposure", "black"}
+HOLDERS = {**dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "n_s"), "material"), **dict.fromkeys(FADES, "attenuation")}
 
 
 class Fields(eqx.Module):
@@ -263,8 +265,13 @@ def feature_model(
 
 
 def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
-    """Return the last segments of all places that depend on an unknown."""
-    return {path.split(".")[-1] for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
+    """Return the last segments of all places that depend on an unknown, or whole paths for users' own numbers."""
+    return {_kind(path) for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
+
+
+def _kind(path: str) -> str:
+    holder, last = ["", *path.split(".")][-2:]
+    return last if holder == HOLDERS.get(last, holder) else path
 
 
 def _lamps(scene: Any, lit: Any) -> Lamps:

@@ -42,9 +42,9 @@ def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[
     for (_, quantity), members in _groups(unknowns).items():
         values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
         if "/" in quantity:
-            tried = _scale(values, FACTORS)
+            tried = _each_of(FACTORS, values)
         else:
-            tried = _scale(values, listed) if listed else _MOVES[_moved_as(unknowns[members[0]])](values, scene)
+            tried = _each_of(listed, values) if listed else _MOVES[_moved_as(unknowns[members[0]])](values, scene)
         at = np.tile(theta, (len(tried), 1))
         at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
         found.append(at)
@@ -71,8 +71,13 @@ def _moved_as(unknown: Unknown) -> str:
     return "direction" if unknown.parameter.role == "direction" else ""
 
 
-def _scale(values: np.ndarray, factors: Sequence[int | float] | np.ndarray) -> np.ndarray:
-    return np.asarray(factors)[:, None] * np.ones_like(values)
+def _each_of(listed: Sequence[int | float], values: np.ndarray) -> np.ndarray:
+    """Return the listed values, each for all of the unknowns."""
+    return np.asarray(listed)[:, None] * np.ones_like(values)
+
+
+def _scaled(values: np.ndarray, factors: Sequence[float]) -> np.ndarray:
+    return np.asarray(factors)[:, None] * values
 
 
 def _turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
@@ -122,11 +127,11 @@ def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 _MOVES = {
-    "z_f": lambda values, scene: _scale(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
-    "z_b": lambda values, scene: _scale(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
-    "exponent": lambda values, scene: np.concatenate([values[None], _scale(values, (0.0, 1.0, 4.0, 16.0, 64.0))]),
-    "cutoff": lambda values, scene: np.concatenate([values[None], _scale(values, (10, 20, 30, 40, 50, 60, 75))]),
-    "radius": lambda values, scene: values * np.array([1.0, 0.85, 1.2])[:, None],
+    "z_f": lambda values, scene: _scaled(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
+    "z_b": lambda values, scene: _scaled(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
+    "exponent": lambda values, scene: np.concatenate([values[None], _each_of((0.0, 1.0, 4.0, 16.0, 64.0), values)]),
+    "cutoff": lambda values, scene: np.concatenate([values[None], _each_of((10, 20, 30, 40, 50, 60, 75), values)]),
+    "radius": lambda values, scene: _scaled(values, (1.0, 0.85, 1.2)),
     "direction": lambda values, scene: values[None] if len(values) != 3 else _turned(values, (20.0, 45.0, 80.0)),
     "position": _positions,
     "center": _centers,

@@ -2,7 +2,7 @@
 
 Singular: a column of the Jacobian is zero, or a direction changes no pixel. Lost in noise: the error is as large as the
 value. In both cases the value is "not determined". Ill-conditioned: a direction hardly changes a pixel; this only gives
-a note.
+a note. `verdicts/` and `diagnosis.examination` withdraw more values, of which the data contradict each other.
 """
 
 from __future__ import annotations
@@ -197,36 +197,39 @@ def _some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -
     return list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in members))
 
 
-# Along a scale gauge, reflections and attenuation (a divisor) grow while intensities and exposures shrink.
-_FADERS = ("constant", "linear", "quadratic")
+_ATTENUATION = ("constant", "linear", "quadratic")
 
 
 def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
+    """Say which unknowns a direction mixes, and whether it is a gauge: pixels hold reflection x light / attenuation."""
     involved = np.flatnonzero(direction)
     names = _quantities(unknowns, involved)
     signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
+    lights = _quantities(unknowns, involved[signs < 0])
+    attenuation = [name for name in names if name.split(".")[-1] in _ATTENUATION]
+    reflections = [name for name in names if name not in (*lights, *attenuation)]
+    if not reflections:
+        signs = np.abs(signs)  # light and attenuation grow together
     factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
     fix = next(
         (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),
         names[-1],
     )
-    if not np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) or factors[0] == 0:
+    alike = np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) and factors[0] != 0
+    if not alike or (reflections and lights and attenuation):
         return (
             f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
             f"Fix one, for example {fix}, or add views from other distances or directions."
         )
-    senders = _quantities(unknowns, involved[signs < 0])
-    faders = [name for name in names if name.split(".")[-1] in _FADERS]
-    others = [name for name in names if name not in (*senders, *faders)]
-    if senders:
+    if reflections and lights:
         return (
-            f"these views cannot separate {listing(others + faders)} from {listing(senders)}: scaling the former up "
-            f"and the latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
+            f"these views cannot separate {listing(reflections)} from {listing(lights)}: scaling the former up and the "
+            f"latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
         )
-    pair = f"{listing(others)} from {listing(faders)}" if others and faders else listing(names)
+    kinds = [kind for kind in (reflections, lights, attenuation) if kind]
     return (
-        f"these views cannot separate {pair}: scaling all of them together leaves every pixel unchanged. "
-        f"Fix one, for example {fix}."
+        f"these views cannot separate {' from '.join(map(listing, kinds))}: scaling all of them together leaves every "
+        f"pixel unchanged. Fix one, for example {fix}."
     )
 
 

@@ -169,7 +169,8 @@ def _freed(scene: Scene, free: Sequence[str], known: Mapping[str, Any]) -> list[
 
 def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
     head, _, last = path.rpartition(".")
-    if last in ("linear", "quadratic") and not known[f"{head}.constant"][0] > 0:
+    constant = known.get(f"{head}.constant")
+    if last in ("linear", "quadratic") and constant is not None and not constant[0] > 0:
         return 1.0  # with all three at 0 there is no attenuation to speak of
     start = parameter_of(known[path][1]).start
     return float(number if start is None else start)
@@ -184,7 +185,8 @@ def _check_object_names(scene: Scene, known: Iterable[str]) -> None:
 
 def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:
     head, _, last = path.rpartition(".")
-    if last == "cutoff" and not known[f"{head}.softness"][0] > 0:
+    softness = known.get(f"{head}.softness")
+    if last == "cutoff" and softness is not None and not softness[0] > 0:
         raise ValueError(
             f"{path} cannot be freed while softness is 0: a hard edge has no derivative. Give {head}.softness, in "
             "degrees, at least two pixels wide."

@@ -29,7 +29,7 @@ ERRORS = 3.0
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
     "this fit was made by tiles, so it was not checked whether values depend on saturated pixels or on the brightest "
-    "half of the highlight. Give fit more memory, or fit some of the rows."
+    "half of the highlight. Give fit more memory, and neither checkpoint nor mesh; or fit some of the rows."
 )
 SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
 
@@ -211,15 +211,21 @@ def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, 
         )
         notes.append(Note(text, "depends on data", (quantity,)))
     if shifted.any() and not shifted.all():
-        notes.append(Note("the errors of the other parameters hold these fixed.", "depends on data"))
+        notes.append(
+            Note(
+                "the other values, and their errors, were found to be stable with these held at their values.",
+                "depends on data",
+            )
+        )
     return notes
 
 
 def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
     """Return a fit in which values that depend on a few pixels are not determined. In float64.
 
-    This is the cheap part of an examination, one or two fits: without the saturated pixels, and without the brightest
-    half of the highlight. It is skipped if the views agree and no sample is clipped: then noise explains the residuals.
+    This is the cheap part of an examination, one or two fits, and these again for each quantity that is blamed:
+    without the saturated pixels, and without the brightest half of the highlight. It is skipped if the views agree
+    and no sample is clipped, since then noise explains the residuals, and if no highlight is free.
     """
     if not _doubtful(fit):
         return fit
