@@ -64,7 +64,10 @@ def pytest_unconfigure(config):
 
 
 def pytest_itemcollected(item):
-    if STUDIES in item.path.parents and not item.get_closest_marker("slow"):
+    """A test is of one tier, though a case of a thorough one may be slow."""
+    if item.get_closest_marker("slow"):
+        item.own_markers[:] = [mark for mark in item.own_markers if mark.name != "thorough"]
+    elif STUDIES in item.path.parents:
         item.add_marker("thorough")
 
 

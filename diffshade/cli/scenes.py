@@ -56,7 +56,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
 @click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
 @click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
 @click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
-@click.option("--srgb/--linear", default=None, help="sRGB curve or not  [default: by the kind of file]")
+@click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")
 @as_json
 def render(

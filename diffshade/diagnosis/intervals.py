@@ -71,7 +71,7 @@ class Profile:
         bound = unknown.lower if side < 0 else unknown.upper
         if fit.values[j] == bound:
             return float(bound)
-        if not np.isfinite(self.errors[j]) or not fit.evidence.determined[j]:
+        if not np.isfinite(self.errors[j]) or not fit.evidence.regular[j]:
             return float(bound)
         to_bound = abs(self.bounds[side > 0][j] - self.laid.theta[j])
         reach = errors * self.errors[j]

@@ -193,7 +193,7 @@ def _check_same_pixels(one: str, a: LaidOutFit, other: str, b: LaidOutFit) -> No
 
 def count_determined(fit: Fit) -> int:
     """Return how many parameters a fit determines."""
-    return int(np.sum(fit.evidence.determined & ~fit.at_bound)) - len(fit.evidence.units)
+    return int(np.sum(fit.evidence.regular & ~fit.at_bound)) - len(fit.evidence.units)
 
 
 def paired_difference(

@@ -142,7 +142,7 @@ def plan(
             report_progress(name, i / len(shots))
             measured.append(information_of_shot(own, shot, name))
     # An unknown that is not determined is at a bound by chance only.
-    evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.determined)
+    evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.regular)
     after = [add_shot(evidence, of_shot.hessian) for of_shot in measured]
     now = evidence.plain_errors()
     errors = np.array([e.plain_errors() for e in after])

@@ -122,7 +122,7 @@ class _FitAtMinimum(LaidOutFit):
     """A fit laid out at its minimum, with the forward model that serves any scene."""
 
     def __init__(self, fit: Fit):
-        singular = ~fit.evidence.determined
+        singular = ~fit.evidence.regular
         if singular.any():
             name = fit.names[int(singular.argmax())]
             raise ValueError(f"{name} is not determined, so the fit has no derivative. Fix {name} and fit again.")

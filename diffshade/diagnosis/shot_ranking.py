@@ -21,7 +21,7 @@ def add_shot(evidence: Evidence, hessian: Matrix) -> Evidence:
         evidence,
         hessian=np.concatenate([evidence.hessian, hessian[None]]),
         gradient=np.concatenate([evidence.gradient, np.zeros((1, len(hessian)))]),
-        determined=~zero & ~directions.any(0),
+        regular=~zero & ~directions.any(0),
     )
 
 

@@ -18,7 +18,7 @@ from ..model.lobes import AbstractPowerLobe
 from ..model.materials import Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
-EXPONENTS = (0.1, 1e5)  # the range of n_s that is searched
+N_S_RANGE = (0.1, 1e5)  # the range of n_s that is searched
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def with_lobe(
     material: Material,
     lobe: AbstractPowerLobe,
     *,
-    highest_n_s: float | int = EXPONENTS[1],
+    highest_n_s: float | int = N_S_RANGE[1],
     highest_k: float | int = np.inf,
 ) -> Refit:
     r"""Return the material with this lobe, constant k_s and one n_s that is nearest to a given material.
@@ -88,7 +88,7 @@ def with_lobe(
     points = reference_of(material)
     target = radiance(material, points)
     k_d = np.minimum(material.k_d, highest_k)
-    shape = Shape(points.highlights(lobe), (EXPONENTS[0], float(highest_n_s)), float(highest_k))
+    shape = Shape(points.highlights(lobe), (N_S_RANGE[0], float(highest_n_s)), float(highest_k))
     n, k_s = shape.fit(target - points.n_l[:, None] * np.asarray(material.k_d))
     new = dataclasses.replace(material, k_d=k_d, k_s=k_s, n_s=n, lobe=lobe, fresnel=NoFresnel(), highlights=())
     return Refit(new, *differences(target, radiance(new, points)), material)

@@ -18,7 +18,7 @@ from ..model.lobes import Blinn
 from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, opacity, plain, stated
 from .hex_colours import from_hex, to_hex
-from .lobe_refits import EXPONENTS, Shape, check_plain, named
+from .lobe_refits import N_S_RANGE, Shape, check_plain, named
 from .parsing import NUMBER, number, short
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference, reference_of
 
@@ -39,7 +39,7 @@ def highlights(points: Reference) -> Shape:
     def lobe(n: float) -> Cosines:
         return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n
 
-    return Shape(lambda n: lobe(n) * (1 - grazing), EXPONENTS, 1.0, lambda n: lobe(n) * grazing)
+    return Shape(lambda n: lobe(n) * (1 - grazing), N_S_RANGE, 1.0, lambda n: lobe(n) * grazing)
 
 
 def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float, float, list[str]]:
@@ -57,7 +57,7 @@ def _fitted(material: Material, *, bytes_: bool) -> tuple[dict[str, Any], float,
         emissive = glow * strength
     found: Radiance = points.n_l[:, None] * colour + shape.of(n_s, specular)
     if not np.any(own):  # three.js reflects at grazing angles even if the specular colour is black
-        found, n_s = points.n_l[:, None] * colour + shape.of(EXPONENTS[0], specular), EXPONENTS[0]
+        found, n_s = points.n_l[:, None] * colour + shape.of(N_S_RANGE[0], specular), N_S_RANGE[0]
     rms, largest = differences(target + np.asarray(material.k_e) + np.asarray(material.k_a), found + emissive)
     notes.append(f"the highlight, {named(material)}, is refitted with shininess {n_s:.4g}: {stated(rms, largest)}")
     notes.append(
@@ -174,13 +174,13 @@ def _as_material(
     colour: np.ndarray, emissive: np.ndarray, specular: np.ndarray, shininess: float, alpha: float, where: str
 ) -> dict[str, Material]:
     """Return the Blinn material nearest to a MeshPhongMaterial, and warn of the difference."""
-    if not 0 <= shininess <= EXPONENTS[1] or (specular < 0).any():
+    if not 0 <= shininess <= N_S_RANGE[1] or (specular < 0).any():
         raise ValueError(
             f"{where}: shininess must be 0 to 100000 and specular at least 0; got {shininess:g}. Correct the file."
         )
     points = reference(shininess)
     target = highlights(points).of(shininess, specular)
-    blinn = Shape(points.highlights(Blinn()), EXPONENTS)
+    blinn = Shape(points.highlights(Blinn()), N_S_RANGE)
     n_s, k_s = blinn.fit(target)
     rms, largest = differences(target, blinn.of(n_s, k_s))
     _LOGGER.warning("%s: MeshPhongMaterial is refitted as Blinn with n_s %.4g: %s", where, n_s, stated(rms, largest))

@@ -35,9 +35,10 @@ class Fit:
     unknowns: tuple[Unknown, ...]
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
-    """Standard errors: the true value lies within 1.96 of them 95 % of the time; infinite if it is not determined. They
-    are for independent noise if the views agree within it, else by leaving out one view at a time, widened by Student's
-    t (`clusters`). If the images are rounded to steps larger than their noise, they include the rounding (`rounding`).
+    """Standard errors: the true value lies within 1.96 of them 95 % of the time; infinite if it is not determined.
+    They are for independent noise if the views agree within it, else by leaving out one view, with all others of its
+    camera and lights, at a time, widened by Student's t (`clusters`). If the images are rounded to steps larger than
+    their noise, they include the rounding (`rounding`).
     """
     plain_errors: Float[np.ndarray, " p"]
     """Standard errors sigma^2 (J^T J)^-1 for independent noise, of equal size or as the views' `Noise` says; too small

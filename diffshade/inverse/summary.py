@@ -66,7 +66,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     rounded = laid.rounded(end, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
     evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
-    everything, regular = evidence.total, evidence.determined
+    everything, regular = evidence.total, evidence.regular
     fitted, seen = put_back(scene, views, unknowns, found.values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed

@@ -94,13 +94,13 @@ def all_finite(values: Numbers) -> Bool[Array, " texels"]:
 
 
 def status_of(
-    shines: Bool[Array, " texels"],
+    highlight: Bool[Array, " texels"],
     undetermined: Bool[Array, " texels"],
     failed: Bool[Array, " texels"],
     shadowed: Bool[Array, " texels"],
 ) -> UInt8[Array, " texels"]:
     """Return the status of each texel: the last condition that holds decides."""
-    status = jnp.where(shines, DETERMINED, NO_HIGHLIGHT)
+    status = jnp.where(highlight, DETERMINED, NO_HIGHLIGHT)
     status = jnp.where(undetermined, UNDETERMINED, status)
     status = jnp.where(failed, FAILED, status)
     return jnp.where(shadowed, SHADOWED, status).astype(jnp.uint8)

@@ -39,7 +39,7 @@ class Curve(Profile):
         self.power, self.calls = power, 0
         self.fit: Any = type("", (), {})()
         self.fit.unknowns = [dataclasses.replace(unknowns[0], lower=bounds[0], upper=bounds[1], parameter=Parameter())]
-        self.fit.values, self.fit.evidence = np.array([2.0]), type("", (), {"determined": np.array([True])})()
+        self.fit.values, self.fit.evidence = np.array([2.0]), type("", (), {"regular": np.array([True])})()
         self.laid: Any = type("", (), {"theta": np.array([2.0])})()
         self.errors, self.visible = np.array([error]), np.array([True])
         self.bounds = [np.array([bound]) for bound in bounds]
@@ -69,7 +69,7 @@ def test_an_end_beyond_a_bound_is_the_bound():
     assert Curve(bounds=(1.7, 2.3)).end(0, 1, 1.96) == pytest.approx(2.196, abs=2e-3)
     assert Curve(bounds=(2.0, 2.3)).end(0, -1, 1.96) == 2.0
     lost = Curve(bounds=(0.0, 5.0))
-    lost.fit.evidence.determined[:] = False
+    lost.fit.evidence.regular[:] = False
     assert [lost.end(0, side, 1.0) for side in (-1, 1)] == [0.0, 5.0]
     unseen = Curve(bounds=(0.0, 5.0), error=0.2)  # below the roundings of the cost: as the errors say
     unseen.visible[:] = False

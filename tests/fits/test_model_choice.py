@@ -169,7 +169,7 @@ def test_what_is_said_of_few_views_and_of_numbers_of_one():
 
 def test_the_unknowns_are_those_that_a_fit_determines():
     fit = noisy_fit()
-    some = dataclasses.replace(fit.evidence, determined=np.arange(12) > 0)
+    some = dataclasses.replace(fit.evidence, regular=np.arange(12) > 0)
     changed = dataclasses.replace(
         fit, clusters=dataclasses.replace(fit.clusters, evidence=some), at_bound=np.arange(12) == 11
     )

@@ -200,11 +200,11 @@ def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
     H[0, 0] = 0.0
     blind = dataclasses.replace(
         fit.evidence, hessian=H[None], gradient=np.zeros((1, p)), known_hessian=0 * H, sigma2=4.0,
-        determined=np.arange(p) > 0,
+        regular=np.arange(p) > 0,
     )  # fmt: skip
     assert information(fit, blind) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
     more = add_shot(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
-    assert more.determined.all()
+    assert more.regular.all()
     assert information(fit, more) == (p, pytest.approx(-p * np.log(4.0)))
     assert len(more.hessian) == len(more.gradient) == 2
     held = dataclasses.replace(more, at_bound=np.arange(p) == 1)

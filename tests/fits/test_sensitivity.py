@@ -99,7 +99,7 @@ def test_the_derivative_by_a_view_that_is_not_there_is_refused(view):
 
 def test_a_fit_that_is_not_determined_has_no_derivative():
     fit = noisy_fit()
-    lost = dataclasses.replace(fit.evidence, determined=np.arange(12) != 1)
+    lost = dataclasses.replace(fit.evidence, regular=np.arange(12) != 1)
     fit = dataclasses.replace(fit, clusters=dataclasses.replace(fit.clusters, evidence=lost))
     for derivative in (lambda: ds.sensitivity(fit, "lights.0.intensity"), lambda: ds.image_sensitivity(fit, 0)):
         with pytest.raises(ValueError, match=r"k_a\.g is not determined") as refusal:

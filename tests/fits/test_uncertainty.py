@@ -177,7 +177,7 @@ def test_the_errors_of_a_line_are_the_textbooks():
     found: Any = stats.linregress(J[..., 1].ravel(), b.ravel())
     np.testing.assert_allclose(evidence.plain_errors(), [found.intercept_stderr, found.stderr], rtol=1e-9)
     assert evidence.loss_ratio == 1.0
-    unknown = dataclasses.replace(evidence, determined=np.array([True, False]))
+    unknown = dataclasses.replace(evidence, regular=np.array([True, False]))
     assert np.isinf(unknown.plain_errors()[1])
     assert np.isinf(unknown.clustered_errors()[1])
     held = dataclasses.replace(evidence, at_bound=np.array([True, False]))
@@ -225,7 +225,7 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     no = np.zeros(3, bool)
     of_three = dataclasses.replace(
         evidence, hessian=H, gradient=g, known_hessian=np.zeros((3, 3)), known_gradient=np.zeros(3),
-        values=np.ones(3), at_bound=no, determined=~no,
+        values=np.ones(3), at_bound=no, regular=~no,
     )  # fmt: skip
     assert of_three.single_view.tolist() == [-1, -1, 4]
     np.testing.assert_allclose(of_three.clustered_errors()[2], of_three.plain_errors()[2], rtol=1e-12)

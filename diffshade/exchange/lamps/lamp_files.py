@@ -19,7 +19,7 @@ from .ies import read_ies
 
 READERS = {".ies": read_ies, ".ldt": read_eulumdat}
 POOR = 0.05  # rms over peak: above it cos^a does not fit the lamp
-EXPONENTS = (1e-3, 1e4)
+EXPONENT_RANGE = (1e-3, 1e4)
 
 
 def read_lamp(
@@ -117,7 +117,7 @@ def as_spot(lamp: MeasuredLight) -> SpotFit:
 
     def best(cutoff: float) -> tuple[float, float, float]:
         found = minimize_scalar(
-            lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENTS), method="bounded"
+            lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENT_RANGE), method="bounded"
         )
         return float(found.fun), float(found.x), cutoff
 

@@ -31,7 +31,7 @@ class Clusters:
     disagree: bool
     """Whether the clusters disagree by more than independent noise explains."""
     by_jackknife: Bool[np.ndarray, " p"]
-    """Unknowns whose standard error is by jackknife: the clusters disagree about them."""
+    """Unknowns whose standard error is by jackknife: the clusters disagree about them, and are enough for one."""
     freedom: Vector
     """Degrees of freedom of the jackknife: clusters - 1, or fewer if a few decide (Bell and McCaffrey 2002)."""
 
@@ -120,7 +120,7 @@ def compared(evidence: Evidence, count: int, what: str) -> Clusters:
     """Return clusters with the verdict on whether they agree; `what` names them, with their number.
 
     One test of all unknowns together (`Evidence.scatter`) and one of each (`Evidence.independence_p_values`) share the
-    false alarms.
+    false alarms. A jackknife takes at least three clusters, of which none alone determines something.
     """
     scatter, together = evidence.scatter()
     each, freedom = evidence.independence_p_values()

@@ -152,7 +152,7 @@ class Evidence:
     known_gradient: Vector
     values: Vector
     at_bound: Bool[np.ndarray, " p"]
-    determined: Bool[np.ndarray, " p"]
+    regular: Bool[np.ndarray, " p"]
     """Whether the clusters together say anything about the value: it is not singular."""
     units: Int[np.ndarray, "u 3"]
     """The unknowns that are a unit vector together."""
@@ -182,7 +182,7 @@ class Evidence:
     def single_view(self) -> Int[np.ndarray, " p"]:
         """For each unknown the one cluster that alone sees it; -1 where several do, or there is but one."""
         none = np.full(len(self.values), -1)
-        return np.where(self.determined, single_views(self.hessian), none) if len(self.hessian) > 1 else none
+        return np.where(self.regular, single_views(self.hessian), none) if len(self.hessian) > 1 else none
 
     def covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the plain covariance of a subset of the unknowns, the others held."""
@@ -210,11 +210,11 @@ class Evidence:
 
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
-        return np.where(self.determined, standard_errors(self.covariance, self.at_bound), np.inf)
+        return np.where(self.regular, standard_errors(self.covariance, self.at_bound), np.inf)
 
     def clustered_errors(self) -> Vector:
         """Return the standard errors by deleting one cluster at a time; infinite where nothing is determined."""
-        return np.where(self.determined, standard_errors(self.clustered_covariance, self.at_bound), np.inf)
+        return np.where(self.regular, standard_errors(self.clustered_covariance, self.at_bound), np.inf)
 
     def rounding_errors(self) -> Vector:
         """Return what rounding adds to the standard errors, by the sum of squares; 0 without rounding.
@@ -225,7 +225,7 @@ class Evidence:
             return np.zeros(len(self.values))
         whole = standard_errors(self._rounding_covariance, self.at_bound)
         counted = self.shared * standard_errors(self.covariance, self.at_bound) ** 2
-        return np.where(self.determined, np.sqrt(np.maximum(whole**2 - counted, 0.0)), 0.0)
+        return np.where(self.regular, np.sqrt(np.maximum(whole**2 - counted, 0.0)), 0.0)
 
     def _rounding_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         assert self.waves is not None
@@ -244,15 +244,15 @@ class Evidence:
         few of them decide. What one cluster alone sees has no jackknife: p-value 1, infinitely many degrees.
         """
         p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
-        kept = self.determined & (self.single_view < 0)
+        kept = self.regular & (self.single_view < 0)
         if len(self.hessian) < 3 or not kept.any():
             return p_value, freedom
-        H, g, known, slope = self._shared(self.determined)
+        H, g, known, slope = self._shared(self.regular)
         variance = self.loss_ratio**2 * np.diag(jackknife_covariance(H, g, known, slope))
         expected, of_noise = jackknife_of_noise(H, known)
         expected = self.sigma2 * expected
         if self.waves is not None:  # each a normal number
-            waves = self._shared_waves(self.determined)
+            waves = self._shared_waves(self.regular)
             each = self.loss_ratio**2 * np.sum(jackknife_deviations(H, waves, known, waves.sum(0)) ** 2, 0)
             both = expected + each.sum(-1)
             of_noise = both**2 / np.maximum(expected**2 / of_noise + np.sum(each**2, -1), 1e-300)
@@ -272,7 +272,7 @@ class Evidence:
         freedom are those of the sum (Satterthwaite 1946).
         """
         count, _, psi2, _, weight = self.spread
-        inside = self.determined & ~self.at_bound
+        inside = self.regular & ~self.at_bound
         fitted = np.sum(inside) - len(self.units)
         between, freedom = 0.0, -float(fitted)
         waves = self._own_waves(inside)

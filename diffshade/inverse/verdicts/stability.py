@@ -175,7 +175,7 @@ def moved(
     """
     far = how_far(fit, again.values)
     distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
-    known = again.evidence.determined & fit.evidence.determined & ~blamed
+    known = again.evidence.regular & fit.evidence.regular & ~blamed
     suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * errors)))
     found = np.zeros(len(known), bool)
     if not len(suspects):
