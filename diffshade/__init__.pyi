@@ -85,4 +85,6 @@ from .report.comparison import write_comparison as write_comparison
 from .report.lecture import write_figures as write_figures
 from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
+from .texels.heights.integration import integrate_normals as integrate_normals
+from .texels.heights.map import HeightMap as HeightMap
 from .texels.maps import TexelMaps as TexelMaps

@@ -62,6 +62,7 @@ ONLY_IN = {
     "imageio": "io",
     "jinja2": "report",
     "matplotlib": "report",
+    "pyamg": "texels.heights",
     "trimesh": "io",
     "tifffile": "io",
     "zarr": "io",

@@ -1,0 +1,1 @@
+"""Heights: from a map of normals to a height field with errors."""

@@ -1,0 +1,101 @@
+"""Checks: what cannot be integrated is refused, in one sentence with the remedy."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.fields import check, check_kind, refuse_traced
+from ...model.cameras import AbstractCamera
+from ...model.gbuffers import as_mask
+from .differences import LEAST_FACING, Rays, facing, rays_of
+
+MOST_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
+LARGEST_ERROR = 40.0  # degrees; a normal with a larger error is not known
+
+
+class Given(NamedTuple):
+    """What is integrated."""
+
+    normal: Float[np.ndarray, "h w 3"]
+    """Unit normals; towards the camera where they are not known."""
+    sigma: Float[np.ndarray, "h w"] | None
+    """Standard deviation about each of two axes, radians; `None` if no errors were given."""
+    inside: Bool[np.ndarray, "h w"]
+    known: Bool[np.ndarray, "h w"]
+    away: int
+    """Number of normals that face away from the camera, and count as not known."""
+    rays: Rays
+
+
+def checked(normals: Any, camera: AbstractCamera, mask: Any, errors: Any) -> Given:
+    """Raise ValueError or TypeError for arguments of `integrate_normals` that are wrong; return them as arrays."""
+    check_kind("camera", camera, AbstractCamera, "OrthographicCamera((0, 0, 4))")
+    refuse_traced("an integration of normals", "Integrate outside.", normals=normals, camera=camera, errors=errors)
+    check(camera)
+    shape = camera.shape
+    normals = _numbers("normals", normals)
+    if normals.shape != (*shape, 3):
+        raise ValueError(
+            f"normals must have the camera's shape, {(*shape, 3)}; got {normals.shape}. Give one vector a pixel, or "
+            "the camera of these normals."
+        )
+    inside = np.asarray(as_mask(mask)) if mask is not None else (normals != 0).any(-1)
+    if inside.shape != shape:
+        raise ValueError(f"mask must have the camera's shape {shape}; got {inside.shape}. Resize it.")
+    degrees = None if errors is None else _checked_errors(errors, shape, inside)
+    known = inside if degrees is None else inside & (degrees <= LARGEST_ERROR)
+    if not known.any():
+        raise ValueError(
+            f"no normal is left to integrate: mask has {inside.sum()} texels, of which none has an error of at most "
+            f"{LARGEST_ERROR:g} degrees. Check mask and errors."
+        )
+    length = np.linalg.norm(normals, axis=-1)
+    if (wrong := known & ~(np.abs(length - 1.0) < 1e-2)).any():
+        row, column = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"normals must be unit vectors within the mask; at row {row}, column {column} there is "
+            f"{normals[row, column]}. Normalise it, mask it out, or give it an infinite error."
+        )
+    rays = rays_of(camera)
+    toward = rays.toward / np.linalg.norm(rays.toward, axis=-1, keepdims=True)
+    normals = np.where(known[..., None], normals / np.where(known, length, 1.0)[..., None], toward)
+    away = known & (facing(normals, rays) < LEAST_FACING)
+    if away.sum() > MOST_AWAY * known.sum():
+        row, column = np.argwhere(away)[0]
+        raise ValueError(
+            f"normals must face the camera; {away.sum()} of {known.sum()} do not, the first {normals[row, column]} at "
+            f"row {row}, column {column}. Give them in world coordinates, pointing out of the surface, and the camera "
+            "that sees them."
+        )
+    normals = np.where(away[..., None], toward, normals)
+    # the error of a normal is that of both axes
+    sigma = None if degrees is None else np.deg2rad(np.where(inside, degrees, 0.0)) / np.sqrt(2.0)
+    return Given(normals, sigma, inside, known & ~away, int(away.sum()), rays)
+
+
+def _checked_errors(errors: Any, shape: tuple[int, int], inside: np.ndarray) -> Float[np.ndarray, "h w"]:
+    """Return the errors as one number a texel."""
+    degrees = _numbers("errors", errors)
+    degrees = degrees[..., 0] if degrees.shape == (*shape, 1) else degrees
+    if degrees.shape != shape:
+        raise ValueError(
+            f"errors must have the camera's shape {shape}; got {degrees.shape}. Give one number of degrees a texel."
+        )
+    if (wrong := inside & ~(degrees > 0)).any():
+        row, column = np.argwhere(wrong)[0]
+        raise ValueError(
+            f"errors must be above 0 degrees within the mask; got {degrees[row, column]} at row {row}, column "
+            f"{column}. Give a standard error, infinite where the normal is not known."
+        )
+    return degrees
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    """Return an argument as float64; refuse what is not numbers."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be an array of numbers; got {type(value).__name__}. Give a NumPy array.") from None

@@ -1,0 +1,85 @@
+"""The curl of the differences: what they add up to around four neighbouring texels, at several resolutions.
+
+Around a closed path the differences of any height field add up to 0. What they do add up to is noise, or tells of a
+discontinuity between the texels. A texel of the next coarser level is the mean of 2 x 2 texels, and the differences of
+such means are sums of differences, without a further approximation: of a discontinuity that many texels share, coarser
+levels show more.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .differences import Differences
+
+MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a number of deviation 1
+
+
+class Level(NamedTuple):
+    """Differences across and down at one resolution."""
+
+    inside: Bool[np.ndarray, "h w"]
+    values: tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]
+    """Across and down; 0 where there is none."""
+    variances: tuple[Float[np.ndarray, "h v"], Float[np.ndarray, "g w"]]
+    """Infinite where there is no difference."""
+    depth: int = 0
+    """Number of the level; the texels of the next one are twice as large."""
+
+    @classmethod
+    def of(cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> Level:
+        """Return the finest level."""
+        return cls(inside, (across.value, down.value), (across.deviation**2, down.deviation**2))
+
+    def curl(self) -> Float[np.ndarray, "h-1 w-1"]:
+        """Return the curl around each four texels in its standard deviations; 0 where a difference is missing."""
+        (across, down), (v_across, v_down) = self.values, self.variances
+        total = across[:-1] + down[:, 1:] - across[1:] - down[:, :-1]
+        variance = v_across[:-1] + v_down[:, 1:] + v_across[1:] + v_down[:, :-1]
+        return np.where(np.isfinite(variance), total / np.sqrt(variance), 0.0)
+
+    def coarser(self) -> Level:
+        """Return the level of texels of twice the size; those that are not wholly inside are left out."""
+        h, w = (size // 2 for size in self.inside.shape)
+        inside = self.inside[: 2 * h, : 2 * w].reshape(h, 2, w, 2).all((1, 3))
+        growth = _white_noise(self.depth + 1) / _white_noise(self.depth)
+        values, variances = [], []
+        for axis in (1, 0):
+            turn = (lambda image: image) if axis else np.transpose
+            value, variance = (turn(of[1 - axis]) for of in (self.values, self.variances))
+            rows, pairs = turn(inside).shape[0], turn(inside).shape[1] - 1
+
+            def mean(image: np.ndarray, middle: float, rows: int = rows, pairs: int = pairs) -> np.ndarray:
+                """Add three differences in a row, the middle one with this weight; the mean over two rows."""
+                first, second, third = (image[: 2 * rows, k : k + 2 * pairs : 2] for k in range(3))
+                total = first + middle * second + third
+                return 0.5 * (total[::2] + total[1::2])
+
+            pair = turn(inside[:, 1:] & inside[:, :-1] if axis else inside[1:] & inside[:-1])
+            spread = np.where(pair, mean(variance, 4.0) / 6.0 * growth, np.inf)
+            values.append(turn(np.where(np.isfinite(spread), 0.5 * mean(value, 2.0), 0.0)))
+            variances.append(turn(spread))
+        return Level(inside, (values[0], values[1]), (variances[0], variances[1]), self.depth + 1)
+
+
+def _white_noise(depth: int) -> float:
+    """Return the variance of a level's differences where the slopes of single texels have independent noise of 1."""
+    return 2.0 / 3.0 - 4.0**-depth / 6.0
+
+
+def levels(finest: Level, smallest: int = 6) -> list[Level]:
+    """Return the levels from the finest one, as long as an image is not smaller than `smallest` texels."""
+    found = [finest]
+    while min(found[-1].inside.shape) >= 2 * smallest:
+        found.append(found[-1].coarser())
+    return found
+
+
+def noise_scale(finest: Level) -> float:
+    """Return how much larger the curl is than its deviation says: its median size over that of noise; 0 if unknown."""
+    curl = finest.curl()
+    known = curl[curl != 0]
+    return float(np.median(np.abs(known)) / MEDIAN_OF_NORMAL) if known.size else 0.0

@@ -1,0 +1,225 @@
+"""Integration: `integrate_normals` takes a map of normals to a height field with errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from jaxtyping import ArrayLike, Bool, Float
+
+from ...core.progress import ReportProgress, showing
+from ...core.words import Note, count
+from ...model.cameras import AbstractCamera
+from .checks import Given, checked
+from .curl import Level, levels, noise_scale
+from .differences import Differences, differences
+from .discontinuities import NONE, discontinuities
+from .errors import less_mean, standard_errors
+from .map import HeightMap
+from .parts import cut_weak_joints, labels
+from .system import Grid, HeightSystem
+from .unknown import FilledNormals, fill
+
+LEAST_SIGMA = 1e-6  # radians: what normals without noise have
+UNDERSTATED = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
+FEWEST = 10  # texels that a part needs for its errors to mean something
+
+
+def integrate_normals(
+    normals: Float[ArrayLike, "h w 3"],
+    camera: AbstractCamera,
+    *,
+    mask: Bool[ArrayLike, "h w"] | None = None,
+    errors: Float[ArrayLike, "h w"] | None = None,
+    progress: bool = False,
+) -> HeightMap:
+    r"""Integrate a map of normals to a height field, with standard errors.
+
+    $$ \min_u \sum_{pq} w_{pq} (u_q - u_p - d_{pq})^2, \quad (n_p + n_q) \cdot (P_q - P_p) = 0 $$
+
+    over all pairs of neighbouring texels. The second equation says what difference d two normals give: the chord is
+    perpendicular to their sum, which is exact on planes and spheres. For parallel rays u is the height z; for rays from
+    the eye it is -log of the depth (as in Durou and Courteille 2007). The weight w is 1 over the variance that the
+    errors of the two normals give d.
+
+    Heights may jump between neighbours. Where the differences do not add up to 0 around four texels, pairs are cut along
+    the lines that make the sum of log(1 + residual^2 / variance) least, by reweighted least squares. A jump that fades
+    out within the image keeps its height. (The aim of bilateral normal integration, Cao et al. 2022, whose weights
+    react only to jumps of about a texel's size between one texel and the next along the line.) A jump of the same
+    height all along a line that leads from border to border leaves no trace in the normals: no method can see it.
+
+    The linear systems are solved by conjugate gradients with algebraic multigrid (pyamg).
+
+    Args:
+        normals: Unit normals in world coordinates, pointing out of the surface, such as
+            `TexelMaps.values["normal"]`. Those that face away from the camera, or at more than 89 degrees, count as not
+            known.
+        camera: Camera of the normals, `OrthographicCamera` or `Camera`; its shape is theirs.
+        mask: Where the surface is; holes and several parts are allowed. By default, where the normal is not zero.
+        errors: Standard errors of the normals, degrees, such as `TexelMaps.errors["normal"]`: the root mean square
+            angle. Above 0; infinite, or over 40, where a normal is not known: it is interpolated then. By default one
+            number for all, estimated from the curl of the differences; given ones are enlarged by a factor where the
+            curl shows them to be too small. The errors of different texels are taken to be independent.
+        progress: Show a line of progress on the terminal.
+
+    Returns:
+        The heights, their errors, the parts whose relative height is not determined, and notes about them.
+
+    Raises:
+        ValueError: An array has a wrong shape, a normal is not a unit vector, an error is not above 0, more than a
+            fifth of the normals face away from the camera, or none is left; the message names the texel and the remedy.
+        TypeError: An argument has the wrong type.
+    """
+    given = checked(normals, camera, mask, errors)
+    with showing("heights", show=progress) as report_progress:
+        return _integrated(given, camera, report_progress)
+
+
+def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportProgress) -> HeightMap:
+    """Integrate normals that have been checked."""
+    inside = given.inside & _reached(given.inside, given.known)
+    report_progress("differences")
+    filled, scale = _with_errors(given, inside)
+    across, down = differences(filled.normal, filled.sigma, inside, given.rays)
+    level = Level.of(inside, across, down)
+    grid = Grid.of(inside)
+    d, variance = grid.edges(*level.values), grid.edges(*level.variances)
+    broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
+    variance = np.where(broken, 1.0, variance)
+    cut, u = discontinuities(grid, levels(level), report_progress)
+    jump = cut
+    if u is not None:
+        report_progress("parts")
+        cut = cut_weak_joints(grid, cut | broken, d, np.sqrt(variance), u)
+    report_progress("heights")
+    cut = cut | broken
+    part = labels(grid, cut)
+    system = HeightSystem(grid, np.where(cut, NONE, 1.0) / variance)
+    u = less_mean(system.solve(d, u), part)
+    deviation = standard_errors(system, across, down, filled, part, report_progress)
+    deviation = np.where(np.bincount(part)[part] < FEWEST, np.inf, deviation)
+    return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))
+
+
+def _reached(inside: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Return the connected regions of a mask in which a normal is known."""
+    region, number = scipy.ndimage.label(inside)
+    reached = np.zeros(number + 1, bool)
+    reached[np.unique(region[known])] = True
+    return reached[region]
+
+
+def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledNormals, float]:
+    """Return normals and errors at every texel, and the factor of the errors, or the errors' size if none was given."""
+    known = given.known & inside
+    sigma = np.ones(inside.shape) if given.sigma is None else given.sigma
+    level = Level.of(known, *differences(given.normal, sigma, known, given.rays))
+    scale = noise_scale(level)
+    if given.sigma is None:
+        sigma = np.full(inside.shape, max(scale, LEAST_SIGMA))
+    elif scale > UNDERSTATED:
+        sigma = scale * sigma
+    return fill(given.normal, sigma, inside, known), scale
+
+
+def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
+    """Return what is to be said about the heights."""
+    found = []
+    sizes = np.bincount(part)
+    large = sizes[sizes >= FEWEST]
+    what = "heights" if given.rays.parallel else "scales"
+    if len(large) > 1:
+        found.append(
+            Note(
+                f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: no "
+                "normals join them, or too few beside jumps. Each has a mean of its own.",
+                "parts",
+            )
+        )
+    if (few := int(sizes[sizes < FEWEST].sum())) > 0:
+        found.append(
+            Note(
+                f"{count(few, 'texel')} in parts of fewer than {FEWEST} fit no neighbours: their errors are infinite.",
+                "single texels",
+            )
+        )
+    if jump.any():
+        found.append(
+            Note(
+                f"the height jumps between {count(int(jump.sum()), 'pair')} of neighbours, where the normals "
+                "contradict a continuous surface.",
+                "jumps",
+            )
+        )
+    if given.sigma is None:
+        degrees = np.rad2deg(max(scale, LEAST_SIGMA)) * np.sqrt(2.0)
+        found.append(
+            Note(
+                f"no errors were given: {degrees:.2g} degrees, the same everywhere, follow from the curl of the "
+                "normals, which does not show errors that neighbours share.",
+                "errors estimated",
+            )
+        )
+    elif scale > UNDERSTATED:
+        found.append(
+            Note(f"the normals' errors were multiplied by {scale:.2g}, which their curl asks for.", "errors enlarged")
+        )
+    if given.away:
+        found.append(
+            Note(
+                f"{count(given.away, 'normal')} at 89 degrees from the camera or more were taken as not known.",
+                "facing away",
+            )
+        )
+    if (unknown := int((given.inside & ~given.known).sum()) - given.away) > 0:
+        found.append(
+            Note(
+                f"{count(unknown, 'normal')} with an error over 40 degrees were interpolated from their neighbours.",
+                "interpolated",
+            )
+        )
+    if (lost := int(given.inside.sum()) - grid.size) > 0:
+        found.append(
+            Note(
+                f"{count(lost, 'texel')} have no height: they are in parts of the mask without a known normal.",
+                "without normals",
+            )
+        )
+    return tuple(found)
+
+
+def _sizes(sizes: np.ndarray) -> str:
+    """Return the sizes of the largest parts in words."""
+    words = [f"{size:,}" for size in sizes[:3]]
+    return ", ".join(words) + (", ..." if len(sizes) > 3 else "")
+
+
+def _as_map(
+    given: Given,
+    camera: AbstractCamera,
+    grid: Grid,
+    normals: Float[np.ndarray, "h w 3"],
+    u: Float[np.ndarray, " texels"],
+    deviation: Float[np.ndarray, " texels"],
+    part: np.ndarray,
+    cut: Bool[np.ndarray, " edges"],
+    notes: tuple[Note, ...],
+) -> HeightMap:
+    """Return the solution as heights above the plane through the camera's target."""
+    if given.rays.parallel:
+        height, error = u, deviation
+    else:
+        depth = given.rays.distance * np.exp(-u)
+        height, error = given.rays.distance - depth, depth * deviation
+    across, down = grid.images(cut, False)
+    known = np.where(given.inside & (grid.index < 0), np.inf, 0.0)  # a part of the mask without a normal
+    errors = np.where(grid.index >= 0, grid.image(error), known)
+    return HeightMap(
+        height=grid.image(height),
+        errors=errors,
+        part=grid.image(part.astype(np.int32), -1),
+        jump_right=np.pad(across, ((0, 0), (0, 1))),
+        jump_below=np.pad(down, ((0, 1), (0, 0))),
+        normal=np.where(grid.inside[..., None], normals, 0.0),
+        camera=camera,
+        notes=notes,
+    )

@@ -1,0 +1,139 @@
+"""Parts: texels whose heights are known relative to each other.
+
+Two parts are apart where no pair of texels joins them, or where too few do. A jump along a whole line leaves the heights
+of its two sides undetermined, and a solution still joins them: at the offset at which the jump happens to be 0 for some
+pairs along the line. A joint counts only if it is special: if clearly more pairs agree to one jump than to any other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .discontinuities import CUT, NONE
+from .system import Grid, HeightSystem
+
+REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
+SPECIAL = 2.0  # a joint needs so many times the pairs of any other offset,
+MORE = 5  # and so many more
+FEWEST = 3  # cut pairs that touch: fewer are noise
+SMALLEST = 50  # texels of a piece; the texels of smaller ones belong to the nearest larger one
+
+
+def labels(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
+    """Return the part of each texel, joined by the pairs that are not cut; 0 is the largest part."""
+    start, end = grid.start[~cut], grid.end[~cut]
+    joined = coo_matrix((np.ones(start.size, bool), (start, end)), (grid.size, grid.size))
+    count, label = connected_components(joined, directed=False)
+    rank = np.empty(count, np.int32)
+    rank[np.argsort(-np.bincount(label), kind="stable")] = np.arange(count)
+    return rank[label]
+
+
+def cut_weak_joints(
+    grid: Grid,
+    cut: Bool[np.ndarray, " edges"],
+    differences: Float[np.ndarray, " edges"],
+    deviations: Float[np.ndarray, " edges"],
+    u: Float[np.ndarray, " texels"],
+) -> Bool[np.ndarray, " edges"]:
+    """Return the pairs that are cut, with those that join parts which hardly touch each other.
+
+    Args:
+        grid: The texels.
+        cut: Which pairs are cut by now.
+        differences: Of each pair.
+        deviations: Their standard deviations.
+        u: The heights that go with these cuts.
+    """
+    for reach in REACHES if cut.any() else ():
+        piece = _pieces(grid, cut, reach)
+        between = np.flatnonzero(piece[grid.start] != piece[grid.end])
+        seams = _seams(piece, grid, between)
+        jump = grid.step(u) - differences
+        doubtful = [seam for seam in seams if np.mean(np.abs(jump[seam]) < CUT * deviations[seam]) < 0.5]
+        if not doubtful:
+            continue
+        # a joint draws both sides to each other: only without it the jumps are what the normals say
+        apart = cut.copy()
+        apart[np.concatenate(doubtful)] = True
+        u = HeightSystem(grid, np.where(apart, NONE, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
+        jump = np.where(piece[grid.start] < piece[grid.end], 1.0, -1.0) * (grid.step(u) - differences)
+        weak = [seam for seam in doubtful if not _determined(jump[seam], deviations[seam])]
+        if weak:
+            cut = _with_strips_joined(grid, cut, np.concatenate(weak))
+    return cut
+
+
+def _seams(
+    piece: Int[np.ndarray, " texels"], grid: Grid, between: Int[np.ndarray, " seam"]
+) -> list[Int[np.ndarray, " pairs"]]:
+    """Return the pairs between each two pieces."""
+    one, other = piece[grid.start[between]].astype(np.int64), piece[grid.end[between]]
+    key = np.minimum(one, other) * (piece.max(initial=0) + 1) + np.maximum(one, other)
+    order = np.argsort(key, kind="stable")
+    return [run for run in np.split(between[order], np.flatnonzero(np.diff(key[order])) + 1) if run.size]
+
+
+def _with_strips_joined(
+    grid: Grid, cut: Bool[np.ndarray, " edges"], seam: Int[np.ndarray, " pairs"]
+) -> Bool[np.ndarray, " edges"]:
+    """Return the cuts with a seam, but for its pairs that join strips between the seam and the cuts to one side."""
+    found = cut.copy()
+    found[seam] = True
+    new = seam[~cut[seam]]
+    for _ in range(2):
+        label = labels(grid, found)
+        small = np.bincount(label)[label] < SMALLEST
+        one, other = grid.start[new], grid.end[new]
+        for here, there in ((one, other), (other, one)):
+            strip = new[small[here] & ~small[there]]
+            found[strip[_of_most(label[here], label[there], small[here] & ~small[there])]] = False
+    return found
+
+
+def _of_most(
+    strip: Int[np.ndarray, " pairs"], side: Int[np.ndarray, " pairs"], counts: Bool[np.ndarray, " pairs"]
+) -> Bool[np.ndarray, " counted"]:
+    """Return, of the pairs that count, those between each strip and the side to which it has most pairs."""
+    strip, side = strip[counts], side[counts]
+    key, inverse, number = np.unique(np.stack([strip, side]), axis=1, return_inverse=True, return_counts=True)
+    best = {}
+    for k in np.argsort(number, kind="stable"):
+        best[key[0, k]] = k
+    return np.array([best[s] == k for s, k in zip(strip, inverse.ravel(), strict=True)], bool)
+
+
+def _pieces(grid: Grid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
+    """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
+    near = np.zeros(grid.size, bool)
+    near[grid.start[cut]] = near[grid.end[cut]] = True
+    close = grid.image(near)
+    group, _ = scipy.ndimage.label(close, np.ones((3, 3), int))
+    close &= (np.bincount(group.ravel()) >= FEWEST)[group]
+    if reach > 1:
+        close = scipy.ndimage.distance_transform_cdt(~close, "chessboard") < reach
+    piece, _ = scipy.ndimage.label(grid.inside & ~close)
+    large = np.bincount(piece.ravel()) >= SMALLEST
+    large[0] = False
+    if not large.any():
+        return np.zeros(grid.size, np.int32)
+    piece *= large[piece]
+    place = scipy.ndimage.distance_transform_edt(piece == 0, return_distances=False, return_indices=True)
+    return piece[tuple(place)][grid.inside]
+
+
+def _determined(jump: Float[np.ndarray, " pairs"], deviation: Float[np.ndarray, " pairs"]) -> bool:
+    """Whether clearly more pairs agree to one jump than to any other."""
+    order = np.argsort(jump)
+    jump, width = jump[order], CUT * deviation[order]
+
+    def agreeing(jump: np.ndarray, width: np.ndarray) -> np.ndarray:
+        return np.searchsorted(jump, jump + width) - np.searchsorted(jump, jump - width)
+
+    best = int(np.argmax(number := agreeing(jump, width)))
+    others = np.abs(jump - jump[best]) >= width + width[best]
+    return bool(number[best] > SPECIAL * agreeing(jump[others], width[others]).max(initial=0) + MORE)

@@ -1,0 +1,134 @@
+"""The linear system of heights: weighted least squares of the differences, solved by algebraic multigrid.
+
+    min sum_e w_e (u_q - u_p - d_e)^2
+
+Its matrix is the Laplacian of the texels' graph. Conjugate gradients are preconditioned by a multigrid cycle (pyamg).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Bool, Float, Int
+
+TINY = 1e-12  # added to the diagonal, relative to it: it makes parts of which only differences are known regular
+
+
+class Grid(NamedTuple):
+    """The texels of a mask in the order of the image, and the pairs of neighbours among them."""
+
+    inside: Bool[np.ndarray, "h w"]
+    index: Int[np.ndarray, "h w"]
+    """Number of each texel; -1 outside."""
+    start: Int[np.ndarray, " edges"]
+    end: Int[np.ndarray, " edges"]
+    """The texels of each pair, all pairs across before all pairs down."""
+    across: Bool[np.ndarray, "h w"]
+    down: Bool[np.ndarray, "h w"]
+    """Where a pair begins, for h x (w - 1) and (h - 1) x w texels."""
+
+    @classmethod
+    def of(cls, inside: Bool[np.ndarray, "h w"]) -> Grid:
+        """Return the grid of a mask."""
+        index = np.full(inside.shape, -1, np.int32)
+        index[inside] = np.arange(inside.sum(), dtype=np.int32)
+        across, down = inside[:, :-1] & inside[:, 1:], inside[:-1] & inside[1:]
+        start = np.concatenate([index[:, :-1][across], index[:-1][down]])
+        end = np.concatenate([index[:, 1:][across], index[1:][down]])
+        return cls(inside, index, start, end, across, down)
+
+    @property
+    def size(self) -> int:
+        """Number of texels."""
+        return int(self.index.max()) + 1
+
+    def edges(self, across: np.ndarray, down: np.ndarray) -> np.ndarray:
+        """Return numbers of pairs, given as arrays of the image's shape, as one row."""
+        return np.concatenate([across[self.across], down[self.down]])
+
+    def images(self, edges: np.ndarray, outside: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers of pairs as arrays of the image's shape, across and down."""
+        count = int(self.across.sum())
+        across, down = (np.full(pairs.shape, outside, edges.dtype) for pairs in (self.across, self.down))
+        across[self.across], down[self.down] = edges[:count], edges[count:]
+        return across, down
+
+    def image(self, texels: np.ndarray, outside: float = 0.0) -> np.ndarray:
+        """Return numbers of texels as an array of the image's shape."""
+        found = np.full(self.inside.shape, outside, texels.dtype)
+        found[self.inside] = texels
+        return found
+
+    def step(self, u: Float[np.ndarray, " texels"]) -> Float[np.ndarray, " edges"]:
+        """Return the difference of each pair."""
+        return u[self.end] - u[self.start]
+
+    def gather(self, edges: Float[np.ndarray, " edges"]) -> Float[np.ndarray, " texels"]:
+        """Return what flows into each texel: the transpose of `step`."""
+        size = self.size
+        return np.bincount(self.end, edges, size) - np.bincount(self.start, edges, size)
+
+
+class HeightSystem:
+    """The matrix of a grid's weighted differences, and its multigrid hierarchy, which other weights may share."""
+
+    def __init__(self, grid: Grid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
+        self.grid, self.weights = grid, weights
+        self.matrix = laplacian(grid, weights)
+        self._cycle = _multigrid(self.matrix) if hierarchy is None else hierarchy._cycle
+
+    def solve(
+        self,
+        differences: Float[np.ndarray, " edges"],
+        start: Float[np.ndarray, " texels"] | None = None,
+        *,
+        tolerance: float = 1e-8,
+        most: int = 200,
+    ) -> Float[np.ndarray, " texels"]:
+        """Return the heights that fit the differences best.
+
+        Args:
+            differences: Of each pair.
+            start: Heights to begin with; 0 by default.
+            tolerance: Ends where the preconditioned residual, relative to that of zero heights, is below it.
+            most: Most steps.
+        """
+        b = self.grid.gather(self.weights * differences)
+        x = np.zeros_like(b) if start is None else start.copy()
+        r = b - self.matrix @ x
+        z = self._cycle(r)
+        p, energy = z, float(r @ z)
+        enough = tolerance**2 * float(b @ self._cycle(b)) if start is not None else tolerance**2 * energy
+        for _ in range(most):
+            if energy <= enough:
+                break
+            q = self.matrix @ p
+            step = energy / float(p @ q)
+            x += step * p
+            r -= step * q
+            z = self._cycle(r)
+            last, energy = energy, float(r @ z)
+            p = z + (energy / last) * p
+        return x
+
+
+def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_matrix:
+    """Return the weighted Laplacian of a grid, made regular."""
+    size = grid.size
+    diagonal = np.bincount(grid.start, weights, size) + np.bincount(grid.end, weights, size)
+    own = np.arange(size, dtype=np.int32)
+    rows = np.concatenate([grid.start, grid.end, own])
+    columns = np.concatenate([grid.end, grid.start, own])
+    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + TINY), 1.0)])
+    return scipy.sparse.coo_matrix((values, (rows, columns)), (size, size)).tocsr()
+
+
+def _multigrid(matrix: scipy.sparse.csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """Return one V-cycle of classical algebraic multigrid (Ruge and Stuben 1987)."""
+    import pyamg
+
+    levels = pyamg.ruge_stuben_solver(matrix, max_coarse=200, coarse_solver="splu")
+    return levels.aspreconditioner(cycle="V").matvec
