@@ -31,8 +31,10 @@ class Level(NamedTuple):
 
     @classmethod
     def of(cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> Level:
-        """Return the finest level."""
-        return cls(inside, (across.value, down.value), (across.deviation**2, down.deviation**2))
+        """Return the finest level, without differences where the surface is steep."""
+        pairs = (across, down)
+        variances = [np.where(pair.steep, np.inf, pair.deviation**2) for pair in pairs]
+        return cls(inside, (across.value, down.value), (variances[0], variances[1]))
 
     def curl(self) -> Float[np.ndarray, "h-1 w-1"]:
         """Return the curl around each four texels in its standard deviations; 0 where a difference is missing."""

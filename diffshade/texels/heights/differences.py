@@ -14,12 +14,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float
 
 from ...core.backend import in_float64
 from ...model.cameras import AbstractCamera
 
 LEAST_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
+STEEP = 0.1  # a mean normal's deviation over its cosine to the camera; above it differences are not normally distributed
+WINDOW = 5  # texels: side of the window in which normals are smoothed for their weights
 CREASE = 3.0  # a change of the normals' turning counts as a crease above so many of its standard errors
 
 
@@ -87,6 +90,8 @@ class Differences(NamedTuple):
     """Share of this texel in that mean; the rest is the next texel's."""
     crease: Float[np.ndarray, "h w"]
     """Standard deviation that a crease at an unknown place between the two adds; a part of `deviation`."""
+    steep: Bool[np.ndarray, "h w"]
+    """Where the surface is so steep that noise does not only widen but distorts the difference: it shows no jump."""
 
     @property
     def known(self) -> Bool[np.ndarray, "h w"]:
@@ -108,12 +113,17 @@ def differences(
 
     is least, where tau is the angle between the two: a normal that is not known has no weight.
 
+    A steep slope has a large variance. If a normal's own noise decided how steep it counts, weights and errors would be
+    correlated and the heights biased; derivatives are therefore taken at smoothed normals. The bias of second order,
+    half the trace of second derivative times covariance, is subtracted.
+
     Args:
         normals: Unit normals in world coordinates, those that are not known interpolated.
         sigma: Their standard deviation about each of two axes, radians.
         inside: Where there are texels.
         rays: The rays of the camera.
     """
+    smooth = smoothed(normals, inside)
     both = []
     for axis in (1, 0):
         here, there = _pair(axis)
@@ -123,42 +133,85 @@ def differences(
         turn = np.maximum(turn - 2.0 * (s_p + s_q), 0.0)  # what noise does not explain; each has two axes
         total = s_p + s_q + turn
         share = np.divide(s_q + turn / 2.0, total, out=np.full(total.shape, 0.5), where=total > 0)
-        mean = share[..., None] * n_p + (1.0 - share)[..., None] * n_q
-        variance = share**2 * s_p + (1.0 - share) ** 2 * s_q + (0.5 - share) ** 2 * turn
-        value, lever, faces = _chord(mean, rays, axis, here, there)
-        size = np.linalg.norm(lever, axis=-1)
-        pair = pair & faces & np.isfinite(variance) & np.isfinite(size)
+        weight = share[..., None]
+        noise = share**2 * s_p + (1.0 - share) ** 2 * s_q
+        chord = _chord(weight * n_p + (1.0 - weight) * n_q, rays, axis)
+        typical = _chord(weight * smooth[here] + (1.0 - weight) * smooth[there], rays, axis)
+        size = np.linalg.norm(typical.lever, axis=-1)
+        pair &= chord.front & typical.front & np.isfinite(noise)
         crease = size * _crease(normals, sigma, inside, axis)
-        deviation = np.sqrt(size**2 * variance + crease**2)
+        deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
         both.append(
             Differences(
-                np.where(pair, value, 0.0),
+                np.where(pair, chord.value - typical.bend * noise, 0.0),
                 np.where(pair, deviation, np.inf),
-                np.where(pair[..., None], lever, 0.0),
+                np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
+                pair & (noise > (STEEP * typical.cosine) ** 2),
             )
         )
     return both[0], both[1]
 
 
-def _chord(
-    mean: Float[np.ndarray, "h w 3"], rays: Rays, axis: int, here: tuple[slice, ...], there: tuple[slice, ...]
-) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-    """Return the difference for a mean normal, its derivative by that normal, and whether both rays see its front."""
+class _Chord(NamedTuple):
+    """What a mean normal says of the chord."""
+
+    value: Float[np.ndarray, "h w"]
+    lever: Float[np.ndarray, "h w 3"]
+    """Derivative of the value by the normal."""
+    bend: Float[np.ndarray, "h w"]
+    """Half the trace of the second derivative, in the plane across the normal."""
+    front: Bool[np.ndarray, "h w"]
+    """Whether both rays see the front."""
+    cosine: Float[np.ndarray, "h w"]
+    """Of the normal with the direction to the camera."""
+
+
+def _chord(mean: Float[np.ndarray, "h w 3"], rays: Rays, axis: int) -> _Chord:
+    """Return the difference for a mean normal, and how it changes with that normal."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if rays.parallel:
-            step = rays.step[1 - axis]
-            front = _dot(mean, rays.toward)
-            value = -_dot(mean, step) / front
-            lever = -(step + value[..., None] * rays.toward) / front[..., None]
-            return value, lever, front > 0.5 * LEAST_FACING
+            step, cosine = rays.step[1 - axis], _dot(mean, rays.toward)
+            value = -_dot(mean, step) / cosine
+            lever = -(step + value[..., None] * rays.toward) / cosine[..., None]
+            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * LEAST_FACING, cosine)
+        here, there = _pair(axis)
         r_p, r_q = rays.toward[here], rays.toward[there]
         front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
+        square_p, square_q = _dot(r_p, r_p), _dot(r_q, r_q)
         value = np.log(front_q / front_p)
         lever = r_q / front_q[..., None] - r_p / front_p[..., None]
-        least = 0.5 * LEAST_FACING * np.linalg.norm(r_p, axis=-1)
-        return value, lever, np.minimum(front_p, front_q) > least
+        bend = 0.5 * (square_p / front_p**2 - square_q / front_q**2)
+        cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
+        return _Chord(value, lever, bend, cosine > 0.5 * LEAST_FACING, cosine)
+
+
+def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
+    """Return the normals smoothed by local planes: least squares of a + b x + c y in a window about each texel."""
+    row, column = np.indices(inside.shape).astype(float)
+    mask = inside.astype(float)
+
+    def mean(image: np.ndarray) -> np.ndarray:
+        return scipy.ndimage.uniform_filter(image * mask, WINDOW, mode="constant")
+
+    count = np.maximum(mean(np.ones_like(mask)), 0.5 / WINDOW**2)
+    y, x = mean(row) / count, mean(column) / count
+    # the window's moments about its own middle, with a ridge for windows without extent
+    ridge = 1e-3
+    xx = mean(column**2) / count - x**2 + ridge
+    yy = mean(row**2) / count - y**2 + ridge
+    xy = mean(row * column) / count - x * y
+    found = np.zeros(normals.shape)
+    for axis in range(3):
+        n = normals[..., axis]
+        middle = mean(n) / count
+        nx, ny = mean(n * column) / count - middle * x, mean(n * row) / count - middle * y
+        determinant = xx * yy - xy**2
+        slope_x, slope_y = (yy * nx - xy * ny) / determinant, (xx * ny - xy * nx) / determinant
+        found[..., axis] = middle + slope_x * (column - x) + slope_y * (row - y)
+    length = np.linalg.norm(found, axis=-1, keepdims=True)
+    return np.where(length > 0.5, found / np.maximum(length, 0.5), normals)
 
 
 def _crease(

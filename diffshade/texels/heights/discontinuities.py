@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.ndimage
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
@@ -26,58 +27,52 @@ from .system import Grid, HeightSystem
 
 SIGNIFICANT = 5.0  # curl beyond so many deviations begins a search: noise does so once in 1.7 million texels
 SEED_LEVELS = 3
-STEPS = 20
-SETUPS = (0, 1, 2, 3, 5, 8, 13)  # steps with a multigrid hierarchy of their own; later ones keep the last
+STEPS = 12
+SETUPS = (0, 1, 2, 4, 7)  # steps with a multigrid hierarchy of their own; later ones keep the last
 CUT = 4.0  # residuals beyond so many deviations are jumps
 BESIDE = 2.0  # the same for pairs beside a cut one: a line is followed to where it fades out
-FOLLOWED = 8  # pairs at once
-STAYS = 6.0  # the same for pairs that are cut, whose residuals no longer draw the heights to them
+FOLLOWED = 8  # pairs, each time
+LINE = 4  # pairs that touch
 NONE = 1e-12  # relative weight of a cut pair
 
 
 def discontinuities(
-    grid: Grid, levels: Sequence[Level], report_progress: ReportProgress
+    grid: Grid,
+    levels: Sequence[Level],
+    differences: Float[np.ndarray, " edges"],
+    variances: Float[np.ndarray, " edges"],
+    report_progress: ReportProgress,
 ) -> tuple[Bool[np.ndarray, " edges"], Float[np.ndarray, " texels"] | None]:
-    """Return which pairs are cut, and the heights that go with them; no heights where no curl is significant."""
-    finest = levels[0]
-    d, variance = grid.edges(*finest.values), grid.edges(*finest.variances)
+    """Return which pairs are cut, and the heights that go with them; no heights where no curl is significant.
+
+    Args:
+        grid: The texels.
+        levels: The differences at several resolutions, without those that cannot show a jump.
+        differences: Of each pair.
+        variances: Of each pair.
+        report_progress: Told how far the search is.
+    """
+    testable = np.isfinite(grid.edges(*levels[0].variances))
+    cut = np.zeros(testable.shape, bool)
     if all(np.abs(level.curl()).max(initial=0.0) < SIGNIFICANT for level in levels):
-        return np.zeros(d.shape, bool), None
-    base = 1.0 / variance
+        return cut, None
+    base = 1.0 / variances
     weights, system, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None, None
+    square = np.zeros(testable.shape)
     for step in range(STEPS):
         report_progress("discontinuities", step / STEPS)
         system = HeightSystem(grid, base * weights, None if step in SETUPS else system)
-        u = system.solve(d, u, tolerance=1e-3, most=8)
-        weights = 1.0 / (1.0 + (grid.step(u) - d) ** 2 * base)
-    assert u is not None
-    cut = weights < 1.0 / (1.0 + CUT**2)
+        u = system.solve(differences, u, tolerance=1e-4, most=25)
+        square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
+        weights = 1.0 / (1.0 + square)
+    cut = square > CUT**2
     for _ in range(3):
+        cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out
         system = HeightSystem(grid, base * np.where(cut, NONE, 1.0))
-        u = system.solve(d, u, tolerance=1e-4)
-        size = np.sqrt((grid.step(u) - d) ** 2 * base)
-        cut = _followed(grid, size > np.where(cut & ~_beside(grid, cut), STAYS, CUT), size > BESIDE)
+        u = system.solve(differences, u, tolerance=1e-5)
+        square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
+        cut = _followed(grid, square > CUT**2, square > BESIDE**2)
     return cut, u
-
-
-def _followed(
-    grid: Grid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
-) -> Bool[np.ndarray, " edges"]:
-    """Return the cut pairs and the candidates that continue them."""
-    for _ in range(FOLLOWED):
-        more = cut | (candidates & _beside(grid, cut))
-        if (more == cut).all():
-            break
-        cut = more
-    return cut
-
-
-def _beside(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
-    """Return which pairs share four neighbouring texels with another pair that is cut."""
-    across, down = (image.astype(np.int8) for image in grid.images(cut, False))
-    around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]
-    rows, columns = np.pad(around, ((1, 1), (0, 0))), np.pad(around, ((0, 0), (1, 1)))
-    return grid.edges(rows[:-1] + rows[1:] - 2 * across > 0, columns[:, :-1] + columns[:, 1:] - 2 * down > 0)
 
 
 def seeds(levels: Sequence[Level]) -> tuple[np.ndarray, np.ndarray]:
@@ -102,3 +97,34 @@ def _spread(coarse: Float[np.ndarray, "h v"], shape: tuple[int, int]) -> Float[n
         part = fine[:rows, k : k + 2 * pairs : 2]
         np.minimum(part, np.repeat(coarse, 2, axis=0), out=part)
     return fine
+
+
+def _in_lines(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+    """Return the cut pairs of which several touch."""
+    near = np.zeros(grid.size, bool)
+    near[grid.start[cut]] = near[grid.end[cut]] = True
+    group, _ = scipy.ndimage.label(grid.image(near), np.ones((3, 3), int))
+    of_pair = group[grid.inside][grid.start[cut]]
+    found = cut.copy()
+    found[cut] = np.bincount(of_pair)[of_pair] >= LINE
+    return found
+
+
+def _followed(
+    grid: Grid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
+) -> Bool[np.ndarray, " edges"]:
+    """Return the cut pairs and the candidates that continue them."""
+    for _ in range(FOLLOWED):
+        more = cut | (candidates & _beside(grid, cut))
+        if (more == cut).all():
+            break
+        cut = more
+    return cut
+
+
+def _beside(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+    """Return which pairs share four neighbouring texels with another pair that is cut."""
+    across, down = (image.astype(np.int8) for image in grid.images(cut, False))
+    around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]
+    rows, columns = np.pad(around, ((1, 1), (0, 0))), np.pad(around, ((0, 0), (1, 1)))
+    return grid.edges(rows[:-1] + rows[1:] - 2 * across > 0, columns[:, :-1] + columns[:, 1:] - 2 * down > 0)

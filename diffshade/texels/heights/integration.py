@@ -82,10 +82,10 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     across, down = differences(filled.normal, filled.sigma, inside, given.rays)
     level = Level.of(inside, across, down)
     grid = Grid.of(inside)
-    d, variance = grid.edges(*level.values), grid.edges(*level.variances)
+    d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
     broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
-    variance = np.where(broken, 1.0, variance)
-    cut, u = discontinuities(grid, levels(level), report_progress)
+    variance = np.where(broken, 1e300, variance)
+    cut, u = discontinuities(grid, levels(level), d, variance, report_progress)
     jump = cut
     if u is not None:
         report_progress("parts")
