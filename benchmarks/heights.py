@@ -29,10 +29,10 @@ NOISE = 1.0  # degrees
 
 def surfaces(size: int) -> dict[str, reliefs.Relief]:
     """Return the surfaces by name, each about the square of `size` texels."""
-    over = int(round(size * 2.2 / np.sqrt(np.pi)))  # the ball covers a part of its image
+    over = round(size * 2.2 / float(np.sqrt(np.pi)))  # the ball covers a part of its image
     return {
         "ball": reliefs.sphere(over),
-        "ball, perspective": reliefs.sphere(int(round(over * 2.4 / 2.2)), perspective=True),
+        "ball, perspective": reliefs.sphere(round(over * 2.4 / 2.2), perspective=True),
         "step that fades out": reliefs.relief(size, reliefs.stepped(0.3)),
     }
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .sources import LOSSES, ROOM, VIEWS, Options, by_name, with_options
 from .terminal import SETTINGS, Names, OneOf, answer, as_json
+
+if TYPE_CHECKING:
+    import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s")
 
@@ -26,9 +29,10 @@ FREE = ("k_d", "k_s", "n_s")
 @click.option("--free", type=Names(), default=(), help="Maps  [default: k_d,k_s,n_s; normal too if unknown]")
 @click.option("--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
+@click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
-def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json: bool) -> None:
+def texels(typed: Options, out: Path, shared: bool, heights: bool, suffix: str | None, as_json: bool) -> None:
     """Find maps: a material for every pixel.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
@@ -41,12 +45,16 @@ def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json:
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
+    free = typed.free or (FREE if shaped else (*FREE, "normal"))
+    surface = found.scene.objects[0].surface
+    if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
+        raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
     with by_name(found.names):
         maps = ds.fit_texels(
             found.scene,
             found.views,
-            free=typed.free or (FREE if shaped else (*FREE, "normal")),
+            free=free,
             loss=typed.loss,
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
             out=out,
@@ -54,13 +62,17 @@ def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json:
             **memory,
         )
     written = [] if suffix is None else maps.write(out, suffix=suffix)
+    relief = _integrated(maps) if heights else None
+    if relief is not None:
+        for ending in (".npy", suffix):
+            written += [] if ending is None else relief.write(out, suffix=ending)
     status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}
     medians = {
         name: np.median(value[maps.trusted(name)], axis=0) if maps.trusted(name).any() else None
         for name, value in maps.values.items()
     }
     answer(
-        "\n".join([f"{found.encodings}", f"{maps}", f"{out}: the maps"]),
+        "\n".join([f"{found.encodings}", f"{maps}", *([] if relief is None else [f"{relief}"]), f"{out}: the maps"]),
         {
             "photographs": found.names,
             "read_as": found.encodings.names,
@@ -68,7 +80,24 @@ def texels(typed: Options, out: Path, shared: bool, suffix: str | None, as_json:
             "status": status,
             "medians": medians,
             "notes": maps.notes,
+            "heights": None if relief is None else {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
             "written": written,
         },
         as_json=as_json,
     )
+
+
+def _integrated(maps: ds.TexelMaps) -> ds.HeightMap:
+    """Integrate the normals of maps, or the ones that were known."""
+    import numpy as np
+
+    import diffshade as ds
+
+    inside = maps.status != maps.STATUS.index("outside")
+    if "normal" in maps.values:
+        normal, errors = maps.values["normal"], maps.errors["normal"]
+    else:
+        surface = maps.scene.objects[0].surface
+        assert isinstance(surface, ds.GBuffer)
+        normal, errors = np.asarray(surface.normal), None
+    return ds.integrate_normals(normal, maps.camera, mask=inside, errors=errors, progress=True)

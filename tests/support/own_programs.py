@@ -201,6 +201,10 @@ def _texels(h: Given) -> Any:
     return list(maps.values.values())
 
 
+def _normals(h: Given) -> tuple[np.ndarray, ds.Camera]:
+    return np.array(h.gbuffer.normal, np.float64), h.camera
+
+
 def _calibrate(ball: str, h: Given) -> Any:
     inside = np.asarray(ds.intersect(h.far, h.far_camera).mask)
     found = ds.calibrate(list(FAR_IMAGES[:2]), ball=ball, mask=inside)
@@ -251,6 +255,7 @@ FUNCTIONS: dict[str, Callable[[Given], Any]] = {
     "fit by tiles": _fit_tiles,
     "fit on a mesh": lambda h: _fit(h.scene, h.views, mesh=jax.make_mesh((1,), ("a",))),
     "fit_texels": _texels,
+    "integrate_normals": lambda h: (m := ds.integrate_normals(*_normals(h)), m.height, m.position)[1:],
     "forecast": lambda h: ds.forecast(h.scene, h.views, free=FREE).errors,
     "forecast a G-buffer": lambda h: ds.forecast(h.shaded, h.seen, free=FREE).errors,
     "calibrate, matte": lambda h: _calibrate("matte", h),

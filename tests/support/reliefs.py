@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -84,7 +85,7 @@ def vase(size: int, *, perspective: bool = False) -> Relief:
 
     low, high = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
     steps = np.linspace(1.0, -0.5, 3001)
-    for near, far in zip(steps, steps[1:], strict=False):
+    for near, far in itertools.pairwise(steps):
         first = np.isnan(low) & (outside(np.full(x.shape, far)) < 0)
         low[first], high[first] = far, near
     mask = ~np.isnan(low) & (np.abs(y) < 0.95)

@@ -268,6 +268,21 @@ def test_texels(typed):
     assert told["medians"]["k_d"] == pytest.approx([0.4, 0.3, 0.2], rel=0.1)  # of a ball with a highlight
     assert Path("maps/k_d.npy").is_file()
     assert Path("maps/k_d.png").is_file()
+    assert told["heights"] is None
+
+
+def test_heights_of_texels(typed):
+    words = ("texels", "photographs", "-o", "relief", "--free", "k_d", "--heights")
+    told = typed(*words, "--json").told
+    assert told["heights"]["parts"] >= 1
+    assert any("no errors were given" in note for note in told["heights"]["notes"])  # those of the folder have none
+    assert np.load("relief/height.npy").shape == (24, 24)
+    assert Path("relief/heights.toml").is_file()
+    assert str(Path("relief/height.npy")) in told["written"]
+    assert "standard error" in typed(*words).out
+    shot = ("texels", "ball.toml", *PHOTOS, "-o", "none", "--free", "k_d", "--heights")
+    assert "Add normal to --free" in typed(*shot).refusal
+    assert not Path("none").exists()
 
 
 def test_a_balls_lights_are_found_and_compared_with_a_list(typed):

@@ -98,4 +98,6 @@ def _numbers(name: str, value: Any) -> np.ndarray:
     try:
         return np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise TypeError(f"{name} must be an array of numbers; got {type(value).__name__}. Give a NumPy array.") from None
+        raise TypeError(
+            f"{name} must be an array of numbers; got {type(value).__name__}. Give a NumPy array."
+        ) from None

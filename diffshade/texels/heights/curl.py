@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .differences import Differences
+from .differences import STEEP, Differences
 
 MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a number of deviation 1
 
@@ -30,10 +30,20 @@ class Level(NamedTuple):
     """Number of the level; the texels of the next one are twice as large."""
 
     @classmethod
-    def of(cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> Level:
-        """Return the finest level, without differences where the surface is steep."""
-        pairs = (across, down)
-        variances = [np.where(pair.steep, np.inf, pair.deviation**2) for pair in pairs]
+    def of(cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences, tail: float = 0.0) -> Level:
+        """Return the finest level, without differences where the surface is too steep.
+
+        Args:
+            inside: Where there are texels.
+            across: Differences across.
+            down: Differences down.
+            tail: Deviations up to which the curl is to be trusted as if its distribution were normal. The square of a
+                normal's noise makes steep differences too large by `tail` times the steepness there.
+        """
+        variances = [
+            np.where(pair.steepness > STEEP, np.inf, ((1.0 + tail * pair.steepness) * pair.deviation) ** 2)
+            for pair in (across, down)
+        ]
         return cls(inside, (across.value, down.value), (variances[0], variances[1]))
 
     def curl(self) -> Float[np.ndarray, "h-1 w-1"]:
@@ -46,7 +56,7 @@ class Level(NamedTuple):
     def coarser(self) -> Level:
         """Return the level of texels of twice the size; those that are not wholly inside are left out."""
         h, w = (size // 2 for size in self.inside.shape)
-        inside = self.inside[: 2 * h, : 2 * w].reshape(h, 2, w, 2).all((1, 3))
+        inside = np.asarray(self.inside[: 2 * h, : 2 * w].reshape(h, 2, w, 2).all((1, 3)))
         growth = _white_noise(self.depth + 1) / _white_noise(self.depth)
         values, variances = [], []
         for axis in (1, 0):
@@ -80,8 +90,12 @@ def levels(finest: Level, smallest: int = 6) -> list[Level]:
     return found
 
 
-def noise_scale(finest: Level) -> float:
-    """Return how much larger the curl is than its deviation says: its median size over that of noise; 0 if unknown."""
-    curl = finest.curl()
+def noise_scale(inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences) -> float:
+    """Return how much larger the curl is than noise alone makes it: its median size over that of noise; 0 if unknown.
+
+    Creases and jumps, which few texels have, do not count.
+    """
+    pairs = [pair._replace(deviation=np.sqrt(pair.deviation**2 - pair.crease**2)) for pair in (across, down)]
+    curl = Level.of(inside, pairs[0], pairs[1]).curl()
     known = curl[curl != 0]
     return float(np.median(np.abs(known)) / MEDIAN_OF_NORMAL) if known.size else 0.0

@@ -4,9 +4,10 @@ The chord between the points of two neighbours is perpendicular to the sum of th
 
     (n_p + n_q) . (P_q - P_p) = 0
 
-This is exact on planes and on spheres, for parallel and for perspective rays, and elsewhere off by the third order of
-the texel's size. Along parallel rays P = o + z b, b towards the camera, and the equation gives z_q - z_p. Along rays from
-the eye P = eye + d r, and it gives log d_q - log d_p. In both cases the unknown u (z, or -log d) grows towards the camera.
+This is exact on planes and on spheres, for parallel rays and for rays from one eye, and elsewhere off by the third
+order of the texel's size. Along parallel rays P = o + z b, b towards the camera, and the equation gives z_q - z_p.
+Along rays from the eye P = eye + d r, and it gives log d_q - log d_p. In both cases the unknown u (z, or -log d) grows
+towards the camera.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ...core.backend import in_float64
 from ...model.cameras import AbstractCamera
 
 LEAST_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
-STEEP = 0.1  # a mean normal's deviation over its cosine to the camera; above it differences are not normally distributed
+STEEP = 0.1  # steepness above which a difference's distribution has nothing of a normal one
 WINDOW = 5  # texels: side of the window in which normals are smoothed for their weights
 CREASE = 3.0  # a change of the normals' turning counts as a crease above so many of its standard errors
 
@@ -90,8 +91,8 @@ class Differences(NamedTuple):
     """Share of this texel in that mean; the rest is the next texel's."""
     crease: Float[np.ndarray, "h w"]
     """Standard deviation that a crease at an unknown place between the two adds; a part of `deviation`."""
-    steep: Bool[np.ndarray, "h w"]
-    """Where the surface is so steep that noise does not only widen but distorts the difference: it shows no jump."""
+    steepness: Float[np.ndarray, "h w"]
+    """Deviation of the mean normal over its cosine to the camera: how far noise distorts the difference."""
 
     @property
     def known(self) -> Bool[np.ndarray, "h w"]:
@@ -119,7 +120,7 @@ def differences(
 
     Args:
         normals: Unit normals in world coordinates, those that are not known interpolated.
-        sigma: Their standard deviation about each of two axes, radians.
+        sigma: Their standard deviation about each of two axes, radians; finite.
         inside: Where there are texels.
         rays: The rays of the camera.
     """
@@ -138,7 +139,7 @@ def differences(
         chord = _chord(weight * n_p + (1.0 - weight) * n_q, rays, axis)
         typical = _chord(weight * smooth[here] + (1.0 - weight) * smooth[there], rays, axis)
         size = np.linalg.norm(typical.lever, axis=-1)
-        pair &= chord.front & typical.front & np.isfinite(noise)
+        pair &= chord.front & typical.front
         crease = size * _crease(normals, sigma, inside, axis)
         deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
         both.append(
@@ -148,7 +149,7 @@ def differences(
                 np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
-                pair & (noise > (STEEP * typical.cosine) ** 2),
+                np.where(pair, np.sqrt(noise) / np.maximum(typical.cosine, LEAST_FACING), 0.0),
             )
         )
     return both[0], both[1]

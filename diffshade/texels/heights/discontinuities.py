@@ -4,10 +4,10 @@ Cut pairs are those that a solution robust to them leaves with large residuals. 
 
     sum_e log(1 + t_e^2),  t_e = (u_q - u_p - d_e) / s_e
 
-of Cauchy's distribution is lowest, for a jump that fades out, where it is left to the pairs along one line. Its minimum
-is approached by least squares, reweighted by 1 / (1 + t^2). Least squares of equal weights spread a jump over the whole
-image and are a bad beginning. The search therefore begins with low weights beside texels around which the curl is large,
-at three resolutions: these lie along the line.
+of Cauchy's distribution is lowest, for a jump that fades out, where the jump is left to the pairs along one line. Its
+minimum is approached by least squares, reweighted by 1 / (1 + t^2). Least squares of equal weights spread a jump over
+the whole image and are a bad beginning. The search therefore begins with low weights beside texels around which the
+curl is large, at three resolutions: these lie along the line.
 
 Bilateral normal integration (Cao et al. 2022) compares, at each texel, the residuals on its two sides instead. Where a
 jump grows slowly along its line no single residual is large, and it stays with plain least squares.
@@ -18,11 +18,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
 from .curl import Level
+from .regions import connected
 from .system import Grid, HeightSystem
 
 SIGNIFICANT = 5.0  # curl beyond so many deviations begins a search: noise does so once in 1.7 million texels
@@ -103,8 +103,7 @@ def _in_lines(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, "
     """Return the cut pairs of which several touch."""
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True
-    group, _ = scipy.ndimage.label(grid.image(near), np.ones((3, 3), int))
-    of_pair = group[grid.inside][grid.start[cut]]
+    of_pair = connected(grid.image(near), diagonally=True)[grid.inside][grid.start[cut]]
     found = cut.copy()
     found[cut] = np.bincount(of_pair)[of_pair] >= LINE
     return found

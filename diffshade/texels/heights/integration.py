@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.progress import ReportProgress, showing
@@ -11,15 +10,18 @@ from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from .checks import Given, checked
 from .curl import Level, levels, noise_scale
-from .differences import Differences, differences
-from .discontinuities import NONE, discontinuities
+from .differences import differences
+from .discontinuities import NONE, SIGNIFICANT, discontinuities
 from .errors import less_mean, standard_errors
 from .map import HeightMap
 from .parts import cut_weak_joints, labels
+from .regions import connected
 from .system import Grid, HeightSystem
 from .unknown import FilledNormals, fill
 
 LEAST_SIGMA = 1e-6  # radians: what normals without noise have
+FIRST_SIGMA = 0.02  # radians: where the estimate of errors that are not given begins
+ROUNDS = 5
 UNDERSTATED = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
 FEWEST = 10  # texels that a part needs for its errors to mean something
 
@@ -36,16 +38,16 @@ def integrate_normals(
 
     $$ \min_u \sum_{pq} w_{pq} (u_q - u_p - d_{pq})^2, \quad (n_p + n_q) \cdot (P_q - P_p) = 0 $$
 
-    over all pairs of neighbouring texels. The second equation says what difference d two normals give: the chord is
-    perpendicular to their sum, which is exact on planes and spheres. For parallel rays u is the height z; for rays from
-    the eye it is -log of the depth (as in Durou and Courteille 2007). The weight w is 1 over the variance that the
-    errors of the two normals give d.
+    over all pairs of neighbouring texels. The second equation gives the difference d: the chord between two points is
+    perpendicular to the sum of their normals, exactly so on planes and spheres. For parallel rays u is the height z;
+    for rays from the eye it is -log of the depth, as in Durou and Courteille (2007). The weight w is 1 over the
+    variance that the errors of the two normals give d.
 
-    Heights may jump between neighbours. Where the differences do not add up to 0 around four texels, pairs are cut along
-    the lines that make the sum of log(1 + residual^2 / variance) least, by reweighted least squares. A jump that fades
-    out within the image keeps its height. (The aim of bilateral normal integration, Cao et al. 2022, whose weights
-    react only to jumps of about a texel's size between one texel and the next along the line.) A jump of the same
-    height all along a line that leads from border to border leaves no trace in the normals: no method can see it.
+    Heights may jump between neighbours. Where the differences do not add up to 0 around four texels, pairs are cut
+    along the lines that make the sum of log(1 + residual^2 / variance) small, by reweighted least squares. A jump that
+    fades out within the image keeps its height. Bilateral normal integration (Cao et al. 2022) has the same aim, but
+    its weights react only where a single residual is of about a texel's size. A jump of the same height all along a
+    line from border to border leaves no trace in the normals: no method can see it.
 
     The linear systems are solved by conjugate gradients with algebraic multigrid (pyamg).
 
@@ -80,7 +82,7 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("differences")
     filled, scale = _with_errors(given, inside)
     across, down = differences(filled.normal, filled.sigma, inside, given.rays)
-    level = Level.of(inside, across, down)
+    level = Level.of(inside, across, down, SIGNIFICANT)
     grid = Grid.of(inside)
     d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
     broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
@@ -102,23 +104,31 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
 
 def _reached(inside: Bool[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Return the connected regions of a mask in which a normal is known."""
-    region, number = scipy.ndimage.label(inside)
-    reached = np.zeros(number + 1, bool)
+    region = connected(inside)
+    reached = np.zeros(int(region.max()) + 1, bool)
     reached[np.unique(region[known])] = True
     return reached[region]
 
 
 def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledNormals, float]:
-    """Return normals and errors at every texel, and the factor of the errors, or the errors' size if none was given."""
+    """Return normals and errors at every texel; and the factor of the errors, or their size if none was given."""
     known = given.known & inside
-    sigma = np.ones(inside.shape) if given.sigma is None else given.sigma
-    level = Level.of(known, *differences(given.normal, sigma, known, given.rays))
-    scale = noise_scale(level)
-    if given.sigma is None:
-        sigma = np.full(inside.shape, max(scale, LEAST_SIGMA))
-    elif scale > UNDERSTATED:
-        sigma = scale * sigma
-    return fill(given.normal, sigma, inside, known), scale
+    sigma = np.full(inside.shape, FIRST_SIGMA) if given.sigma is None else np.where(known, given.sigma, 1.0)
+    factor = 1.0
+    for _ in range(ROUNDS):  # what counts as steep depends on the errors
+        change = _scale(given, factor * sigma, known)
+        if factor == 1.0 and given.sigma is not None and change <= UNDERSTATED:
+            break
+        factor = max(factor * change, LEAST_SIGMA / FIRST_SIGMA)
+        if abs(change - 1.0) < 0.01:
+            break
+    filled = fill(given.normal, factor * sigma, inside, known)
+    return filled, factor * FIRST_SIGMA if given.sigma is None else factor
+
+
+def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray, "h w"]) -> float:
+    """Return how much larger the curl is than these errors say."""
+    return noise_scale(known, *differences(given.normal, sigma, known, given.rays))
 
 
 def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
@@ -130,8 +140,8 @@ def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: 
     if len(large) > 1:
         found.append(
             Note(
-                f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: no "
-                "normals join them, or too few beside jumps. Each has a mean of its own.",
+                f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: "
+                "no normals join them, or too few do beside a jump. Each has a mean of its own.",
                 "parts",
             )
         )
@@ -211,8 +221,8 @@ def _as_map(
         depth = given.rays.distance * np.exp(-u)
         height, error = given.rays.distance - depth, depth * deviation
     across, down = grid.images(cut, False)
-    known = np.where(given.inside & (grid.index < 0), np.inf, 0.0)  # a part of the mask without a normal
-    errors = np.where(grid.index >= 0, grid.image(error), known)
+    known = np.where(given.inside & (grid.number < 0), np.inf, 0.0)  # a part of the mask without a normal
+    errors = np.where(grid.number >= 0, grid.image(error), known)
     return HeightMap(
         height=grid.image(height),
         errors=errors,

@@ -82,9 +82,9 @@ class HeightMap:
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
         """Write the heights to a folder, each file whole or not at all.
 
-        The files are `height` and, except as PNG, `height_error`; `part.png`, of 16 bits, with 0 outside and a part's
-        number plus 1 in it; `height_preview.png`, of 8 bits, to look at; and `heights.toml`, which states the units, the
-        gauge, the notes, and the scale of a PNG.
+        The files are `height` and, except as PNG, `height_error`; `part.png`, of 16 bits, which holds 0 outside and
+        elsewhere the number of the part plus 1; `height_preview.png`, of 8 bits, to look at; and `heights.toml`, which
+        states the units, the gauge, the notes, and the scale of a PNG.
 
         Args:
             folder: The folder; it is made if it does not exist.

@@ -1,19 +1,20 @@
 """Parts: texels whose heights are known relative to each other.
 
-Two parts are apart where no pair of texels joins them, or where too few do. A jump along a whole line leaves the heights
-of its two sides undetermined, and a solution still joins them: at the offset at which the jump happens to be 0 for some
-pairs along the line. A joint counts only if it is special: if clearly more pairs agree to one jump than to any other.
+Two parts are apart where no pair of texels joins them, or where too few do. A jump along a whole line leaves the
+relative height of its two sides undetermined, and a solution still joins them: at the offset at which the jump happens
+to be 0 for some pairs along the line. A joint counts only if it is special: if clearly more pairs agree to one jump
+than to any other.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .discontinuities import CUT, NONE
+from .regions import connected, spread, widened
 from .system import Grid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
@@ -112,18 +113,17 @@ def _pieces(grid: Grid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.n
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True
     close = grid.image(near)
-    group, _ = scipy.ndimage.label(close, np.ones((3, 3), int))
+    group = connected(close, diagonally=True)
     close &= (np.bincount(group.ravel()) >= FEWEST)[group]
     if reach > 1:
-        close = scipy.ndimage.distance_transform_cdt(~close, "chessboard") < reach
-    piece, _ = scipy.ndimage.label(grid.inside & ~close)
+        close = widened(close, reach)
+    piece = connected(grid.inside & ~close)
     large = np.bincount(piece.ravel()) >= SMALLEST
     large[0] = False
     if not large.any():
         return np.zeros(grid.size, np.int32)
     piece *= large[piece]
-    place = scipy.ndimage.distance_transform_edt(piece == 0, return_distances=False, return_indices=True)
-    return piece[tuple(place)][grid.inside]
+    return spread(piece)[grid.inside]
 
 
 def _determined(jump: Float[np.ndarray, " pairs"], deviation: Float[np.ndarray, " pairs"]) -> bool:

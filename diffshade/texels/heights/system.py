@@ -21,7 +21,7 @@ class Grid(NamedTuple):
     """The texels of a mask in the order of the image, and the pairs of neighbours among them."""
 
     inside: Bool[np.ndarray, "h w"]
-    index: Int[np.ndarray, "h w"]
+    number: Int[np.ndarray, "h w"]
     """Number of each texel; -1 outside."""
     start: Int[np.ndarray, " edges"]
     end: Int[np.ndarray, " edges"]
@@ -33,17 +33,17 @@ class Grid(NamedTuple):
     @classmethod
     def of(cls, inside: Bool[np.ndarray, "h w"]) -> Grid:
         """Return the grid of a mask."""
-        index = np.full(inside.shape, -1, np.int32)
-        index[inside] = np.arange(inside.sum(), dtype=np.int32)
+        number = np.full(inside.shape, -1, np.int32)
+        number[inside] = np.arange(inside.sum(), dtype=np.int32)
         across, down = inside[:, :-1] & inside[:, 1:], inside[:-1] & inside[1:]
-        start = np.concatenate([index[:, :-1][across], index[:-1][down]])
-        end = np.concatenate([index[:, 1:][across], index[1:][down]])
-        return cls(inside, index, start, end, across, down)
+        start = np.concatenate([number[:, :-1][across], number[:-1][down]])
+        end = np.concatenate([number[:, 1:][across], number[1:][down]])
+        return cls(inside, number, start, end, across, down)
 
     @property
     def size(self) -> int:
         """Number of texels."""
-        return int(self.index.max()) + 1
+        return int(self.number.max()) + 1
 
     def edges(self, across: np.ndarray, down: np.ndarray) -> np.ndarray:
         """Return numbers of pairs, given as arrays of the image's shape, as one row."""
@@ -115,7 +115,7 @@ class HeightSystem:
         return x
 
 
-def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_matrix:
+def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
     """Return the weighted Laplacian of a grid, made regular."""
     size = grid.size
     diagonal = np.bincount(grid.start, weights, size) + np.bincount(grid.end, weights, size)
@@ -123,10 +123,10 @@ def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.
     rows = np.concatenate([grid.start, grid.end, own])
     columns = np.concatenate([grid.end, grid.start, own])
     values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + TINY), 1.0)])
-    return scipy.sparse.coo_matrix((values, (rows, columns)), (size, size)).tocsr()
+    return scipy.sparse.coo_array((values, (rows, columns)), (size, size)).tocsr()
 
 
-def _multigrid(matrix: scipy.sparse.csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
+def _multigrid(matrix: scipy.sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     """Return one V-cycle of classical algebraic multigrid (Ruge and Stuben 1987)."""
     import pyamg
 

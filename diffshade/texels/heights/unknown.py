@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.ndimage
 from jaxtyping import Bool, Float, Int
 
+from .regions import connected, distance
 from .system import Grid, laplacian
 
 LARGEST = 1.0  # radians: the error of a normal of which nothing is known
@@ -49,7 +49,7 @@ def fill(
         inside: Where there are texels, each connected to a known one.
         known: Where the normal is known.
     """
-    region, _ = scipy.ndimage.label(inside & ~known)
+    region = connected(inside & ~known)
     if not region.any():
         return FilledNormals(normals, sigma, region)
     import pyamg
@@ -59,12 +59,12 @@ def fill(
     matrix = laplacian(grid, np.ones(grid.start.size))[free]
     rest = -matrix[:, ~free] @ normals[inside][~free]
     hierarchy = pyamg.ruge_stuben_solver(matrix[:, free].tocsr(), max_coarse=200, coarse_solver="splu")
-    found = np.stack([hierarchy.solve(b, tol=1e-6, accel="cg") for b in rest.T], -1)
+    found = np.stack([np.asarray(hierarchy.solve(b, tol=1e-6, accel="cg")) for b in rest.T], -1)
     normals, sigma = normals.copy(), sigma.copy()
     normals[inside & ~known] = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
-    distance = scipy.ndimage.distance_transform_edt(~known)[inside & ~known]
+    away = distance(known)[inside & ~known]
     least = float(np.median(sigma[known]))
-    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * distance, least, LARGEST)
+    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, LARGEST)
     return FilledNormals(normals, sigma, region)
 
 

@@ -1,0 +1,123 @@
+"""Heights of normals that are 1 degree off: how accurate they are, and how many of them their errors cover.
+
+The errors of one image are correlated over its whole width, so that of one draw 80 or 99 % are covered; what is
+required holds for the mean over draws.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import reliefs
+from measured import measured
+from reliefs import Relief, covered, off, relative, relief, stepped
+
+import diffshade as ds
+
+SIZE = 128
+DRAWS = 12
+ONE = np.ones((SIZE, SIZE))
+FADING = stepped(0.3, end=0.0)
+SURFACES = {
+    "ball": lambda perspective: reliefs.sphere(SIZE, perspective=perspective),
+    "vase": lambda perspective: reliefs.vase(SIZE, perspective=perspective),
+    "plane": lambda perspective: relief(SIZE, reliefs.tilted, perspective=perspective),
+    "step": lambda perspective: relief(SIZE, FADING, perspective=perspective),
+}
+
+
+def step_error(heights: ds.HeightMap, surface: Relief) -> float:
+    """By how much of the step's height its two sides are off at the border where it is highest."""
+    wrong = np.zeros(heights.mask.shape)
+    wrong[heights.mask] = off(heights, surface)
+    middle = SIZE // 2
+    step = surface.z[0, middle] - surface.z[0, middle - 1]
+    return float((wrong[:6, middle : middle + 6].mean() - wrong[:6, middle - 6 : middle].mean()) / step)
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+@pytest.mark.parametrize("name", SURFACES)
+def test_heights_are_within_one_percent_and_their_errors_cover(name: str, perspective: bool):
+    """Required: below 1 %, the step within 5 %, and 90 to 98 % within the nominal 95 % intervals."""
+    surface = SURFACES[name](perspective)
+    shares = []
+    for seed in range(DRAWS):
+        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, mask=surface.mask, errors=ONE)
+        assert relative(heights, surface) < 0.01
+        assert np.bincount(heights.part[heights.mask]).max() > 0.99 * heights.mask.sum()
+        if name == "step":
+            assert abs(step_error(heights, surface)) < 0.05
+        shares.append(covered(heights, surface))
+    print(f"{name}: covered {np.mean(shares):.3f}, {min(shares):.2f} to {max(shares):.2f}")
+    assert 0.90 < np.mean(shares) < 0.98
+
+
+def test_plain_least_squares_would_lose_the_step():
+    """So that the test of the step cannot pass for nothing: with errors of 20 degrees no jump stands out of noise."""
+    surface = relief(SIZE, FADING)
+    heights = ds.integrate_normals(surface.noisy(1.0), surface.camera, errors=20.0 * ONE)
+    assert not heights.jump_right.any()
+    assert abs(step_error(heights, surface)) > 0.3
+
+
+@pytest.mark.parametrize(("height", "angle"), [(0.3, 0.0), (0.1, 0.0), (0.05, 0.0), (0.3, 30.0), (0.3, -60.0)])
+def test_a_step_across_leaves_two_parts(height: float, angle: float):
+    surface = relief(SIZE, stepped(height, whole=True, angle=angle))
+    for seed in range(4):
+        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE)
+        assert (np.bincount(heights.part.ravel()) > 20).sum() == 2
+        assert "relative heights of 2 parts" in next(note for note in heights.notes if note.kind == "parts")
+
+
+@pytest.mark.parametrize("end", [-0.9, -0.5, 0.0, 0.5])
+def test_a_step_that_fades_out_leaves_one_part(end: float):
+    surface = relief(SIZE, stepped(0.3, end=end))
+    for seed in range(3):
+        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, errors=ONE)
+        assert (np.bincount(heights.part.ravel()) > 20).sum() == 1
+
+
+def test_errors_that_differ_from_texel_to_texel_cover():
+    """Half of the image is five times as noisy."""
+    surface = relief(SIZE, reliefs.tilted)
+    degrees = ONE.copy()
+    degrees[:, SIZE // 2 :] = 5.0
+    found = [
+        ds.integrate_normals(surface.noisy(degrees, seed), surface.camera, errors=degrees) for seed in range(DRAWS)
+    ]
+    heights = found[0]
+    assert 0.90 < np.mean([covered(heights, surface) for heights in found]) < 0.98
+    assert np.median(heights.errors[:, SIZE // 2 :]) > 2.0 * np.median(heights.errors[:, : SIZE // 4])
+
+
+def test_a_band_of_unknown_normals_is_bridged_with_honest_errors():
+    """Only interpolated normals join the two sides of a ball, whose relative height is then less well known."""
+    surface = reliefs.sphere(SIZE)
+    errors = ONE.copy()
+    errors[60:66] = np.inf
+    shares = []
+    for seed in range(6):
+        heights = ds.integrate_normals(surface.noisy(1.0, seed), surface.camera, mask=surface.mask, errors=errors)
+        assert np.bincount(heights.part[heights.mask]).max() > 0.99 * heights.mask.sum()
+        assert relative(heights, surface) < 0.02
+        shares.append(covered(heights, surface))
+    assert np.mean(shares) > 0.90
+    whole = ds.integrate_normals(surface.noisy(1.0), surface.camera, mask=surface.mask, errors=ONE)
+    assert np.median(heights.errors[surface.mask]) > 1.5 * np.median(whole.errors[surface.mask])
+
+
+def test_heights_of_measured_normals_have_no_curl_left():
+    """The published normals of DiLiGenT's cat, which have no true heights: the heights' slopes are the normals' own."""
+    folder = measured("diligent_cat")
+    normals = np.load(folder / "normal_gt.npy")
+    mask = ds.read_mask(folder / "mask.png")
+    camera = ds.OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape)
+    heights = ds.integrate_normals(normals, camera, mask=mask & (normals != 0).any(-1))
+    assert np.bincount(heights.part[heights.mask]).max() > 0.95 * mask.sum()
+    pixel = 2.2 / mask.shape[0]
+    slope = np.diff(heights.height, axis=1) / pixel
+    n = normals[:, 1:] + normals[:, :-1]
+    inside = heights.mask[:, 1:] & heights.mask[:, :-1] & ~heights.jump_right[:, :-1] & (n[..., 2] > 0.8)
+    expected = -n[..., 0] / np.where(n[..., 2] > 0, n[..., 2], 1.0)
+    assert np.median(np.abs(slope - expected)[inside]) < 0.01
+    assert np.quantile(np.abs(slope - expected)[inside], 0.95) < 0.15
