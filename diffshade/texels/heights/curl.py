@@ -41,7 +41,11 @@ class Level(NamedTuple):
                 normal's noise makes steep differences too large by `tail` times the steepness there.
         """
         variances = [
-            np.where(pair.steepness > STEEP, np.inf, ((1.0 + tail * pair.steepness) * pair.deviation) ** 2)
+            np.where(
+                pair.steepness > STEEP,
+                np.inf,
+                ((1.0 + tail * np.minimum(pair.steepness, STEEP)) * pair.deviation) ** 2,
+            )
             for pair in (across, down)
         ]
         return cls(inside, (across.value, down.value), (variances[0], variances[1]))

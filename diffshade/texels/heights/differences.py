@@ -92,7 +92,8 @@ class Differences(NamedTuple):
     crease: Float[np.ndarray, "h w"]
     """Standard deviation that a crease at an unknown place between the two adds; a part of `deviation`."""
     steepness: Float[np.ndarray, "h w"]
-    """Deviation of the mean normal over its cosine to the camera: how far noise distorts the difference."""
+    """Deviation of the mean normal over its cosine to the camera: how far noise distorts the difference. Infinite where
+    it cannot show a jump at all."""
 
     @property
     def known(self) -> Bool[np.ndarray, "h w"]:
@@ -105,6 +106,7 @@ def differences(
     sigma: Float[np.ndarray, "h w"],
     inside: Bool[np.ndarray, "h w"],
     rays: Rays,
+    interpolated: Bool[np.ndarray, "h w"] | None = None,
 ) -> tuple[Differences, Differences]:
     r"""Return the differences across and down.
 
@@ -123,6 +125,7 @@ def differences(
         sigma: Their standard deviation about each of two axes, radians; finite.
         inside: Where there are texels.
         rays: The rays of the camera.
+        interpolated: Where the normal is interpolated; nowhere by default. It cannot show a jump.
     """
     smooth = smoothed(normals, inside)
     both = []
@@ -140,6 +143,7 @@ def differences(
         typical = _chord(weight * smooth[here] + (1.0 - weight) * smooth[there], rays, axis)
         size = np.linalg.norm(typical.lever, axis=-1)
         pair &= chord.front & typical.front
+        shows = pair if interpolated is None else pair & ~(interpolated[here] | interpolated[there])
         crease = size * _crease(normals, sigma, inside, axis)
         deviation = np.sqrt(size**2 * (noise + (0.5 - share) ** 2 * turn) + crease**2)
         both.append(
@@ -149,7 +153,7 @@ def differences(
                 np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
-                np.where(pair, np.sqrt(noise) / np.maximum(typical.cosine, LEAST_FACING), 0.0),
+                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, LEAST_FACING), np.inf),
             )
         )
     return both[0], both[1]

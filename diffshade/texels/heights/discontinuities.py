@@ -25,7 +25,7 @@ from .curl import Level
 from .regions import connected
 from .system import Grid, HeightSystem
 
-SIGNIFICANT = 5.0  # curl beyond so many deviations begins a search: noise does so once in 1.7 million texels
+SIGNIFICANT = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
 SEED_LEVELS = 3
 STEPS = 12
 SETUPS = (0, 1, 2, 4, 7)  # steps with a multigrid hierarchy of their own; later ones keep the last

@@ -13,7 +13,7 @@ from .curl import Level, levels, noise_scale
 from .differences import differences
 from .discontinuities import NONE, SIGNIFICANT, discontinuities
 from .errors import less_mean, standard_errors
-from .map import HeightMap
+from .map import FEWEST, HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
 from .system import Grid, HeightSystem
@@ -23,7 +23,6 @@ LEAST_SIGMA = 1e-6  # radians: what normals without noise have
 FIRST_SIGMA = 0.02  # radians: where the estimate of errors that are not given begins
 ROUNDS = 5
 UNDERSTATED = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
-FEWEST = 10  # texels that a part needs for its errors to mean something
 
 
 def integrate_normals(
@@ -81,7 +80,7 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     inside = given.inside & _reached(given.inside, given.known)
     report_progress("differences")
     filled, scale = _with_errors(given, inside)
-    across, down = differences(filled.normal, filled.sigma, inside, given.rays)
+    across, down = differences(filled.normal, filled.sigma, inside, given.rays, filled.region > 0)
     level = Level.of(inside, across, down, SIGNIFICANT)
     grid = Grid.of(inside)
     d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2

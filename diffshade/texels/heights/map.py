@@ -18,6 +18,7 @@ from ...model.gbuffers import GBuffer
 from .differences import rays_of
 
 SUFFIXES = (".npy", ".exr", ".png")
+FEWEST = 10  # texels that a part needs for its errors to mean something
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +142,11 @@ class HeightMap:
         """Return the number of texels and parts, the range of heights, their errors, and the notes."""
         low, high = self._range()
         finite = self.errors[self.mask & np.isfinite(self.errors)]
+        parts = int((np.bincount(self.part[self.mask]) >= FEWEST).sum())
         error = f"{np.median(finite):.2g}" if finite.size else "infinite"
         return "\n".join(
             [
-                f"heights of {int(self.mask.sum()):,} texels in {count(int(self.part.max()) + 1, 'part')}, "
+                f"heights of {int(self.mask.sum()):,} texels in {count(parts, 'part')}, "
                 f"{self.part.shape[0]} x {self.part.shape[1]} pixels",
                 f"from {low:.4g} to {high:.4g} scene units, standard error {error} in the median",
                 *(f"- {note}" for note in self.notes),
