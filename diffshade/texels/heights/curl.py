@@ -50,7 +50,7 @@ class Level(NamedTuple):
         ]
         return cls(inside, (across.value, down.value), (variances[0], variances[1]))
 
-    def curl(self) -> Float[np.ndarray, "h-1 w-1"]:
+    def curl(self) -> Float[np.ndarray, "g v"]:
         """Return the curl around each four texels in its standard deviations; 0 where a difference is missing."""
         (across, down), (v_across, v_down) = self.values, self.variances
         total = across[:-1] + down[:, 1:] - across[1:] - down[:, :-1]

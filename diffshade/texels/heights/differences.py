@@ -81,22 +81,22 @@ def facing(normals: Float[np.ndarray, "h w 3"], rays: Rays) -> Float[np.ndarray,
 class Differences(NamedTuple):
     """Along one axis of the image: from each texel to the next one, where both are inside and face the camera."""
 
-    value: Float[np.ndarray, "h w"]
+    value: Float[np.ndarray, "g v"]
     """u of the next texel minus u of this one; 0 where there is none."""
-    deviation: Float[np.ndarray, "h w"]
+    deviation: Float[np.ndarray, "g v"]
     """Its standard deviation; infinite where there is no difference."""
-    lever: Float[np.ndarray, "h w 3"]
+    lever: Float[np.ndarray, "g v 3"]
     """Its derivative by the mean of both normals."""
-    share: Float[np.ndarray, "h w"]
+    share: Float[np.ndarray, "g v"]
     """Share of this texel in that mean; the rest is the next texel's."""
-    crease: Float[np.ndarray, "h w"]
+    crease: Float[np.ndarray, "g v"]
     """Standard deviation that a crease at an unknown place between the two adds; a part of `deviation`."""
-    steepness: Float[np.ndarray, "h w"]
+    steepness: Float[np.ndarray, "g v"]
     """Deviation of the mean normal over its cosine to the camera: how far noise distorts the difference. Infinite where
     it cannot show a jump at all."""
 
     @property
-    def known(self) -> Bool[np.ndarray, "h w"]:
+    def known(self) -> Bool[np.ndarray, "g v"]:
         """Where there is a difference."""
         return np.isfinite(self.deviation)
 
@@ -162,18 +162,18 @@ def differences(
 class _Chord(NamedTuple):
     """What a mean normal says of the chord."""
 
-    value: Float[np.ndarray, "h w"]
-    lever: Float[np.ndarray, "h w 3"]
+    value: Float[np.ndarray, "g v"]
+    lever: Float[np.ndarray, "g v 3"]
     """Derivative of the value by the normal."""
-    bend: Float[np.ndarray, "h w"]
+    bend: Float[np.ndarray, "g v"]
     """Half the trace of the second derivative, in the plane across the normal."""
-    front: Bool[np.ndarray, "h w"]
+    front: Bool[np.ndarray, "g v"]
     """Whether both rays see the front."""
-    cosine: Float[np.ndarray, "h w"]
+    cosine: Float[np.ndarray, "g v"]
     """Of the normal with the direction to the camera."""
 
 
-def _chord(mean: Float[np.ndarray, "h w 3"], rays: Rays, axis: int) -> _Chord:
+def _chord(mean: Float[np.ndarray, "g v 3"], rays: Rays, axis: int) -> _Chord:
     """Return the difference for a mean normal, and how it changes with that normal."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if rays.parallel:
@@ -221,7 +221,7 @@ def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"
 
 def _crease(
     normals: Float[np.ndarray, "h w 3"], sigma: Float[np.ndarray, "h w"], inside: Bool[np.ndarray, "h w"], axis: int
-) -> Float[np.ndarray, "h w"]:
+) -> Float[np.ndarray, "g v"]:
     """Return the standard deviation of the mean normal where the surface may have a crease between two texels.
 
     A crease lies anywhere between the centres: uniformly distributed, of deviation 1 / sqrt(12) of the turn. It is one

@@ -123,7 +123,7 @@ def _followed(
 
 def _beside(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return which pairs share four neighbouring texels with another pair that is cut."""
-    across, down = (image.astype(np.int8) for image in grid.images(cut, False))
+    across, down = (image.astype(np.int8) for image in grid.images(cut))
     around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]
     rows, columns = np.pad(around, ((1, 1), (0, 0))), np.pad(around, ((0, 0), (1, 1)))
     return grid.edges(rows[:-1] + rows[1:] - 2 * across > 0, columns[:, :-1] + columns[:, 1:] - 2 * down > 0)

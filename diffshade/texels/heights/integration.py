@@ -219,7 +219,7 @@ def _as_map(
     else:
         depth = given.rays.distance * np.exp(-u)
         height, error = given.rays.distance - depth, depth * deviation
-    across, down = grid.images(cut, False)
+    across, down = grid.images(cut)
     known = np.where(given.inside & (grid.number < 0), np.inf, 0.0)  # a part of the mask without a normal
     errors = np.where(grid.number >= 0, grid.image(error), known)
     return HeightMap(

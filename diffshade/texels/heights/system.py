@@ -26,9 +26,9 @@ class Grid(NamedTuple):
     start: Int[np.ndarray, " edges"]
     end: Int[np.ndarray, " edges"]
     """The texels of each pair, all pairs across before all pairs down."""
-    across: Bool[np.ndarray, "h w"]
-    down: Bool[np.ndarray, "h w"]
-    """Where a pair begins, for h x (w - 1) and (h - 1) x w texels."""
+    across: Bool[np.ndarray, "h v"]
+    down: Bool[np.ndarray, "g w"]
+    """Where a pair begins."""
 
     @classmethod
     def of(cls, inside: Bool[np.ndarray, "h w"]) -> Grid:
@@ -49,14 +49,14 @@ class Grid(NamedTuple):
         """Return numbers of pairs, given as arrays of the image's shape, as one row."""
         return np.concatenate([across[self.across], down[self.down]])
 
-    def images(self, edges: np.ndarray, outside: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers of pairs as arrays of the image's shape, across and down."""
+    def images(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers of pairs as arrays of the image's shape, across and down; 0 where there is no pair."""
         count = int(self.across.sum())
-        across, down = (np.full(pairs.shape, outside, edges.dtype) for pairs in (self.across, self.down))
+        across, down = (np.zeros(pairs.shape, edges.dtype) for pairs in (self.across, self.down))
         across[self.across], down[self.down] = edges[:count], edges[count:]
         return across, down
 
-    def image(self, texels: np.ndarray, outside: float = 0.0) -> np.ndarray:
+    def image(self, texels: np.ndarray, outside: int = 0) -> np.ndarray:
         """Return numbers of texels as an array of the image's shape."""
         found = np.full(self.inside.shape, outside, texels.dtype)
         found[self.inside] = texels
