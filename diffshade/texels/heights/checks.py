@@ -30,7 +30,7 @@ class Given(NamedTuple):
     rays: Rays
 
 
-def checked(normals: Any, camera: AbstractCamera, mask: Any, errors: Any) -> Given:
+def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     """Raise ValueError or TypeError for arguments of `integrate_normals` that are wrong; return them as arrays."""
     check_kind("camera", camera, AbstractCamera, "OrthographicCamera((0, 0, 4))")
     refuse_traced("an integration of normals", "Integrate outside.", normals=normals, camera=camera, errors=errors)
