@@ -1,6 +1,6 @@
 """The time of `ds.integrate_normals`, errors included: a ball, and a relief with a step that fades out.
 
-python benchmarks/heights.py [--size 1000] [--stages]
+python benchmarks/heights.py [--size 1000]
 
 Normals have an error of 1 degree. The ball has no discontinuity, and no search for any begins; the relief has one. Each
 runs once in full; most of it computes on one core. Accuracy and coverage stand beside the times, because a fast wrong

@@ -64,8 +64,8 @@ def texels(typed: Options, out: Path, shared: bool, heights: bool, suffix: str |
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     relief = _integrated(maps) if heights else None
     if relief is not None:
-        for ending in (".npy", suffix):
-            written += [] if ending is None else relief.write(out, suffix=ending)
+        for ending in (".npy",) if suffix is None else (".npy", suffix):
+            written += relief.write(out, suffix=ending)
     status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}
     medians = {
         name: np.median(value[maps.trusted(name)], axis=0) if maps.trusted(name).any() else None

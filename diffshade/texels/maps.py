@@ -13,17 +13,15 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
-from ..io.files import replacing
-from ..io.image_formats import save
 from ..io.images import write_image
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
 from ..model.rendering import render
 from ..model.scenes import Scene, as_tuple
+from .map_files import map_folder, write_about, write_numbers
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 
-SUFFIXES = (".npy", ".exr", ".png")
 PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
@@ -160,10 +158,7 @@ class TexelMaps:
             ValueError: The suffix is another one.
             OSError: A file cannot be written.
         """
-        if suffix not in SUFFIXES:
-            raise ValueError(f"suffix must be one of {', '.join(SUFFIXES)}; got {suffix!r}. Give one of them.")
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = map_folder(folder, suffix)
         written, scales = [], {}
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
@@ -174,12 +169,12 @@ class TexelMaps:
                 written.append(path)
             else:
                 written += [
-                    _put(path, value, suffix),
-                    _put(folder / f"{name}_error{suffix}", self.errors[name], suffix),
+                    write_numbers(path, value),
+                    write_numbers(folder / f"{name}_error{suffix}", self.errors[name]),
                 ]
             written.append(self._put_preview(folder / f"{name}_preview.png", name))
         if suffix != ".png":
-            written.append(_put(folder / f"residual{suffix}", np.asarray(self.residual)[..., None], suffix))
+            written.append(write_numbers(folder / f"residual{suffix}", np.asarray(self.residual)[..., None]))
         path = folder / "status.png"
         write_image(path, self.status[..., None] / 255.0, srgb=False)
         return [*written, path, self.describe(folder, scales)]
@@ -194,11 +189,9 @@ class TexelMaps:
         Returns:
             The path of the file.
         """
-        import tomli_w
-
         units = {name: UNITS[name] for name in self.values}
         units |= {f"{name}_error": "degrees" if name == "normal" else f"those of {name}" for name in self.values}
-        about = {
+        about: dict[str, object] = {
             "status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True)),
             "units": units | {"residual": "those of the photographs, or their noise where that was given"},
         }
@@ -206,10 +199,7 @@ class TexelMaps:
             about["notes"] = list(self.notes)
         if scales:
             about["scale"] = dict(scales)
-        path = folder / "maps.toml"
-        with replacing(path) as temporary:
-            temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
-        return path
+        return write_about(folder / "maps.toml", about)
 
     def _percentile(self, name: str, percent: float) -> float:
         """Return a percentile of a map's known values, 0 if none is known."""
@@ -246,10 +236,3 @@ class TexelMaps:
             error = np.median(self.errors["normal"][..., 0][self.known])
             lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
-
-
-def _put(path: Path, numbers: np.ndarray, suffix: str) -> Path:
-    """Write a map's numbers unchanged."""
-    with replacing(path) as temporary:
-        np.save(temporary, numbers) if suffix == ".npy" else save(temporary, np.asarray(numbers))
-    return path

@@ -61,7 +61,7 @@ def rays_of(camera: AbstractCamera) -> Rays:
             )
         )
     row, column = (np.indices(camera.shape) + 0.5)[..., None]
-    distance = float(np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64)))
+    distance = distance_to_target(camera)
     if not d_column.any() and not d_row.any():
         return Rays(backward, (o_column, o_row), o + o_column * column + o_row * row, distance)
     if o_column.any() or o_row.any():
@@ -71,6 +71,11 @@ def rays_of(camera: AbstractCamera) -> Rays:
         )
     zero = np.zeros(3)
     return Rays(-(d + d_column * column + d_row * row), (zero, zero), o, distance)
+
+
+def distance_to_target(camera: AbstractCamera) -> float:
+    """Return the distance from the eye to the plane through the camera's target, scene units."""
+    return float(np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64)))
 
 
 def facing(normals: Float[np.ndarray, "h w 3"], rays: Rays) -> Float[np.ndarray, "h w"]:

@@ -8,7 +8,7 @@ from jaxtyping import ArrayLike, Bool, Float
 from ...core.progress import ReportProgress, showing
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
-from .checks import Given, checked
+from .checks import LARGEST_ERROR, Given, checked
 from .curl import Level, levels, noise_scale
 from .differences import differences
 from .discontinuities import NONE, SIGNIFICANT, discontinuities
@@ -182,7 +182,8 @@ def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: 
     if (unknown := int((given.inside & ~given.known).sum()) - given.away) > 0:
         found.append(
             Note(
-                f"{count(unknown, 'normal')} with an error over 40 degrees were interpolated from their neighbours.",
+                f"{count(unknown, 'normal')} with an error over {LARGEST_ERROR:g} degrees were interpolated from their "
+                "neighbours.",
                 "interpolated",
             )
         )

@@ -10,14 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.words import Note, count
-from ...io.files import replacing
-from ...io.image_formats import save
 from ...io.images import write_image
 from ...model.cameras import AbstractCamera
 from ...model.gbuffers import GBuffer
-from .differences import rays_of
+from ..map_files import map_folder, write_about, write_numbers
+from .differences import distance_to_target, rays_of
 
-SUFFIXES = (".npy", ".exr", ".png")
 FEWEST = 10  # texels that a part needs for its errors to mean something
 
 
@@ -63,8 +61,7 @@ class HeightMap:
     @property
     def depth(self) -> Float[np.ndarray, "h w"]:
         """Distance of each point from the eye along the line of sight, scene units; 0 outside."""
-        distance = np.linalg.norm(np.asarray(self.camera.eye, np.float64) - np.asarray(self.camera.target, np.float64))
-        return np.where(self.mask, distance - self.height, 0.0)
+        return np.where(self.mask, distance_to_target(self.camera) - self.height, 0.0)
 
     @property
     def position(self) -> Float[np.ndarray, "h w 3"]:
@@ -99,12 +96,7 @@ class HeightMap:
             ValueError: The suffix is another one.
             OSError: A file cannot be written.
         """
-        import tomli_w
-
-        if suffix not in SUFFIXES:
-            raise ValueError(f"suffix must be one of {', '.join(SUFFIXES)}; got {suffix!r}. Give one of them.")
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = map_folder(folder, suffix)
         low, high = self._range()
         shown = np.where(self.mask, (self.height - low) / (high - low), 0.0)[..., None]
         about: dict[str, object] = {
@@ -120,16 +112,11 @@ class HeightMap:
         else:
             written.append(folder / f"height_error{suffix}")
             for path, numbers in zip(written, (self.height, self.errors), strict=True):
-                with replacing(path) as temporary:
-                    if suffix == ".npy":
-                        np.save(temporary, numbers)
-                    else:
-                        save(temporary, np.asarray(numbers, np.float32)[..., None])
+                write_numbers(path, numbers)
         written += [folder / "part.png", folder / "height_preview.png", folder / "heights.toml"]
         write_image(written[-3], np.minimum(self.part + 1, 65535)[..., None] / 65535.0, srgb=False, bits=16)
         write_image(written[-2], shown, srgb=False, bits=8)
-        with replacing(written[-1]) as temporary:
-            temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
+        write_about(written[-1], about)
         return written
 
     def _range(self) -> tuple[float, float]:

@@ -1,0 +1,42 @@
+"""Map files: numbers of every pixel, and what is to be known of them, in a folder; each file whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..io.files import replacing
+from ..io.image_formats import save
+
+SUFFIXES = (".npy", ".exr", ".png")
+
+
+def map_folder(folder: str | os.PathLike[str], suffix: str) -> Path:
+    """Return the folder of maps, made if it does not exist; raise ValueError if maps cannot have this suffix."""
+    if suffix not in SUFFIXES:
+        raise ValueError(f"suffix must be one of {', '.join(SUFFIXES)}; got {suffix!r}. Give one of them.")
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def write_numbers(path: Path, numbers: np.ndarray) -> Path:
+    """Write numbers unchanged as .npy, or in float32 as .exr, by the suffix of the path."""
+    with replacing(path) as temporary:
+        if path.suffix == ".npy":
+            np.save(temporary, numbers)
+        else:
+            save(temporary, np.asarray(numbers if numbers.ndim == 3 else numbers[..., None], np.float32))
+    return path
+
+
+def write_about(path: Path, about: Mapping[str, object]) -> Path:
+    """Write what is to be known of maps: a TOML file."""
+    import tomli_w
+
+    with replacing(path) as temporary:
+        temporary.write_text(tomli_w.dumps(about), encoding="utf-8")
+    return path
