@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 FREE = ("k_d", "k_s", "n_s")
 
 
-@click.command(**SETTINGS, epilog="Example: diffshade texels photographs -o maps --suffix .png --loss cauchy")
+@click.command(**SETTINGS, epilog="Example: diffshade texels photographs -o maps --suffix .png")
 @with_options(*VIEWS, ROOM)
 @click.option(
     "-o",
@@ -27,12 +27,23 @@ FREE = ("k_d", "k_s", "n_s")
     help="Results; an interrupted run resumes  [default: maps]",
 )
 @click.option("--free", type=Names(), default=(), help="Maps  [default: k_d,k_s,n_s; normal too if unknown]")
-@click.option("--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure")
+@click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [default: by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
+@click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
+@click.option("--light-error", type=float, metavar="DEGREES", help="Error of the lights' directions, in the errors")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
-def texels(typed: Options, out: Path, shared: bool, heights: bool, suffix: str | None, as_json: bool) -> None:
+def texels(
+    typed: Options,
+    out: Path,
+    shared: bool,
+    alone: bool,
+    light_error: float | None,
+    heights: bool,
+    suffix: str | None,
+    as_json: bool,
+) -> None:
     """Find maps: a material for every pixel.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
@@ -57,6 +68,8 @@ def texels(typed: Options, out: Path, shared: bool, heights: bool, suffix: str |
             free=free,
             loss=typed.loss,
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
+            neighbours=not alone,
+            light_error=light_error,
             out=out,
             progress=True,
             **memory,

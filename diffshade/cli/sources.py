@@ -107,7 +107,7 @@ class Options:
     grey: tuple[str, ...] = ()
     bounds: tuple[tuple[str, list[float]], ...] = ()
     lobe: str | None = None
-    loss: str = "squares"
+    loss: str | None = "squares"
     noise: float | None = None
     memory: float | None = None
 
@@ -134,7 +134,7 @@ class Options:
                 tied=self.tied,
                 bounds=dict(self.bounds),
                 constraints=[ds.Grey(name) for name in self.grey],
-                loss=self.loss,
+                loss=self.loss or "squares",
                 progress=True,
                 **options,
             )

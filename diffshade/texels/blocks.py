@@ -84,7 +84,7 @@ def begin(
     )
     n = block.n
     if geometry.fits_normal:
-        n = geometry.first_normals(n, _reflected(setup, known, block).mean(1), block.observed.counts)
+        n = geometry.first_normals(n, reflected(setup, known, block).mean(1), block.observed.counts)
     return problem, n, first_weights(problem)
 
 
@@ -93,7 +93,7 @@ def _losses(loss: str) -> tuple[str, ...]:
     return ("squares",) if loss == "squares" else tuple(dict.fromkeys(["huber", loss]))
 
 
-def _reflected(
+def reflected(
     setup: LightingSetup, known: KnownCoefficients, block: TexelBlock
 ) -> Float[Array, "views channels texels"]:
     """Return the photographs without black, emission and ambient light, so far as these are known."""

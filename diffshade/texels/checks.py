@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import ArrayLike, Float, Int
 
 from ..core.fields import check, check_kind, refuse_traced
 from ..inverse.data.views import View, is_grey
@@ -23,7 +23,7 @@ FREE = (*COEFFICIENTS, "n_s", "normal")
 
 
 def checked(
-    scene: Scene, views: Sequence[View], free: Iterable[str], regions: Int[np.ndarray, "h w"] | None, loss: str
+    scene: Scene, views: Sequence[View], free: Iterable[str], regions: Int[np.ndarray, "h w"] | None, loss: str | None
 ) -> tuple[str, ...]:
     """Raise ValueError or TypeError for arguments of `fit_texels` that are wrong; return the free names in order."""
     if len(views) < 2:
@@ -34,13 +34,31 @@ def checked(
     refuse_traced("a fit", "Fit outside.", scene=scene, views=tuple(views))
     check((scene, tuple(views)))
     free = _checked_names(free)
-    if not isinstance(loss, str) or loss not in LOSSES:
+    if loss is not None and (not isinstance(loss, str) or loss not in LOSSES):
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")
     _check_scene(scene, free)
     _check_views(scene, views, free)
     if regions is not None:
         _check_regions(np.asarray(regions), views[0].camera.shape, free)
     return free
+
+
+def checked_light_error(
+    light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None
+) -> Float[np.ndarray, " views"]:
+    """Return the errors of the directions of the lights of each view, radians; raise ValueError for wrong ones."""
+    degrees = np.asarray(light_error, np.float64)
+    if degrees.shape not in ((), (views,)) or not (np.isfinite(degrees) & (degrees >= 0.0)).all():
+        raise ValueError(
+            f"light_error must be one number of degrees, at least 0, or one for each of the {views} views; got "
+            f"{light_error}. Give for example light_error=1.0."
+        )
+    if not {"k_d", "k_s", "n_s", "normal"} <= set(free) or loss == "squares":
+        raise ValueError(
+            f"light_error needs k_d, k_s, n_s and normal free, and a robust loss; got free={free}, loss={loss!r}. Free "
+            "them, or leave light_error out."
+        )
+    return np.deg2rad(np.broadcast_to(degrees, (views,)))
 
 
 def _checked_names(free: Iterable[str]) -> tuple[str, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 from collections.abc import Iterable, Sequence
 
 import jax
 import numpy as np
 from jax.sharding import Mesh
-from jaxtyping import Int
+from jaxtyping import ArrayLike, Float, Int
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
@@ -18,12 +19,18 @@ from ..inverse.data.views import View
 from ..inverse.fitting import check_scale
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
-from .checks import checked
+from .checks import checked, checked_light_error
+from .light_directions import note_on_normals
 from .maps import TexelMaps
+from .robust.choice import own_exponents_predict_better
+from .robust.run import LEARNING_SAMPLE, RobustRun
 from .run import TexelRun
 from .tile_runner import TileRunner
 
+_LOGGER = logging.getLogger("diffshade")
 MEMORY = 1 << 28
+SHARED = {"k_d", "k_s", "n_s", "normal"}  # what is free where texels may share a highlight
+MOST_COPLANAR = 0.5  # share of the texels whose lights lie in one plane, beyond which halves of them say nothing
 
 
 def fit_texels(
@@ -32,7 +39,9 @@ def fit_texels(
     *,
     free: Iterable[str] = ("k_d", "k_s", "n_s"),
     regions: Int[np.ndarray, "h w"] | None = None,
-    loss: str = "squares",
+    loss: str | None = None,
+    neighbours: bool = True,
+    light_error: Float[ArrayLike, " views"] | float | None = None,
     out: str | os.PathLike[str] | None = None,
     memory: int = MEMORY,
     mesh: Mesh | None = None,
@@ -42,13 +51,22 @@ def fit_texels(
 
     $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
 
-    at each texel, over all views. The coefficients are solved for exactly and are never below 0; log n_s and the normal
-    are found by Levenberg-Marquardt on the cost that the best coefficients leave (variable projection; Golub and
-    Pereyra 1973), in float64 whatever the global flag. No start is needed: n_s is searched for on a grid, and the
-    normal starts at photometric stereo (Woodham 1980) from the observations of middle brightness.
+    at each texel, over all views. There are two ways. Where k_d, k_s, n_s and normal are free and `loss` is not
+    "squares", both are tried on some texels; the one that predicts photographs it was not shown is taken.
 
-    A texel gets a highlight where one lowers the cost significantly. Elsewhere its k_s and n_s are 0, with infinite
-    errors, and its status says so.
+    Each texel by itself, for renders and whatever obeys the model: the coefficients are solved for exactly and are
+    never below 0; log n_s and the normal are found by Levenberg-Marquardt on the cost that the best coefficients leave
+    (variable projection; Golub and Pereyra 1973), in float64 whatever the global flag. No start is needed: n_s is
+    searched for on a grid, and the normal starts at photometric stereo (Woodham 1980) from the observations of middle
+    brightness. A texel gets a highlight where one lowers the cost significantly. Elsewhere its k_s and n_s are 0, with
+    infinite errors, and its status says so.
+
+    All texels with one highlight, for photographs of things: its shape, a sum of powers of the cosine, is learned from
+    the whole object, and k_s is kept small where no view shows a highlight. The lobe is Blinn's unless the scene's fits
+    far better. Every normal of a grid is tried, so that no local minimum traps a texel; shadows and bounced light lose
+    their weight by the robust loss; a normal is the geometric median of the 3 x 3 around it. The errors contain what
+    the model leaves out: they follow from the misfit, from the scatter of the neighbours, and from fits to halves of
+    the lights. It computes in float32, whose rounding is thousands of times smaller than those errors.
 
     Args:
         scene: One opaque object, whose surface says where the texels are, and all lights. The values of free numbers
@@ -57,10 +75,16 @@ def fit_texels(
             observation that the sensor clipped is excluded with all its channels; without a saturation, a sample of 1
             exactly counts as clipped.
         free: Names of the numbers to fit, of "k_a", "k_d", "k_s", "n_s" and "normal".
-        regions: Region of each pixel, whole numbers from 0; the texels of a region share one n_s, so zeros give all
-            texels one. By default every texel has its own.
+        regions: Region of each pixel, whole numbers from 0; the texels of a region share one n_s, or one shape of the
+            highlight, so zeros give all texels one. By default every texel has its own n_s, or the object one shape.
         loss: rho: "squares", or "huber", "cauchy" or "geman-mcclure" against outliers such as shadows; the channels of
-            an observation are weighted together.
+            an observation are weighted together. By default squares where each texel is fitted by itself, cauchy where
+            all share a highlight.
+        neighbours: Whether neighbours may correct a normal, where all texels share a highlight. Then bands of rows are
+            read with 5 rows of their neighbours.
+        light_error: Standard deviation of the directions of the lights about each axis, degrees: one number, or one
+            for each view. The errors of the normals then contain it, and all texels share a highlight. By default the
+            lights are taken to be exact.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`. The same call
             resumes from it, whenever it was stopped. By default the maps stay in memory.
         memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows. A run
@@ -81,6 +105,7 @@ def fit_texels(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_scale(memory, out, mesh, "out")
     free = checked(scene, views, free, regions, loss)
+    light_error = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     region_of = None if regions is None else np.unique(np.asarray(regions), return_inverse=True)[1].reshape(-1)
@@ -88,7 +113,39 @@ def fit_texels(
         showing("texels", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        problem = "" if out is None else fingerprint(scene, views, free, region_of, loss)
+        problem = "" if out is None else fingerprint(scene, views, free, region_of, loss, neighbours, light_error)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
-            return TexelRun(scene, views, free, loss, region_of, tiles).maps()
+            return _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)
+
+
+def _fit(
+    scene: Scene,
+    views: Sequence[View],
+    free: tuple[str, ...],
+    loss: str | None,
+    regions: Int[np.ndarray, " pixels"] | None,
+    tiles: TileRunner,
+    *,
+    neighbours: bool,
+    light_error: Float[np.ndarray, " views"] | None,
+) -> TexelMaps:
+    """Fit each texel by itself, or all with the highlight that they share, where that predicts photographs better."""
+    each = TexelRun(scene, views, free, loss or "squares", regions, tiles)
+    if "normal" not in free:
+        return each.maps(None, ())
+    lights = each.lights()
+    note = note_on_normals(lights)
+    notes = () if note is None else (note,)
+    for text in notes:
+        _LOGGER.warning(text)  # before the work begins
+    if set(free) != SHARED or loss == "squares" or lights.narrow or lights.coplanar > MOST_COPLANAR:
+        return each.maps(lights, notes)
+    run = RobustRun(
+        each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
+    )
+    sample = tiles.reader.sample(LEARNING_SAMPLE)
+    models = run.learn(sample)
+    if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
+        return each.maps(lights, notes)
+    return run.maps(models, notes)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from ..core.fields import Array
 from ..parallel.run_store import RunStore
 from .estimates import Estimates
 
@@ -31,11 +34,14 @@ class MapArrays:
     def write(self, pixels: np.ndarray, found: Estimates) -> None:
         """Write the estimates of some texels, given by their indices in the flattened image."""
         numbers = {"status": found.status[None], "residual": found.residual[None], **found.values}
-        numbers |= {f"{name}_error": error for name, error in found.errors.items()}
+        self.write_numbers(pixels, numbers | {f"{name}_error": error for name, error in found.errors.items()})
+
+    def write_numbers(self, pixels: np.ndarray, numbers: Mapping[str, Array]) -> None:
+        """Write numbers of some texels, each (channels, texels), into the arrays of their names."""
         for name, value in numbers.items():
             whole = self.arrays[name]
             with np.errstate(over="ignore"):  # an error too large for float32 becomes infinite
-                whole.reshape(-1, whole.shape[2])[pixels] = value.T
+                whole.reshape(-1, whole.shape[2])[pixels] = np.asarray(value).T
 
     def values(self) -> dict[str, np.ndarray]:
         """Return the maps, read-only."""

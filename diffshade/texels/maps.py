@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -17,6 +18,8 @@ from ..io.images import write_image
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
+from ..model.lobes import AbstractLobe
+from ..model.materials import Highlight
 from ..model.rendering import render
 from ..model.scenes import Scene, as_tuple
 from .map_files import map_folder, write_about, write_numbers
@@ -31,6 +34,16 @@ UNITS = {
     "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
 }
 PREVIEW_PERCENT = 98.0  # and a preview
+GAUSS_95 = 1.96  # standard errors that hold a number 95 % of the time
+NORMAL_95 = float(np.sqrt(np.log(20.0) / np.log(1.0 / 0.32)))  # 68 % angles of a normal that do
+
+
+class SharedHighlight(NamedTuple):
+    """One power of the highlight that the texels of an object or a region share."""
+
+    weight: Float[np.ndarray, "h w 1"] | float
+    """Its share of k_s, where regions differ one for each pixel."""
+    n_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +67,27 @@ class TexelMaps:
 
     Of several, the last counts.
 
-    Where k_s is free, k_s and n_s are 0 with infinite errors unless the status is "determined".
+    Where each texel was fitted by itself and k_s is free, k_s and n_s are 0 with infinite errors unless the status is
+    "determined". Where all texels share a highlight, k_s is kept at every texel, small where no view shows a highlight;
+    a texel is "determined" where k_s is above its error, and "not determined" where its normal has an error over 11.5
+    degrees or its lights lie in one plane.
 
     Attributes:
         values: k_a, k_d and k_s with a channel for each of the photographs, n_s with one, the normal as a unit vector.
-        errors: Standard errors, that of the normal in degrees; infinite where nothing is known, 0 outside. They are
-            made to hold up to five of them, farther than the curvature at the minimum reaches: where k_s, say, has no
-            upper bound, its error is many times itself.
+        errors: Standard errors, that of the normal in degrees; infinite where nothing is known, 0 outside. They hold
+            the truth about 68 % of the time. Where each texel was fitted by itself they are made to hold up to five of
+            them, farther than the curvature at the minimum reaches: where k_s, say, has no upper bound, its error is
+            many times itself. Where all texels share a highlight they contain what the model leaves out.
         status: Index into `TexelMaps.STATUS`.
         residual: Root mean square of the residuals, in the photographs' units, or in those of their noise where that
             is known.
         scene: The scene of the fit.
         camera: The camera of the views.
-        notes: What the lights leave undetermined, as was reported before the fit.
+        notes: What the lights leave undetermined, as was reported before the fit, and photographs that disagree with
+            the others.
+        times_95: How many errors hold the truth 95 % of the time, by name, where all texels share a highlight.
+        highlights: The powers that a shared highlight consists of; none where each texel has its own. The map of n_s
+            then has the single power that is half as bright as its peak at the same angle.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -76,8 +97,18 @@ class TexelMaps:
     scene: Scene
     camera: AbstractCamera
     notes: tuple[str, ...] = ()
+    times_95: Mapping[str, float] = field(default_factory=dict)
+    highlights: tuple[SharedHighlight, ...] = ()
 
     STATUS = STATUS
+
+    @property
+    def errors_95(self) -> dict[str, Float[np.ndarray, "h w _"]]:
+        """What the truth differs by at most 95 % of the time, that of the normal in degrees."""
+        return {
+            name: error * (self.times_95.get(name, NORMAL_95 if name == "normal" else GAUSS_95))
+            for name, error in self.errors.items()
+        }
 
     @property
     def determined(self) -> Bool[np.ndarray, "h w"]:
@@ -135,8 +166,18 @@ class TexelMaps:
         if "normal" in maps and isinstance(item.surface, GBuffer):
             surface = GBuffer(maps.pop("normal"), item.surface.position, self.status != OUTSIDE)
             item = dataclasses.replace(item, surface=surface)
+        if self.highlights:
+            maps |= self._powers(maps["k_s"])
         material = dataclasses.replace(item.material, **maps)
         return dataclasses.replace(self.scene, objects=(dataclasses.replace(item, material=material),))
+
+    def _powers(self, k_s: Float[np.ndarray, "h w _"]) -> dict[str, Any]:
+        """Return k_s and n_s of the first power of the shared highlight, and the others as further highlights."""
+        lobe = self.scene.objects[0].material.lobe
+        assert isinstance(lobe, AbstractLobe)
+        (weight, n_s), *others = self.highlights
+        further = tuple(Highlight(k_s=w * k_s, n_s=n, lobe=lobe) for w, n in others)
+        return {"k_s": weight * k_s, "n_s": n_s, "highlights": further}
 
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
         """Write every map to a folder, each file whole or not at all.
@@ -195,6 +236,11 @@ class TexelMaps:
             "status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True)),
             "units": units | {"residual": "those of the photographs, or their noise where that was given"},
         }
+        about["errors_95"] = {
+            name: round(self.times_95.get(name, NORMAL_95 if name == "normal" else GAUSS_95), 4) for name in self.values
+        }
+        if self.highlights:
+            about["highlight"] = [{"weight": float(np.mean(weight)), "n_s": n_s} for weight, n_s in self.highlights]
         if self.notes:
             about["notes"] = list(self.notes)
         if scales:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from .blocks import FitOptions, TexelBlock, scatter_of_block
 from .checks import check_anything_left
 from .descent import GRID
 from .estimates import Estimates, estimate
-from .light_directions import LightDistribution, light_distribution, note_on_normals
+from .light_directions import LightDistribution, light_distribution
 from .lighting import lighting_setup
 from .map_arrays import MapArrays
 from .maps import TexelMaps
@@ -28,7 +27,6 @@ from .status import TypicalResidual
 from .tile_runner import TileRunner
 from .tiles import Piece, TexelTile
 
-_LOGGER = logging.getLogger("diffshade")
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
 NOISE_SAMPLE = 4096  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
@@ -71,23 +69,29 @@ class TexelRun:
         self.known = known_coefficients(scene, free, tiles.reader.channels)
         self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, EXPONENT_RANGE[0])))
 
-    def maps(self) -> TexelMaps:
-        """Fit all texels, tile by tile, and return their maps."""
+    def maps(self, lights: LightDistribution | None, notes: tuple[str, ...]) -> TexelMaps:
+        """Fit all texels, tile by tile, and return their maps.
+
+        Args:
+            lights: How the lights are distributed, where normals are free.
+            notes: What is known before the fit.
+        """
         sample = self.tiles.reader.sample(TYPICAL_SAMPLE)
-        options, notes = self.options, ()
-        if "normal" in options.free:
-            lights = self.lights_of(sample)
-            options = options._replace(narrow=lights.narrow)
-            note = note_on_normals(lights)
-            if note is not None:
-                _LOGGER.warning(note)  # before the work begins
-                notes = (note,)
+        options = self.options if lights is None else self.options._replace(narrow=lights.narrow)
         sigma = np.asarray(1.0 if options.known_noise or options.loss == "squares" else self._noise_scale())
         exponents = None if self.regions is None else self._region_exponents(sigma)
         if exponents is not None:
             options = options.without("n_s")._replace(shared=True)
         typical = self._typical_residual(sample, options, sigma, exponents)
         return self._fit_all(options, sigma, typical, exponents, notes)
+
+    def estimates(self, tile: TexelTile) -> Estimates:
+        """Return the estimates of some texels, by squares."""
+        options, typical = (
+            self.options._replace(loss="squares"),
+            TypicalResidual(np.asarray(np.inf), np.asarray(np.inf)),
+        )
+        return self._fit(tile, options, np.asarray(1.0), typical, None, FIRST_STEPS)
 
     def _fit_all(
         self,
@@ -152,17 +156,18 @@ class TexelRun:
             return estimate(self.setup, self.known, block, sigma, typical, np.asarray(max_steps), options)
 
         pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents), which)
-        found = self.tiles.on_pieces(lambda piece: self.tiles.evaluate(program, piece), pieces)
+        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(program, piece), pieces)
         return jax.tree.map(lambda *parts: np.concatenate(parts, -1), *found)
 
-    def lights_of(self, sample: TexelTile) -> LightDistribution:
+    def lights(self) -> LightDistribution:
         """Return how the lights of some texels are distributed."""
+        sample = self.tiles.reader.sample(TYPICAL_SAMPLE)
 
         def program(block: TexelBlock) -> Float[Array, "3 3 texels"]:
             return scatter_of_block(self.setup, block, "k_a" in self.options.free)
 
         pieces = self.tiles.reader.pieces(sample, self._log_n_s_of(sample))
-        found = self.tiles.on_pieces(lambda piece: self.tiles.evaluate(program, piece), pieces)
+        found = self.tiles.on_all(lambda piece: self.tiles.evaluate(program, piece), pieces)
         return light_distribution(np.concatenate([np.zeros((3, 3, 0)), *found], -1))
 
     def _typical_residual(
@@ -201,7 +206,7 @@ class TexelRun:
         def of_piece(piece: Piece) -> Float[np.ndarray, " observations"]:
             return self.tiles.evaluate(program, piece)[tile.counts[:, piece.part]]
 
-        found = self.tiles.on_pieces(of_piece, self.tiles.reader.pieces(tile, self._log_n_s_of(tile)))
+        found = self.tiles.on_all(of_piece, self.tiles.reader.pieces(tile, self._log_n_s_of(tile)))
         return np.concatenate(found or [np.zeros(0)])
 
     def _region_exponents(self, sigma: np.ndarray) -> Exponents:
@@ -241,7 +246,7 @@ class TexelRun:
                 return by_region(self.tiles.evaluate(program, piece), region[piece.part], regions)
 
             pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents))  # none without the object
-            return sum(self.tiles.on_pieces(of_piece, pieces), np.zeros((rows, regions)))
+            return sum(self.tiles.on_all(of_piece, pieces), np.zeros((rows, regions)))
 
         verb = f"n_s of the regions, {name.replace('_', ' ')}:"
         return self.tiles.sum_over_tiles(name, (rows, regions), of_tile, verb)

@@ -20,6 +20,7 @@ from ..parallel.threads import in_order, on_all_cores
 from .blocks import TexelBlock
 from .tiles import Piece, TexelTile, ViewReader
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -74,27 +75,40 @@ class TileRunner:
         """Release the store's folder."""
         self.store.close()
 
-    def each_tile(self, work: Callable[[int, TexelTile], None], done: np.ndarray, verb: str) -> None:
-        """Read every tile of this process that is not done, and call `work(index, tile)`, which marks it as done."""
+    def rows_of(self, t: int) -> tuple[int, int]:
+        """Return the first row of a tile, and the end of its rows."""
+        return t * self.store.rows, min((t + 1) * self.store.rows, self.reader.shape[0])
+
+    def each_tile(
+        self, work: Callable[[int, TexelTile], None], done: np.ndarray, verb: str, *, margin: int = 0
+    ) -> None:
+        """Read every tile of this process that is not done, and call `work(index, tile)`, which marks it as done.
+
+        Args:
+            work: What to do with a tile.
+            done: Which tiles are done.
+            verb: What is being done, for the progress.
+            margin: Rows of the neighbouring tiles, above and below, that are read as well.
+        """
         height, rows = self.reader.shape[0], self.store.rows
         own = self.own
         todo = [t for t in own if not done[t]]
 
         def read(t: int) -> tuple[int, TexelTile]:
-            first = t * rows
-            return t, self.reader.read(first, min(first + rows, height), rows)
+            first, last = self.rows_of(t)
+            return t, self.reader.read(max(first - margin, 0), min(last + margin, height), rows + 2 * margin)
 
         for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
             work(t, tile)
             self.report_progress(verb, (len(own) - len(todo) + k + 1) / len(own))
 
-    def on_pieces(self, work: Callable[[Piece], T], pieces: Sequence[Piece]) -> list[T]:
+    def on_all(self, work: Callable[[S], T], pieces: Sequence[S]) -> list[T]:
         """Return work(piece) for each piece, in order: on all cores, or each on the next device of the mesh."""
         if self.device_group is None:
             return on_all_cores(work, pieces)
         devices = list(self.device_group.here.devices.flat)
 
-        def on_device(item: tuple[int, Piece]) -> T:
+        def on_device(item: tuple[int, S]) -> T:
             k, piece = item
             with jax.default_device(devices[k % len(devices)]):
                 return work(piece)

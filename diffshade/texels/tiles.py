@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -24,6 +24,7 @@ from .blocks import TexelBlock
 from .prediction import Observations
 
 SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
+MOST_OF_ROW = 4  # times its even share that a row may have of a sample
 BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
 SMALLEST_BLOCK = 64
 
@@ -37,6 +38,30 @@ class TexelTile(eqx.Module):
     position: Float[np.ndarray, "n 3"] | None
     target: Float[np.ndarray, "views channels n"]
     counts: Bool[np.ndarray, "views n"]
+
+    def part(self, which: Int[np.ndarray, " m"]) -> TexelTile:
+        """Return the texels of these indices."""
+        position = None if self.position is None else self.position[which]
+        seen, counts = self.target[..., which], self.counts[:, which]
+        return TexelTile(self.pixels[which], self.normal[which], position, seen, counts)
+
+
+def joined(tiles: Sequence[TexelTile]) -> TexelTile:
+    """Return the texels of all tiles as one."""
+    position = None if tiles[0].position is None else np.concatenate([cast(np.ndarray, t.position) for t in tiles])
+    return TexelTile(
+        np.concatenate([tile.pixels for tile in tiles]),
+        np.concatenate([tile.normal for tile in tiles]),
+        position,
+        np.concatenate([tile.target for tile in tiles], -1),
+        np.concatenate([tile.counts for tile in tiles], -1),
+    )
+
+
+def _evenly(tile: TexelTile, most: int) -> TexelTile:
+    """Return at most so many texels of a tile, spread evenly."""
+    count = len(tile.pixels)
+    return tile.part(np.unique(np.linspace(0, max(count - 1, 0), min(most, count)).astype(int))[:count])
 
 
 class Piece(NamedTuple):
@@ -123,23 +148,14 @@ class ViewReader:
         """Return about `most` texels of rows spread evenly over the image, whatever the bands are."""
         height = self.shape[0]
         rows = np.unique(np.linspace(0, height - 1, min(height, SAMPLED_ROWS)).astype(int))
-        some = []
+        counts, tiles = [], []
         for row in rows:
             tile = self.read(int(row), int(row) + 1, 1)
-            count = len(tile.pixels)
-            which = np.unique(np.linspace(0, max(count - 1, 0), most // len(rows)).astype(int))[:count]
-            position = None if tile.position is None else tile.position[which]
-            some.append(
-                (tile.pixels[which], tile.normal[which], position, tile.target[..., which], tile.counts[:, which])
-            )
-        pixels, normal, position, target, counts = zip(*some, strict=True)
-        return TexelTile(
-            np.concatenate(pixels),
-            np.concatenate(normal),
-            None if position[0] is None else np.concatenate(position),
-            np.concatenate(target, -1),
-            np.concatenate(counts, -1),
-        )
+            counts.append(len(tile.pixels))
+            tiles.append(_evenly(tile, MOST_OF_ROW * most // len(rows)))  # the rest need not stay in memory
+        share = most / max(sum(counts), 1)
+        # as many of a row as its share of the object
+        return joined([_evenly(tile, int(np.ceil(share * n))) for tile, n in zip(tiles, counts, strict=True)])
 
     def _geometry(self, first: int, last: int, height: int) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Return where the camera sees the object in a band, the normals there, and the points if they are needed."""

@@ -63,4 +63,4 @@ def test_lamps_on_a_line_in_space_lie_in_a_plane_with_every_texel_and_those_of_a
         scene = facing_us(ball)
         tiles = TileRunner(scene, ball.views, "", silent, out=None, memory=1 << 28, mesh=None)
         run = TexelRun(scene, ball.views, ("k_d", "normal"), "squares", None, tiles)
-        assert run.lights_of(tiles.reader.sample(64)).coplanar == share
+        assert run.lights().coplanar == share

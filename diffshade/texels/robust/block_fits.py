@@ -1,0 +1,264 @@
+"""Block fits: the compiled programs of a robust fit: normals and their spread, coefficients, and residuals."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.fields import Array
+from ...model.vectors import Vec3, dot
+from ..blocks import TexelBlock, reflected
+from ..geometry import lighting_geometry
+from ..light_directions import out_of_plane, scatter
+from ..lighting import LightingSetup
+from ..linear_systems import inverse_diagonal, solve
+from ..normal_equations import tangents_of
+from ..photometric_stereo import mean_light
+from ..prediction import KnownCoefficients
+from .candidates import best_coefficients, lowest_minima
+from .highlight_shape import HighlightShape
+from .learning import ObjectModel
+from .observations import Observed, observe
+from .robust_descent import State, Weighing, around, begin, descend, lowest, system
+
+FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
+REWEIGHTINGS = 3
+DOUBTED = 4.0  # scales of the loss beyond which a residual is doubted
+CURVATURE = 1e-4  # added to the curvature of every unknown, relative to a texel of level 1
+
+
+class Normals(NamedTuple):
+    """The normals of a block, and what their errors follow from."""
+
+    n: Float[Array, "3 texels"]
+    k_d: Float[Array, " texels"]
+    k_s: Float[Array, " texels"]
+    spread: Float[Array, "3 texels"]
+    """By the curvature at the minimum and the misfit: of the normal, radians, and of k_d and k_s."""
+    by_lights: Float[Array, " texels"]
+    """Standard deviation of the normal about each axis that follows from the errors of the lights, radians."""
+    lit: Float[Array, " texels"]
+    """Number of observations that count and that a light reaches."""
+    plane: Float[Array, " texels"]
+    """Sine by which the lights that reach a texel leave one plane."""
+    facing: Float[Array, " texels"]
+    """Cosine of the angle to the camera."""
+
+
+class Coefficients(NamedTuple):
+    """The coefficients of a block whose normals are known, and how its observations agree with them."""
+
+    k_d: Float[Array, "channels texels"]
+    k_s: Float[Array, "channels texels"]
+    residual: Float[Array, " texels"]
+    """Root mean square, in the photographs' units."""
+    doubted: Bool[Array, "views texels"]
+    """Observations that are far from the model."""
+    counts: Bool[Array, "views texels"]
+
+
+@jax.jit
+def lowest_state(observed: Observed, model: ObjectModel) -> State:
+    """Return the lowest minimum of each texel."""
+    weighing = model.weighing(observed.level)
+    n = lowest_minima(observed, model.shape, weighing.ridge * weighing.scale**2)
+
+    def from_start(n: Vec3) -> State:
+        return descend(observed, model.shape, weighing, begin(observed, model.shape, weighing, n), FEW_STEPS)
+
+    def further(state: State) -> State:
+        return descend(observed, model.shape, weighing, state, MORE_STEPS)
+
+    few = lowest(jax.vmap(from_start)(n), FEW_STARTS)
+    return jax.tree.map(lambda leaf: leaf[0], lowest(jax.vmap(further)(few), 1))
+
+
+def normals_of(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    model: ObjectModel,
+    light_error: Float[Array, " views"] | None,
+) -> Normals:
+    """Return the normals of a block.
+
+    Args:
+        setup: The lights of the views.
+        known: The coefficients that are not fitted.
+        block: The texels.
+        model: What the object's texels have in common.
+        light_error: Standard deviation of each view's lights about each axis, radians.
+    """
+    observed = observe(setup, known, block)
+    return _with_spread(setup, block, observed, model, lowest_state(observed, model), light_error)
+
+
+@jax.jit
+def _with_spread(
+    setup: LightingSetup,
+    block: TexelBlock,
+    observed: Observed,
+    model: ObjectModel,
+    state: State,
+    light_error: Float[Array, " views"] | None,
+) -> Normals:
+    """Return the normals of a block at their minimum, and what their errors follow from."""
+    weighing = model.weighing(observed.level)
+    here = around(observed, model.shape, weighing, state)
+    A = system(observed, model.shape, weighing, state).A
+    A = [[a + (CURVATURE if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(A)]
+    freedom = jnp.maximum(jnp.sum(here.weight, 0) - 4.0, 1.0)
+    variance = jnp.sum(here.weight * here.residual**2, 0) / freedom
+    tilt_a, tilt_b, k_d, k_s = (variance * c for c in inverse_diagonal(A))
+    reached = observed.lights.reach(state.n) & observed.counts
+    weight = jnp.where(observed.counts, 1.0, 0.0)[:, None]
+    geometry = lighting_geometry(setup, block.p, block.v)
+    S = scatter(
+        geometry.l,
+        geometry.strength,
+        setup.exposure,
+        weight,
+        jax.tree.map(lambda c: c.astype(float), state.n),
+        ambient=False,
+    )
+    spread = jnp.stack([jnp.sqrt(tilt_a + tilt_b), jnp.sqrt(k_d) * observed.level, jnp.sqrt(k_s) * observed.level])
+    by_lights = jnp.zeros_like(state.k_d)
+    if light_error is not None:
+        by_lights = _by_lights(observed, model.shape, weighing, state, A, here.J, here.weight, light_error)
+    n = jnp.stack([state.n.x, state.n.y, state.n.z])
+    lit = jnp.sum(reached, 0, dtype=jnp.float32)
+    facing = dot(state.n, jax.tree.map(lambda c: jnp.asarray(c, jnp.float32), block.v))
+    k_d, k_s = state.k_d * observed.level, state.k_s * observed.level
+    return Normals(n, k_d, k_s, spread, by_lights, lit, out_of_plane(S), jnp.broadcast_to(facing, lit.shape))
+
+
+def _by_lights(
+    observed: Observed,
+    shape: HighlightShape,
+    weighing: Weighing,
+    state: State,
+    A: list[list[Array]],
+    J: tuple[Array, ...],
+    weight: Array,
+    light_error: Float[Array, " views"],
+) -> Float[Array, " texels"]:
+    """Return the standard deviation of the normals about each axis that follows from the directions of the lights."""
+    lights = observed.lights
+
+    def shown(l: Vec3) -> Array:
+        D, S = eqx.tree_at(lambda one: one.l, lights, l).shading(shape, state.n)
+        return state.k_d[None] * D + state.k_s[None] * S
+
+    B = [[jnp.zeros_like(state.k_d) for _ in range(4)] for _ in range(4)]
+    whole = jax.tree.map(lambda c: jnp.broadcast_to(c, jnp.broadcast_shapes(c.shape, state.k_d.shape)), lights.l)
+    for tangent in tangents_of(whole):
+        _, change = jax.jvp(shown, (whole,), (tangent,))
+        pull = (weight * jnp.asarray(light_error, change.dtype)[:, None] * change) ** 2
+        B = [[B[i][j] + jnp.sum(pull * J[i] * J[j], 0) for j in range(4)] for i in range(4)]
+    columns = [solve(A, [row[j] for row in B]) for j in range(4)]  # A^-1 B
+    rows = [solve(A, [columns[j][i] for j in range(4)]) for i in range(2)]  # its first two rows, times A^-1
+    return jnp.sqrt(jnp.maximum(rows[0][0] + rows[1][1], 0.0) / 2.0)
+
+
+@jax.jit
+def coefficients_of(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    model: ObjectModel,
+    n: Float[Array, "3 texels"],
+) -> Coefficients:
+    """Return k_d and k_s of each channel for normals that are known, by reweighted squares."""
+    observed = observe(setup, known, block)
+    weighing = model.weighing(observed.level)
+    state = begin(observed, model.shape, weighing, Vec3(*n))
+    here = around(observed, model.shape, weighing, state)
+    ridge = weighing.ridge * weighing.scale**2
+    _, _, D, S = here.J
+    for _ in range(REWEIGHTINGS):
+        k_d, k_s = _solved(here.weight, D, S, observed.y, ridge)
+        state = eqx.tree_at(lambda s: (s.k_d, s.k_s), state, (k_d, k_s))
+        here = around(observed, model.shape, weighing, state)
+    geometry = lighting_geometry(setup, block.p, block.v)
+    arriving = jnp.sum(geometry.strength, 2)
+    shown = reflected(setup, known, block)
+    per_light = (shown / jnp.where(arriving > 0.0, arriving, 1.0)).astype(jnp.float32)
+    k_d, k_s = jax.vmap(lambda y: _solved(here.weight, D, S, y, ridge), 1)(per_light)
+    off = jnp.where(
+        observed.counts[:, None],
+        (k_d[None] * D[:, None] + k_s[None] * S[:, None]).astype(float) * arriving - shown,
+        0.0,
+    )
+    samples = jnp.maximum(jnp.sum(observed.counts, 0, dtype=float) * shown.shape[1], 1.0)
+    residual = jnp.sqrt(jnp.sum(off**2, (0, 1)) / samples)
+    doubted = observed.counts & (jnp.abs(here.residual) > DOUBTED * weighing.scale[None])
+    return Coefficients(k_d, k_s, residual, doubted, observed.counts)
+
+
+def _solved(weight: Array, D: Array, S: Array, y: Array, ridge: Array) -> tuple[Array, Array]:
+    """Return k_d, k_s >= 0 by weighted squares."""
+    sums = (jnp.sum(weight * a, 0) for a in (D * D, D * S, S * S, D * y, S * y))
+    dd, ds, ss, dy, sy = sums
+    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + 1e-9, dy, sy)
+    return k_d, k_s
+
+
+class Turned(NamedTuple):
+    """By how much a block's numbers change when only some views are believed."""
+
+    angle: Float[Array, "parts texels"]
+    """Of the normal, radians."""
+    k_d: Float[Array, "parts texels"]
+    k_s: Float[Array, "parts texels"]
+    reached: Float[Array, "parts texels"]
+    """Share of the part's views whose lights reach the texel."""
+
+
+def turned(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    model: ObjectModel,
+    parts: Bool[np.ndarray, "parts views"],
+) -> Turned:
+    """Return by how much the numbers of a block change when each part of the views is fitted alone."""
+    observed = observe(setup, known, block)
+    whole = lowest_state(observed, model)
+    each = [_change(observed, whole, lowest_state(seen_in(observed, part), model), part) for part in parts]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
+
+
+@jax.jit
+def seen_in(observed: Observed, part: Bool[Array, " views"]) -> Observed:
+    """Return the same with the observations of some views alone."""
+    seen = (observed.believed & part[:, None], observed.counts & part[:, None])
+    return eqx.tree_at(lambda o: (o.believed, o.counts), observed, seen)
+
+
+@jax.jit
+def _change(observed: Observed, whole: State, state: State, part: Bool[Array, " views"]) -> Turned:
+    """Return by how much a state of some views differs from that of all."""
+    sine = jnp.sqrt(sum((a - b) ** 2 for a, b in zip(_parts(state.n), _parts(whole.n), strict=True))) / 2.0
+    reach = observed.lights.reach(whole.n) & part[:, None]
+    reached = jnp.sum(reach, 0, dtype=jnp.float32) / jnp.sum(part, dtype=jnp.float32)
+    angle = 2.0 * jnp.arcsin(jnp.clip(sine, 0.0, 1.0))
+    level = observed.level
+    return Turned(angle, (state.k_d - whole.k_d) * level, (state.k_s - whole.k_s) * level, reached)
+
+
+@jax.jit
+def lights_toward(setup: LightingSetup, block: TexelBlock) -> Float[Array, "views 3 texels"]:
+    """Return the light of each view that arrives at each texel, as a vector towards it."""
+    geometry = lighting_geometry(setup, block.p, block.v)
+    light = mean_light(geometry.l, geometry.strength)
+    each = [jnp.broadcast_to(c, (len(c), *block.n.x.shape)) for c in (light.x, light.y, light.z)]
+    return jnp.stack(each, 1)
+
+
+def _parts(v: Vec3) -> tuple[Array, Array, Array]:
+    return v.x, v.y, v.z

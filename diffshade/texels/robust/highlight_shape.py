@@ -1,0 +1,62 @@
+r"""Highlight shape: how bright a highlight is at each angle, shared by all texels of an object or a region.
+
+$$ S = \sum_j w_j (\cos)_+^{p_j}, \quad p_j = 4 \cdot 2^j, \quad w_j \ge 0, \quad \sum_j w_j = 1 $$
+
+Real highlights have a narrow core and long tails, which no single exponent has, and one texel shows too little of its
+highlight to say where in between it lies.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...core.fields import Array
+
+EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
+FIRST = 4  # index of the exponent, 64, that learning begins with
+LEAST_WEIGHT = 0.01  # a smaller share of the highlight is left out
+
+
+class HighlightShape(eqx.Module):
+    """The weights of the powers of a highlight."""
+
+    weight: Float[Array, " powers"]
+
+    def at(self, cosine: Float[Array, "..."]) -> tuple[Array, Array]:
+        """Return S and its derivative by the cosine, at cosines from 0 to 1, by squaring again and again."""
+        power = (cosine * cosine) ** 2
+        value, slope = self.weight[0] * power, EXPONENTS[0] * self.weight[0] * power
+        for exponent, weight in zip(EXPONENTS[1:], self.weight[1:], strict=True):
+            power = power * power
+            value, slope = value + weight * power, slope + exponent * weight * power
+        return value, slope / jnp.maximum(cosine, 1e-3)
+
+    @property
+    def lobes(self) -> tuple[tuple[float, float], ...]:
+        """The weight and the exponent of each power that takes part."""
+        return tuple((float(w), p) for w, p in zip(np.asarray(self.weight), EXPONENTS, strict=True) if w > 0.0)
+
+    @property
+    def exponent(self) -> float:
+        """The n_s of the single power that is half as bright as its peak at the same angle."""
+        weight = np.asarray(self.weight, np.float64)
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            bright = float(weight @ middle ** np.asarray(EXPONENTS)) > 0.5
+            low, high = (low, middle) if bright else (middle, high)
+        return float(np.log(0.5) / np.log(high))
+
+
+def first_shape() -> HighlightShape:
+    """Return the shape that learning begins with."""
+    return HighlightShape(np.eye(len(EXPONENTS), dtype=np.float32)[FIRST])
+
+
+def shape_of(weight: Float[np.ndarray, " powers"]) -> HighlightShape:
+    """Return the shape of these weights, small ones left out."""
+    kept = np.where(weight < LEAST_WEIGHT * weight.sum(), 0.0, weight)
+    return HighlightShape((kept / kept.sum()).astype(np.float32))

@@ -1,0 +1,117 @@
+"""Learning: what the texels of one object have in common, from a sample of them: highlight shape, misfit, brightness.
+
+The rounds alternate between the texels, given the shape, and the shape, given the texels. A step of the shape is
+Gauss-Newton with the normals and k_d of all texels eliminated, under weights that are not negative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import nnls
+
+from ...core.fields import Array
+from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
+from .observations import Observed
+from .robust_descent import State, Weighing, around
+
+SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
+FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
+LEAST_MISFIT = 1e-4
+MAD = 1.4826  # standard deviation of a Gaussian in median absolute deviations
+DARK_ENOUGH = 50  # observations of what lies in its own shadow from which the absolute residual is found
+SEEN = 0.5  # S from which a view shows a highlight
+SEEN_ENOUGH = 20  # texels that show one, from which the brightness of highlights is learned
+BRIGHT_PERCENT = 90.0
+RIDGE = 1e-4  # of the weights of the shape, relative to their mean curvature
+
+
+class ObjectModel(eqx.Module):
+    """What the texels of an object have in common."""
+
+    shape: HighlightShape
+    relative_misfit: Float[Array, ""]
+    """Typical residual relative to the level of a texel."""
+    absolute_misfit: Float[Array, ""]
+    """Typical residual where no light should be, as a reflectance."""
+    brightest: Float[Array, ""]
+    """k_s of the brightest highlights seen; infinite where too few are seen."""
+    loss: str = eqx.field(static=True)
+
+    def weighing(self, level: Float[Array, " texels"]) -> Weighing:
+        """Return what the residuals and k_s of texels of these levels are measured by."""
+        scale = SHARPNESS * jnp.hypot(self.relative_misfit, self.absolute_misfit / level)
+        return Weighing(scale, (level / (SHARPNESS * self.brightest)) ** 2, self.loss)
+
+
+def first_model(loss: str) -> ObjectModel:
+    """Return the model that learning begins with."""
+    return ObjectModel(
+        first_shape(), *(np.asarray(number, np.float32) for number in (FIRST_MISFIT, 0.0, np.inf)), loss=loss
+    )
+
+
+class Fitted(NamedTuple):
+    """Texels of a sample at their minimum, as learning needs them."""
+
+    residual: Float[Array, "views texels"]
+    weight: Float[Array, "views texels"]
+    """Of the loss; 0 where an observation is not believed."""
+    J: Float[Array, "3 views texels"]
+    """Derivatives of the model by both tilts and by k_d."""
+    powers: Float[Array, "powers views texels"]
+    """Each power of the highlight alone."""
+    k_s: Float[Array, " texels"]
+    level: Float[Array, " texels"]
+    lit: Bool[Array, "views texels"]
+
+
+@jax.jit
+def fitted(observed: Observed, model: ObjectModel, state: State) -> Fitted:
+    """Return what learning needs of a block of texels at their minimum."""
+    here = around(observed, model.shape, model.weighing(observed.level), state)
+    each = [HighlightShape(row) for row in np.eye(len(EXPONENTS), dtype=np.float32)]
+    powers = jnp.stack([observed.lights.shading(shape, state.n)[1] for shape in each])
+    J = jnp.stack(here.J[:3])
+    return Fitted(here.residual, here.weight, J, powers, state.k_s, observed.level, observed.lights.reach(state.n))
+
+
+def learned(model: ObjectModel, texels: Fitted) -> ObjectModel:
+    """Return the model that these texels, fitted by the model so far, suggest."""
+    believed = texels.weight > 0.0
+    dark = texels.residual * texels.level[None]
+    in_shadow = dark[believed & ~texels.lit]
+    absolute = MAD * np.median(np.abs(in_shadow)) if len(in_shadow) > DARK_ENOUGH else 0.0
+    lit = np.abs(texels.residual[believed & texels.lit])
+    relative = max(MAD * float(np.median(lit)) if len(lit) else 0.0, LEAST_MISFIT)
+    S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
+    seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
+    brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
+    shape = _next_shape(model, texels)
+    return ObjectModel(
+        shape, *(np.asarray(number, np.float32) for number in (relative, absolute, brightest)), loss=model.loss
+    )
+
+
+def _next_shape(model: ObjectModel, texels: Fitted) -> HighlightShape:
+    """Return the shape after a Gauss-Newton step on the weights, with tilts and k_d of each texel eliminated."""
+    current = np.asarray(model.shape.weight, np.float64)
+    scale = np.asarray(model.weighing(jnp.asarray(texels.level)).scale)
+    root = np.sqrt(texels.weight / scale[None] ** 2).T[..., None]  # (texels, views, 1)
+    A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
+    target = A @ current - texels.residual.T * root[..., 0]
+    Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J), 0, -1).swapaxes(0, 1) * root)
+    A = A - Q @ (Q.swapaxes(1, 2) @ A)
+    target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
+    A, target = A.reshape(-1, len(current)), target.ravel()
+    G = A.T @ A
+    if not np.trace(G) > 0.0:  # no texel has a highlight
+        return model.shape
+    L = np.linalg.cholesky(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)))
+    weight = nnls(L.T, np.linalg.solve(L, A.T @ target))[0]
+    return shape_of(weight) if weight.sum() > 0.0 else model.shape

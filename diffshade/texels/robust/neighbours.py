@@ -1,0 +1,57 @@
+"""Neighbours: what the normals around a texel say of its own, on the grid of the image."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+MEDIAN_SIDE = 3  # side of the square whose geometric median replaces a normal: the fewest that outvote an outlier
+SCATTER_SIDE = 9  # side of the square over which normals scatter
+MISFIT_SIDE = 5  # side of the square over which misfits are averaged
+MARGIN = SCATTER_SIDE // 2 + 1  # rows of its neighbours that a band needs for results like the whole image's
+ITERATIONS = 10
+SOFT = 1e-2  # distance below which neighbours pull no harder: that of normals half a degree apart
+
+
+def geometric_median(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
+    """Return the unit vectors nearest to the normals around each texel by the sum of distances (Weiszfeld 1937).
+
+    Unlike a mean it stays at an edge, and one outlier does not move it far.
+    """
+    around = _shifted(normal * mask[..., None], MEDIAN_SIDE)
+    inside = _shifted(mask[..., None].astype(normal.dtype), MEDIAN_SIDE)[..., 0]
+    inside = inside * inside[::-1]  # neighbours in pairs: at an outline those of one side would pull normals inwards
+    found = normal
+    for _ in range(ITERATIONS):
+        weight = inside / np.sqrt(((around - found) ** 2).sum(-1) + SOFT**2)
+        total = (weight[..., None] * around).sum(0)
+        length = np.linalg.norm(total, axis=-1, keepdims=True)
+        found = np.where(mask[..., None] & (length > 0.0), total / np.where(length > 0.0, length, 1.0), normal)
+    return found
+
+
+def scatter_of(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Return the root mean square sine by which the normals around each texel leave their mean, 0 outside."""
+    share = np.maximum(_box(mask.astype(np.float64), SCATTER_SIDE), 1e-9)
+    mean = [_box(normal[..., i] * mask, SCATTER_SIDE) / share for i in range(3)]
+    return np.where(mask, np.sqrt(np.maximum(1.0 - sum(m * m for m in mean), 1e-8)), 0.0)
+
+
+def root_mean_square(values: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Return the root mean square of the values around each texel, 0 outside."""
+    share = np.maximum(_box(mask.astype(np.float64), MISFIT_SIDE), 1e-9)
+    return np.where(mask, np.sqrt(np.maximum(_box(np.where(mask, values, 0.0) ** 2, MISFIT_SIDE), 0.0) / share), 0.0)
+
+
+def _box(values: Float[np.ndarray, "h w"], side: int) -> Float[np.ndarray, "h w"]:
+    """Return the mean over a square, with zeros beyond the image; sums are whole, so that bands agree with an image."""
+    padded = np.pad(np.asarray(values, np.float64), side // 2)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, side, 0).sum(-1)
+    return np.lib.stride_tricks.sliding_window_view(windows, side, 1).sum(-1) / side**2
+
+
+def _shifted(image: Float[np.ndarray, "h w c"], side: int) -> Float[np.ndarray, "n h w c"]:
+    """Return the image shifted to every place of a square, zeros coming in."""
+    r, (height, width) = side // 2, image.shape[:2]
+    padded = np.pad(image, ((r, r), (r, r), (0, 0)))
+    return np.stack([padded[i : i + height, j : j + width] for i in range(side) for j in range(side)])

@@ -1,0 +1,123 @@
+"""Observations of a block: what the views show of its texels as reflectance, and which of it is believed.
+
+Each photograph is divided by the light that reaches the texel, channel by channel, so that lamps of other colours
+agree. The mean over the channels is divided by its own mean over the views, the level of the texel: what is left has
+one scale for all texels. The darkest observations are left out of the search, for most of them lie in shadow.
+"""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from ...core.fields import Array
+from ...model.lobes import AbstractPowerLobe
+from ...model.vectors import Vec3, dot
+from ..blocks import TexelBlock, reflected
+from ..geometry import lighting_geometry
+from ..lighting import LightingSetup
+from ..prediction import KnownCoefficients
+from .highlight_shape import HighlightShape
+
+DARKEST = 0.15  # share of the observations that is left out, so long as FEWEST are left
+FEWEST = 5
+DARK_TRUST = 0.25  # weight of the darkest in a descent: they may show a steep slope as well as a shadow
+
+
+class Lights(eqx.Module):
+    """The lights of each view as they reach a block of texels, each view's together of strength 1."""
+
+    l: Vec3
+    """Components (views, emitters, texels or 1)."""
+    strength: Float[Array, "views emitters _"]
+    v: Vec3
+    """Components (1, 1, texels or 1)."""
+    lobe: AbstractPowerLobe
+
+    def shading(self, shape: HighlightShape, n: Vec3) -> tuple[Array, Array]:
+        """Return D = (n.l)_+ and S of each view, for normals of shape (1, texels)."""
+        lit, n_l, cosine = self._cosines(n)
+        S, _ = shape.at(cosine)
+        return self._sum(jnp.where(lit, n_l, 0.0)), self._sum(jnp.where(lit, S, 0.0))
+
+    def shading_of_power(self, n_s: Float[Array, " texels"], n: Vec3) -> tuple[Array, Array]:
+        """Return D and a single power of the cosine of each view."""
+        lit, n_l, cosine = self._cosines(n)
+        power = jnp.where(lit & (cosine > 0.0), jnp.maximum(cosine, 1e-6) ** n_s[None, None], 0.0)
+        return self._sum(jnp.where(lit, n_l, 0.0)), self._sum(power)
+
+    def slopes(self, shape: HighlightShape, n: Vec3, tangents: tuple[Vec3, Vec3]) -> tuple[Array, ...]:
+        """Return D and S of each view, and the derivatives of both along two tangents of the normals."""
+        (n_l, cosine), along = jax.linearize(self._of_normal, n)
+        lit, cosine, inside = n_l > 0.0, jnp.clip(cosine, 0.0, 1.0), cosine > 0.0
+        S, by_cosine = shape.at(cosine)
+        found = [jnp.where(lit, n_l, 0.0), jnp.where(lit, S, 0.0)]
+        for tangent in tangents:
+            dn_l, dcosine = along(tangent)
+            found += [jnp.where(lit, dn_l, 0.0), jnp.where(lit & inside, by_cosine * dcosine, 0.0)]
+        return tuple(map(self._sum, found))
+
+    def reach(self, n: Vec3) -> Bool[Array, "views texels"]:
+        """Return in which views a light reaches the texels."""
+        return self._sum(jnp.where(self._cosines(n)[0], 1.0, 0.0)) > 0.0
+
+    def _of_normal(self, n: Vec3) -> tuple[Array, Array]:
+        n = jax.tree.map(lambda c: c[None, None], n)
+        return dot(n, self.l), self.lobe.cosine(n, self.l, self.v)
+
+    def _cosines(self, n: Vec3) -> tuple[Array, Array, Array]:
+        n_l, cosine = self._of_normal(n)
+        return n_l > 0.0, n_l, jnp.clip(cosine, 0.0, 1.0)
+
+    def _sum(self, each: Float[Array, "views emitters texels"]) -> Float[Array, "views texels"]:
+        return each[:, 0] if each.shape[1] == 1 else jnp.sum(self.strength * each, 1)
+
+
+class Observed(eqx.Module):
+    """What the views show of a block of texels, in single precision: what the model leaves out is far larger."""
+
+    y: Float[Array, "views texels"]
+    """Grey reflectance, of mean 1 over the views."""
+    counts: Bool[Array, "views texels"]
+    believed: Bool[Array, "views texels"]
+    """Those that count without the darkest."""
+    level: Float[Array, " texels"]
+    lights: Lights
+
+    @property
+    def trust(self) -> Float[Array, "views texels"]:
+        """Weight of each observation before its residual is known."""
+        dark = jnp.where(self.counts, DARK_TRUST, 0.0)
+        return jnp.where(self.believed, 1.0, dark).astype(self.y.dtype)
+
+    def each_view(self) -> Observed:
+        """Return the same with one more axis of length 1 after that of the views, to be scanned."""
+        lights = self.lights
+        l, strength = jax.tree.map(lambda leaf: leaf[:, None], (lights.l, lights.strength))
+        v = jax.tree.map(lambda c: jnp.broadcast_to(c[None], (len(self.y), *c.shape)), lights.v)
+        every = eqx.tree_at(lambda o: (o.l, o.strength, o.v), lights, (l, strength, v))
+        level = jnp.broadcast_to(self.level[None], self.y.shape)
+        return Observed(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
+
+
+@jax.jit
+def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Observed:
+    """Return what the views show of a block."""
+    geometry = lighting_geometry(setup, block.p, block.v)
+    arriving = jnp.sum(geometry.strength, 2)
+    reached = block.observed.counts & (arriving > 0.0).all(1)
+    per_light = reflected(setup, known, block) / jnp.where(arriving > 0.0, arriving, 1.0)
+    grey = jnp.where(reached, per_light.mean(1), 0.0)
+    number = jnp.sum(reached, 0, dtype=float)
+    level = jnp.maximum(jnp.sum(grey, 0) / jnp.maximum(number, 1.0), 1e-12)
+    strength = (geometry.strength / jnp.where(arriving > 0.0, arriving, 1.0)[:, :, None]).mean(1)
+    v = jax.tree.map(lambda c: c[None], geometry.v)
+    lights = Lights(geometry.l, strength, v, geometry.lobe)
+    dropped = jnp.clip(jnp.floor(DARKEST * number + 1.0), 0.0, jnp.maximum(number - FEWEST, 0.0)).astype(int)
+    ordered = jnp.sort(jnp.where(reached, grey, jnp.inf).astype(jnp.float32), 0)
+    least = jnp.take_along_axis(ordered, jnp.minimum(dropped, len(grey) - 1)[None], 0)
+    single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), lights)
+    believed = reached & (grey.astype(jnp.float32) >= least)
+    return Observed((grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single)
