@@ -63,7 +63,8 @@ def test_texels(typed, folder):
     assert Path("maps/k_d.npy").is_file()
     assert Path("maps/k_d.png").is_file()
     assert told["medians"]["normal"][2] > 0.5  # of which no file told
-    assert told["medians"]["n_s"][0] == pytest.approx(20, rel=0.2)  # where a highlight was seen
+    assert any("the highlight is Blinn's" in note for note in told["notes"])
+    assert told["medians"]["n_s"][0] / 4 == pytest.approx(20, rel=0.2)  # by Phong
 
 
 def test_models_are_compared(typed, folder):

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
-from ...model.lobes import Blinn
+from ...core.words import Note
+from ...model.lobes import Blinn, Phong
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
 from ..light_directions import COPLANAR
@@ -137,7 +138,7 @@ class RobustRun:
         times = self._errors(models, arrays, spread)
         store.wait_for_all()
         note = note_on_disagreements(disagreements(doubts.sum(0)), reader.shape)
-        notes = (*notes, *note)
+        notes = (*notes, *note, *self._note_on_lobe())
         scene = eqx.tree_at(lambda scene: scene.objects[0].material.lobe, reader.scene, self.setup.lobe)
         maps = TexelMaps(
             arrays.values(),
@@ -334,6 +335,14 @@ class RobustRun:
     @property
     def _number_of_regions(self) -> int:
         return 1 if self.regions is None else int(self.regions.max()) + 1
+
+    def _note_on_lobe(self) -> tuple[Note, ...]:
+        """Return a note where the highlight has another lobe than the scene's."""
+        given, taken = self.tiles.reader.scene.objects[0].material.lobe, self.setup.lobe
+        if type(given) is type(taken):
+            return ()
+        more = ", whose n_s is about four times that of the same highlight by Phong" if isinstance(given, Phong) else ""
+        return (Note(f"the highlight is {type(taken).__name__}'s (n.h){more}.", "lobe"),)
 
     def _highlights(self, models: Sequence[ObjectModel]) -> tuple[SharedHighlight, ...]:
         """Return the powers that the highlight of every texel consists of."""
