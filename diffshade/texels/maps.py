@@ -105,10 +105,11 @@ class TexelMaps:
     @property
     def errors_95(self) -> dict[str, Float[np.ndarray, "h w _"]]:
         """What the truth differs by at most 95 % of the time, that of the normal in degrees."""
-        return {
-            name: error * (self.times_95.get(name, NORMAL_95 if name == "normal" else GAUSS_95))
-            for name, error in self.errors.items()
-        }
+        return {name: error * self._times_95(name) for name, error in self.errors.items()}
+
+    def _times_95(self, name: str) -> float:
+        """Return how many errors of a map hold the truth 95 % of the time."""
+        return self.times_95.get(name, NORMAL_95 if name == "normal" else GAUSS_95)
 
     @property
     def determined(self) -> Bool[np.ndarray, "h w"]:
@@ -236,9 +237,7 @@ class TexelMaps:
             "status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True)),
             "units": units | {"residual": "those of the photographs, or their noise where that was given"},
         }
-        about["errors_95"] = {
-            name: round(self.times_95.get(name, NORMAL_95 if name == "normal" else GAUSS_95), 4) for name in self.values
-        }
+        about["errors_95"] = {name: round(self._times_95(name), 4) for name in self.values}
         if self.highlights:
             about["highlight"] = [{"weight": float(np.mean(weight)), "n_s": n_s} for weight, n_s in self.highlights]
         if self.notes:

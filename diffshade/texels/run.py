@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import jax
@@ -69,6 +70,11 @@ class TexelRun:
         self.known = known_coefficients(scene, free, tiles.reader.channels)
         self.log_n_s = float(np.log(np.maximum(scene.objects[0].material.n_s, EXPONENT_RANGE[0])))
 
+    @cached_property
+    def typical_sample(self) -> TexelTile:
+        """Some texels, by which the lights and the typical residual are judged."""
+        return self.tiles.reader.sample(TYPICAL_SAMPLE)
+
     def maps(self, lights: LightDistribution | None, notes: tuple[str, ...]) -> TexelMaps:
         """Fit all texels, tile by tile, and return their maps.
 
@@ -76,22 +82,18 @@ class TexelRun:
             lights: How the lights are distributed, where normals are free.
             notes: What is known before the fit.
         """
-        sample = self.tiles.reader.sample(TYPICAL_SAMPLE)
         options = self.options if lights is None else self.options._replace(narrow=lights.narrow)
         sigma = np.asarray(1.0 if options.known_noise or options.loss == "squares" else self._noise_scale())
         exponents = None if self.regions is None else self._region_exponents(sigma)
         if exponents is not None:
             options = options.without("n_s")._replace(shared=True)
-        typical = self._typical_residual(sample, options, sigma, exponents)
+        typical = self._typical_residual(self.typical_sample, options, sigma, exponents)
         return self._fit_all(options, sigma, typical, exponents, notes)
 
     def estimates(self, tile: TexelTile) -> Estimates:
         """Return the estimates of some texels, by squares."""
-        options, typical = (
-            self.options._replace(loss="squares"),
-            TypicalResidual(np.asarray(np.inf), np.asarray(np.inf)),
-        )
-        return self._fit(tile, options, np.asarray(1.0), typical, None, FIRST_STEPS)
+        options = self.options._replace(loss="squares")
+        return self._fit(tile, options, np.asarray(1.0), unlimited(), None, FIRST_STEPS)
 
     def _fit_all(
         self,
@@ -161,7 +163,7 @@ class TexelRun:
 
     def lights(self) -> LightDistribution:
         """Return how the lights of some texels are distributed."""
-        sample = self.tiles.reader.sample(TYPICAL_SAMPLE)
+        sample = self.typical_sample
 
         def program(block: TexelBlock) -> Float[Array, "3 3 texels"]:
             return scatter_of_block(self.setup, block, "k_a" in self.options.free)
@@ -174,13 +176,12 @@ class TexelRun:
         self, sample: TexelTile, options: FitOptions, sigma: np.ndarray, exponents: Exponents | None
     ) -> TypicalResidual:
         """Return the median residual variance of some texels; infinite where none has degrees of freedom."""
-        unlimited = TypicalResidual(np.asarray(np.inf), np.asarray(np.inf))
         if not len(sample.pixels):
-            return unlimited
-        found = self._fit(sample, options, sigma, unlimited, exponents, FIRST_STEPS)
+            return unlimited()
+        found = self._fit(sample, options, sigma, unlimited(), exponents, FIRST_STEPS)
         usable = np.isfinite(found.variance) & (found.level > 0.0)
         if not usable.any():
-            return unlimited
+            return unlimited()
         variance, level = found.variance[usable], found.level[usable]
         return TypicalResidual(np.median(variance), np.median(variance / level))
 
@@ -257,6 +258,11 @@ class TexelRun:
             region = self.regions[tile.pixels]
             return np.stack([exponents.x[region], exponents.error[region]])
         return np.stack([np.full(len(tile.pixels), self.log_n_s), np.zeros(len(tile.pixels))])
+
+
+def unlimited() -> TypicalResidual:
+    """Return a typical residual by which nothing is a misfit."""
+    return TypicalResidual(np.asarray(np.inf), np.asarray(np.inf))
 
 
 def known_coefficients(scene: Scene, free: tuple[str, ...], channels: int) -> KnownCoefficients:

@@ -11,7 +11,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.texels.robust.calibration import calibrated, parts_of
-from diffshade.texels.robust.candidates import GRID
+from diffshade.texels.robust.candidates import hemisphere
 from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.highlight_shape import EXPONENTS, HighlightShape, shape_of
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
@@ -118,7 +118,7 @@ def test_the_shape_of_a_highlight_has_its_slope_and_half_width():
 
 
 def test_candidates_are_unit_vectors_of_equal_areas():
-    flat = GRID.reshape(-1, 3).astype(float)
+    flat = hemisphere().reshape(-1, 3)
     np.testing.assert_allclose(np.linalg.norm(flat, axis=1), 1.0, atol=1e-6)
     np.testing.assert_allclose(flat.mean(0), [0.0, 0.0, 0.5], atol=2e-3)  # the mean over a hemisphere
     nearest = np.sort(np.rad2deg(np.arccos(np.clip(flat @ flat.T, -1, 1))), 1)[:, 1]

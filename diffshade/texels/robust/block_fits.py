@@ -20,7 +20,7 @@ from ..linear_systems import inverse_diagonal, solve
 from ..normal_equations import tangents_of
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
-from .candidates import best_coefficients, lowest_minima
+from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
 from .learning import ObjectModel
 from .observations import Observed, observe
@@ -36,8 +36,6 @@ class Normals(NamedTuple):
     """The normals of a block, and what their errors follow from."""
 
     n: Float[Array, "3 texels"]
-    k_d: Float[Array, " texels"]
-    k_s: Float[Array, " texels"]
     spread: Float[Array, "3 texels"]
     """By the curvature at the minimum and the misfit: of the normal, radians, and of k_d and k_s."""
     by_lights: Float[Array, " texels"]
@@ -133,8 +131,7 @@ def _with_spread(
     n = jnp.stack([state.n.x, state.n.y, state.n.z])
     lit = jnp.sum(reached, 0, dtype=jnp.float32)
     facing = dot(state.n, jax.tree.map(lambda c: jnp.asarray(c, jnp.float32), block.v))
-    k_d, k_s = state.k_d * observed.level, state.k_s * observed.level
-    return Normals(n, k_d, k_s, spread, by_lights, lit, out_of_plane(S), jnp.broadcast_to(facing, lit.shape))
+    return Normals(n, spread, by_lights, lit, out_of_plane(S), jnp.broadcast_to(facing, lit.shape))
 
 
 def _by_lights(
@@ -181,14 +178,14 @@ def coefficients_of(
     ridge = weighing.ridge * weighing.scale**2
     _, _, D, S = here.J
     for _ in range(REWEIGHTINGS):
-        k_d, k_s = _solved(here.weight, D, S, observed.y, ridge)
+        k_d, k_s = weighted_coefficients(here.weight, D, S, observed.y, ridge)
         state = eqx.tree_at(lambda s: (s.k_d, s.k_s), state, (k_d, k_s))
         here = around(observed, model.shape, weighing, state)
     geometry = lighting_geometry(setup, block.p, block.v)
     arriving = jnp.sum(geometry.strength, 2)
     shown = reflected(setup, known, block)
     per_light = (shown / jnp.where(arriving > 0.0, arriving, 1.0)).astype(jnp.float32)
-    k_d, k_s = jax.vmap(lambda y: _solved(here.weight, D, S, y, ridge), 1)(per_light)
+    k_d, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(per_light)
     off = jnp.where(
         observed.counts[:, None],
         (k_d[None] * D[:, None] + k_s[None] * S[:, None]).astype(float) * arriving - shown,
@@ -198,14 +195,6 @@ def coefficients_of(
     residual = jnp.sqrt(jnp.sum(off**2, (0, 1)) / samples)
     doubted = observed.counts & (jnp.abs(here.residual) > DOUBTED * weighing.scale[None])
     return Coefficients(k_d, k_s, residual, doubted, observed.counts)
-
-
-def _solved(weight: Array, D: Array, S: Array, y: Array, ridge: Array) -> tuple[Array, Array]:
-    """Return k_d, k_s >= 0 by weighted squares."""
-    sums = (jnp.sum(weight * a, 0) for a in (D * D, D * S, S * S, D * y, S * y))
-    dd, ds, ss, dy, sy = sums
-    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + 1e-9, dy, sy)
-    return k_d, k_s
 
 
 class Turned(NamedTuple):
@@ -243,7 +232,8 @@ def seen_in(observed: Observed, part: Bool[Array, " views"]) -> Observed:
 @jax.jit
 def _change(observed: Observed, whole: State, state: State, part: Bool[Array, " views"]) -> Turned:
     """Return by how much a state of some views differs from that of all."""
-    sine = jnp.sqrt(sum((a - b) ** 2 for a, b in zip(_parts(state.n), _parts(whole.n), strict=True))) / 2.0
+    apart = state.n - whole.n
+    sine = jnp.sqrt(dot(apart, apart)) / 2.0
     reach = observed.lights.reach(whole.n) & part[:, None]
     reached = jnp.sum(reach, 0, dtype=jnp.float32) / jnp.sum(part, dtype=jnp.float32)
     angle = 2.0 * jnp.arcsin(jnp.clip(sine, 0.0, 1.0))
@@ -258,7 +248,3 @@ def lights_toward(setup: LightingSetup, block: TexelBlock) -> Float[Array, "view
     light = mean_light(geometry.l, geometry.strength)
     each = [jnp.broadcast_to(c, (len(c), *block.n.x.shape)) for c in (light.x, light.y, light.z)]
     return jnp.stack(each, 1)
-
-
-def _parts(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z

@@ -6,6 +6,8 @@ the best k_d and k_s >= 0 for it in closed form. The sums over the views are pro
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,9 +21,11 @@ from .observations import Lights, Observed
 
 SIDE = 50  # candidates along each side of a square that is mapped onto the hemisphere: 2 to 3 degrees apart
 PART = 128  # texels that are searched for together
+LEAST_RIDGE = 1e-9  # where no view could show a highlight
 KEPT = 4  # minima of each texel that are kept: the best of them is 3 degrees better than the lowest on rough metal
 
 
+@functools.cache
 def hemisphere() -> Float[np.ndarray, "rows columns 3"]:
     """Return normals around +z, a square mapped to the hemisphere with equal areas (Shirley, Chiu 1997)."""
     a, b = np.meshgrid(*[(np.arange(SIDE) + 0.5) / SIDE * 2.0 - 1.0] * 2, indexing="ij")
@@ -33,9 +37,6 @@ def hemisphere() -> Float[np.ndarray, "rows columns 3"]:
     flat = np.abs(radius) * np.sqrt(2.0 - radius**2)
     sign = np.where(radius < 0.0, -1.0, 1.0)
     return np.stack([sign * flat * np.cos(angle), sign * flat * np.sin(angle), z], -1)
-
-
-GRID = hemisphere().astype(np.float32)
 
 
 def lowest_minima(observed: Observed, shape: HighlightShape, ridge: Float[Array, " texels"]) -> Vec3:
@@ -71,7 +72,9 @@ def _lowest(
     """Return the candidates with the lowest local minima."""
     D, S, DD, DS, SS = squares
     seen = believed * y
-    gain = best_coefficients(DD @ believed, DS @ believed, SS @ believed + ridge[None] + 1e-9, D @ seen, S @ seen)[2]
+    gain = best_coefficients(
+        DD @ believed, DS @ believed, SS @ believed + ridge[None] + LEAST_RIDGE, D @ seen, S @ seen
+    )[2]
     cost = jnp.maximum(jnp.sum(seen * y, 0)[None] - gain, 0.0)
     # positive floats are ordered like their bits, of which the lowest 12 can hold the candidate
     index = jnp.arange(len(D), dtype=jnp.int32)[:, None]
@@ -100,11 +103,24 @@ def best_coefficients(dd: Array, ds: Array, ss: Array, dy: Array, sy: Array) -> 
     )
 
 
+def weighted_coefficients(
+    weight: Float[Array, "views texels"],
+    D: Float[Array, "views texels"],
+    S: Float[Array, "views texels"],
+    y: Float[Array, "views texels"],
+    ridge: Float[Array, " texels"],
+) -> tuple[Array, Array]:
+    """Return k_d, k_s >= 0 that minimise weighted squares."""
+    dd, ds, ss, dy, sy = (jnp.sum(weight * product, 0) for product in (D * D, D * S, S * S, D * y, S * y))
+    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + LEAST_RIDGE, dy, sy)
+    return k_d, k_s
+
+
 def _facing(toward: Vec3) -> Vec3:
     """Return the candidates turned from around +z to around a direction."""
     a, b = tangents_of(toward)
-    x, y, z = (jnp.asarray(GRID[..., i].reshape(-1)) for i in range(3))
-    return Vec3(*(x * p + y * q + z * r for p, q, r in zip(_parts(a), _parts(b), _parts(toward), strict=True)))
+    x, y, z = jnp.asarray(hemisphere(), jnp.float32).reshape(-1, 3).T
+    return a * x + b * y + toward * z
 
 
 def _at_centre(lights: Lights) -> Lights:
@@ -122,7 +138,3 @@ def _is_local_minimum(cost: Float[Array, "candidates texels"]) -> Array:
     across = jnp.minimum(jnp.minimum(padded[:-2], padded[1:-1]), padded[2:])
     around = jnp.minimum(jnp.minimum(across[:, :-2], across[:, 1:-1]), across[:, 2:])
     return cost <= around.reshape(cost.shape)
-
-
-def _parts(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z

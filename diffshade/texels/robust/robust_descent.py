@@ -17,7 +17,7 @@ from ...inverse.forward.losses import LOSSES
 from ...model.vectors import Vec3, normalize
 from ..linear_systems import solve
 from ..normal_equations import tangents_of
-from .candidates import best_coefficients
+from .candidates import weighted_coefficients
 from .highlight_shape import HighlightShape
 from .observations import Observed
 
@@ -65,12 +65,8 @@ class System(NamedTuple):
 def begin(observed: Observed, shape: HighlightShape, weighing: Weighing, n: Vec3) -> State:
     """Return the state at these normals with the best k_d and k_s for squares."""
     D, S = observed.lights.shading(shape, n)
-    weight = observed.believed.astype(D.dtype)
     ridge = weighing.ridge * weighing.scale**2
-    y = weight * observed.y
-    sums = (jnp.sum(a, 0) for a in (weight * D * D, weight * D * S, weight * S * S, D * y, S * y))
-    dd, ds, ss, dy, sy = sums
-    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + 1e-9, dy, sy)
+    k_d, k_s = weighted_coefficients(observed.believed.astype(D.dtype), D, S, observed.y, ridge)
     return State(n, k_d, k_s, jnp.full(k_d.shape, jnp.inf, k_d.dtype))
 
 
@@ -142,8 +138,8 @@ def _stepped(state: State, A: list[list[Array]], g: list[Array], damping: Array)
     right = [-g[i] if (h := held[i]) is None else jnp.where(h, 0.0, -g[i]) for i in range(4)]
     a, b, k_d, k_s = solve([[element(i, j) for j in range(4)] for i in range(4)], right)
     shorter = jnp.minimum(1.0, LONGEST_STEP / (jnp.sqrt(a * a + b * b) + 1e-9))
-    along = zip(*(_parts(v) for v in (state.n, *tangents_of(state.n))), strict=True)
-    n = normalize(Vec3(*(n + shorter * (a * s + b * t) for n, s, t in along)))
+    s, t = tangents_of(state.n)
+    n = normalize(state.n + s * (shorter * a) + t * (shorter * b))
     return State(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost)
 
 
@@ -151,7 +147,3 @@ def lowest(state: State, few: int) -> State:
     """Return the `few` lowest of the starts of each texel, the lowest first."""
     order = jnp.argsort(state.cost, 0)[:few]
     return jax.tree.map(lambda leaf: jnp.take_along_axis(leaf, order, 0), state)
-
-
-def _parts(v: Vec3) -> tuple[Array, Array, Array]:
-    return v.x, v.y, v.z

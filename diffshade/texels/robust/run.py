@@ -37,10 +37,9 @@ NEAR_BLOCK, CELL = 256, 16  # with lamps nearby, whose directions differ within 
 LEARNING_SAMPLE, CALIBRATION_SAMPLE = 2048, 1024
 FIRST_ROUNDS, ROUNDS = 4, 5  # with each lobe on a part of the sample, then with the better one on all of it
 FIRST_EVERY = 3
-BETTER_LOBE = (
-    0.85  # share of Blinn's misfit below which the scene's lobe is kept: real highlights follow the half vector
-)
-# (Ngan, Durand and Matusik 2005)
+# Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
+# Matusik 2005).
+BETTER_LOBE = 0.85
 FEWEST_OF_REGION = 64  # texels of a sample from which a region learns a highlight of its own
 MISFIT_POWER = 0.4  # of a texel's misfit in its spread; the rest is the scatter of its neighbours
 LEAST_FACING = 0.2  # cosine to the camera below which a spread grows no further
@@ -116,7 +115,7 @@ class RobustRun:
             observed = observe(self.setup, self.known, block)
             return fitted(observed, model, lowest_state(observed, model))
 
-        return self.each(sample, lambda block, *_: program(block), [model] * self._number_of_regions)
+        return self.each(sample, lambda block, *_: program(block), [model])
 
     def maps(self, models: Sequence[ObjectModel], notes: tuple[str, ...]) -> TexelMaps:
         """Fit all texels, tile by tile, and return their maps."""
@@ -132,8 +131,7 @@ class RobustRun:
 
         tiles.each_tile(fit, store.done, "fitted", margin=MARGIN)
         store.wait_for_all()
-        status = arrays.arrays["status"][..., 0]
-        check_anything_left(status)
+        check_anything_left(arrays.arrays["status"])
         tiles.report_progress("fitting halves of the lights")
         times = self._errors(models, arrays, spread)
         store.wait_for_all()
@@ -168,9 +166,8 @@ class RobustRun:
         width = self.tiles.reader.shape[1]
         found = self.each(tile, self._normals, models)
         grid = grid_of(tile.pixels, width)
-        n = grid.image(found.n.T)
-        if self.neighbours:
-            n = geometric_median(n, grid.mask)
+        alone = grid.image(found.n.T)
+        n = geometric_median(alone, grid.mask) if self.neighbours else alone
         normal = n[grid.row, grid.column].T
         own = np.flatnonzero((tile.pixels >= rows[0] * width) & (tile.pixels < rows[1] * width))
         if not len(own):
@@ -180,7 +177,7 @@ class RobustRun:
         misfit = root_mean_square(grid.image(np.minimum(found.spread[:1], WORST).T)[..., 0], grid.mask)
         misfit = misfit[grid.row, grid.column][own]
         if self.neighbours:
-            around = scatter_of(grid.image(found.n.T), grid.mask)[grid.row, grid.column][own]
+            around = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
             misfit = misfit**MISFIT_POWER * around ** (1.0 - MISFIT_POWER)
         facing = np.maximum(found.facing[own], LEAST_FACING)
         flat = spread.reshape(-1, 4)
@@ -291,10 +288,11 @@ class RobustRun:
         Args:
             tile: The texels.
             program: Takes a block, a model, and the block's part of `given`.
-            models: The model of each region.
+            models: The model of each region, or one for all texels.
             given: Numbers of each texel.
         """
-        reader, region = self.tiles.reader, self._region(tile)
+        reader = self.tiles.reader
+        region = self._region(tile) if len(models) > 1 else np.zeros(len(tile.pixels), int)
         no_exponent = np.zeros((2, len(tile.pixels)))
         pieces: list[tuple[Piece, ObjectModel]] = []
         for r, model in enumerate(models):
@@ -328,13 +326,9 @@ class RobustRun:
         def program(block: TexelBlock, _: ObjectModel, __: np.ndarray | None) -> Float[np.ndarray, "views 3 n"]:
             return lights_toward(self.setup, block)
 
-        mean = self.each(sample, program, [first_model(self.loss)] * self._number_of_regions).mean(-1)
+        mean = self.each(sample, program, [first_model(self.loss)]).mean(-1)
         length = np.linalg.norm(mean, axis=-1, keepdims=True)
         return mean / np.where(length > 0.0, length, 1.0)
-
-    @property
-    def _number_of_regions(self) -> int:
-        return 1 if self.regions is None else int(self.regions.max()) + 1
 
     def _note_on_lobe(self) -> tuple[Note, ...]:
         """Return a note where the highlight has another lobe than the scene's."""
