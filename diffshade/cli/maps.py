@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .sources import LOSSES, ROOM, VIEWS, Options, by_name, with_options
+from .sources import LOSSES, ROOM, VIEWS, Options, by_name, with_names, with_options
 from .terminal import SETTINGS, Names, OneOf, answer, as_json
 
 if TYPE_CHECKING:
+    import numpy as np
+
     import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s")
@@ -27,10 +29,11 @@ FREE = ("k_d", "k_s", "n_s")
     help="Results; an interrupted run resumes  [default: maps]",
 )
 @click.option("--free", type=Names(), default=(), help="Maps  [default: k_d,k_s,n_s; normal too if unknown]")
-@click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [default: by trial]")
+@click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
 @click.option("--light-error", type=float, metavar="DEGREES", help="Error of the lights' directions, in the errors")
+@click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
@@ -40,6 +43,7 @@ def texels(
     shared: bool,
     alone: bool,
     light_error: float | None,
+    hold_out: int | None,
     heights: bool,
     suffix: str | None,
     as_json: bool,
@@ -60,11 +64,13 @@ def texels(
     surface = found.scene.objects[0].surface
     if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
+    seen, left_out = _divided(len(found.views), hold_out)
+    names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
-    with by_name(found.names):
+    with by_name(tuple(names)):
         maps = ds.fit_texels(
             found.scene,
-            found.views,
+            [found.views[i] for i in seen],
             free=free,
             loss=typed.loss,
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
@@ -74,6 +80,7 @@ def texels(
             progress=True,
             **memory,
         )
+    relative = maps.relative_errors([found.views[i] for i in left_out])
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     relief = _integrated(maps) if heights else None
     if relief is not None:
@@ -85,18 +92,56 @@ def texels(
         for name, value in maps.values.items()
     }
     answer(
-        "\n".join([f"{found.encodings}", f"{maps}", *([] if relief is None else [f"{relief}"]), f"{out}: the maps"]),
+        "\n".join(
+            [
+                f"{found.encodings}",
+                with_names(f"{maps}", names),
+                *([] if relief is None else [f"{relief}"]),
+                *([] if hold_out is None else [_on_left_out(relative, left_names)]),
+                f"{out}: the maps",
+            ]
+        ),
         {
-            "photographs": found.names,
+            "photographs": names,
+            "left_out": {
+                name: None if np.isnan(error) else float(error)
+                for name, error in zip(left_names, relative, strict=True)
+            },
             "read_as": found.encodings.names,
             "folder": out,
             "status": status,
             "medians": medians,
-            "notes": maps.notes,
+            "notes": [with_names(note, names) for note in maps.notes],
             "heights": None if relief is None else {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
             "written": written,
         },
         as_json=as_json,
+    )
+
+
+def _divided(count: int, hold_out: int | None) -> tuple[list[int], list[int]]:
+    """Return the indices of the photographs that are fitted, and of those that are left out."""
+    if hold_out is not None and not 2 <= hold_out <= count:
+        raise ValueError(
+            f"--hold-out must be from 2 to the number of photographs, {count}; got {hold_out}. Give for example 4."
+        )
+    left_out = [] if hold_out is None else list(range(hold_out - 1, count, hold_out))
+    return [i for i in range(count) if i not in left_out], left_out
+
+
+def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
+    """Say how well the photographs that were left out are predicted."""
+    import numpy as np
+
+    from ..core.words import count, listing
+
+    dark = [name for name, error in zip(names, relative, strict=True) if np.isnan(error)]
+    if len(dark) == len(names):
+        return f"left out: {listing(dark)}, which show no light to be predicted"
+    worst = int(np.nanargmax(relative))
+    return (
+        f"left out: {count(len(names), 'photograph')}, predicted with a relative error of {np.nanmedian(relative):.1%} "
+        f"in the median, {np.nanmean(relative):.1%} in the mean, {relative[worst]:.1%} at most ({names[worst]})"
     )
 
 

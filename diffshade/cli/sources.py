@@ -6,7 +6,7 @@ import contextlib
 import functools
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -240,4 +240,9 @@ def by_name(names: tuple[str, ...]) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise ValueError(re.sub(r"views\[(\d+)\]", lambda found: names[int(found[1])], f"{error}")) from None
+        raise ValueError(with_names(f"{error}", names)) from None
+
+
+def with_names(text: str, names: Sequence[str]) -> str:
+    """Return a text with photographs' names in place of views[0], views[1] and so on."""
+    return re.sub(r"views\[(\d+)\]", lambda found: names[int(found[1])], text)

@@ -45,20 +45,41 @@ def checked(
 
 def checked_light_error(
     light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None
-) -> Float[np.ndarray, " views"]:
-    """Return the errors of the directions of the lights of each view, radians; raise ValueError for wrong ones."""
-    degrees = np.asarray(light_error, np.float64)
-    if degrees.shape not in ((), (views,)) or not (np.isfinite(degrees) & (degrees >= 0.0)).all():
+) -> Float[np.ndarray, "views 3 3"]:
+    """Return a root of the covariance of the direction to each view's lights; raise ValueError for a wrong error."""
+    given = np.asarray(light_error, np.float64)
+    if given.shape == (views, 3, 3):
+        root = _roots(given)
+    elif given.shape in ((), (views,)) and (np.isfinite(given) & (given >= 0.0)).all():
+        root = np.broadcast_to(np.deg2rad(given)[..., None, None], (views, 1, 1)) * np.eye(3)
+    else:
         raise ValueError(
-            f"light_error must be one number of degrees, at least 0, or one for each of the {views} views; got "
-            f"{light_error}. Give for example light_error=1.0."
+            f"light_error must be one number of degrees, at least 0, one for each of the {views} views, or a "
+            f"covariance of shape ({views}, 3, 3); got {_in_short(given)}. Give for example light_error=1.0."
         )
-    if not {"k_d", "k_s", "n_s", "normal"} <= set(free) or loss == "squares":
+    if set(free) != {"k_d", "k_s", "n_s", "normal"} or loss == "squares":
         raise ValueError(
-            f"light_error needs k_d, k_s, n_s and normal free, and a robust loss; got free={free}, loss={loss!r}. Free "
-            "them, or leave light_error out."
+            f"light_error needs k_d, k_s, n_s and normal free alone, and a robust loss; got free={free}, "
+            f"loss={loss!r}. Free them, or leave light_error out."
         )
-    return np.deg2rad(np.broadcast_to(degrees, (views,)))
+    return root
+
+
+def _in_short(given: np.ndarray) -> str:
+    return f"{given}" if given.size <= 3 else f"the shape {given.shape}, from {given.min():g} to {given.max():g}"
+
+
+def _roots(covariance: Float[np.ndarray, "views 3 3"]) -> Float[np.ndarray, "views 3 3"]:
+    """Return matrices whose squares are these covariances; raise ValueError where one is none."""
+    for i, C in enumerate(covariance):
+        symmetric = np.isfinite(C).all() and np.allclose(C, C.T, atol=1e-12)
+        if not symmetric or np.linalg.eigvalsh(C).min() < -1e-9 * np.trace(C):
+            raise ValueError(
+                f"light_error[{i}] must be a covariance: symmetric, finite, without a negative variance; got "
+                f"{C.tolist()}. Give that of the unit vector to the light, squared radians."
+            )
+    variance, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(variance, 0.0))[:, None]
 
 
 def _checked_names(free: Iterable[str]) -> tuple[str, ...]:

@@ -15,11 +15,11 @@ from jaxtyping import ArrayLike, Float, Int
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..core.progress import showing
-from ..inverse.data.views import View
+from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
-from .checks import checked, checked_light_error
+from .checks import check_anything_left, checked, checked_light_error
 from .light_directions import note_on_normals
 from .maps import TexelMaps
 from .robust.choice import own_exponents_predict_better
@@ -41,7 +41,7 @@ def fit_texels(
     regions: Int[np.ndarray, "h w"] | None = None,
     loss: str | None = None,
     neighbours: bool = True,
-    light_error: Float[ArrayLike, " views"] | float | None = None,
+    light_error: Float[ArrayLike, " views"] | Float[ArrayLike, "views 3 3"] | float | None = None,
     out: str | os.PathLike[str] | None = None,
     memory: int = MEMORY,
     mesh: Mesh | None = None,
@@ -52,7 +52,8 @@ def fit_texels(
     $$ \min \sum \rho(exposure \cdot radiance + black - image) $$
 
     at each texel, over all views. There are two ways. Where k_d, k_s, n_s and normal are free and `loss` is not
-    "squares", both are tried on some texels; the one that predicts photographs it was not shown is taken.
+    "squares", both are tried on some texels; the one that predicts photographs it was not shown is taken. With fewer
+    than six views, lights in one plane, or lamps without one of the channels, each texel is fitted by itself.
 
     Each texel by itself, for renders and whatever obeys the model: the coefficients are solved for exactly and are
     never below 0; log n_s and the normal are found by Levenberg-Marquardt on the cost that the best coefficients leave
@@ -83,7 +84,8 @@ def fit_texels(
         neighbours: Whether neighbours may correct a normal, where all texels share a highlight. Then bands of rows are
             read with 5 rows of their neighbours.
         light_error: Standard deviation of the directions of the lights about each axis, degrees: one number, or one
-            for each view. The errors of the normals then contain it, and all texels share a highlight. By default the
+            for each view; or the covariance of the unit vector to each view's light, (views, 3, 3), scene coordinates,
+            squared radians. The errors of the normals then contain it, and all texels share a highlight. By default the
             lights are taken to be exact.
         out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`. The same call
             resumes from it, whenever it was stopped. By default the maps stay in memory.
@@ -128,7 +130,7 @@ def _fit(
     tiles: TileRunner,
     *,
     neighbours: bool,
-    light_error: Float[np.ndarray, " views"] | None,
+    light_error: Float[np.ndarray, "views 3 3"] | None,
 ) -> TexelMaps:
     """Fit each texel by itself, or all with the highlight that they share, where that predicts photographs better."""
     each = TexelRun(scene, views, free, loss or "squares", regions, tiles)
@@ -139,13 +141,26 @@ def _fit(
     notes = () if note is None else (note,)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
-    if set(free) != SHARED or loss == "squares" or lights.narrow or lights.coplanar > MOST_COPLANAR:
+    unsuited = lights.narrow or lights.coplanar > MOST_COPLANAR or _lacks_a_channel(scene, views)
+    if unsuited and light_error is not None:
+        raise ValueError(
+            "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "
+            "can share a highlight; these do not. Leave light_error out."
+        )
+    if set(free) != SHARED or loss == "squares" or unsuited:
         return each.maps(lights, notes)
     run = RobustRun(
         each.setup, each.known, loss or "cauchy", regions, tiles, neighbours=neighbours, light_error=light_error
     )
     sample = tiles.reader.sample(LEARNING_SAMPLE)
+    check_anything_left(np.ones(len(sample.pixels)))
     models = run.learn(sample)
     if light_error is None and own_exponents_predict_better(run, models, sample, each.setup.lobe, each.estimates):
         return each.maps(lights, notes)
-    return run.maps(models, notes)
+    return run.maps(models, sample, notes)
+
+
+def _lacks_a_channel(scene: Scene, views: Sequence[View]) -> bool:
+    """Whether a light is on that has nothing of one channel: what is grey cannot be told under it."""
+    on = {i for view in views for i in lights_on(scene, view)}
+    return any(np.min(getattr(scene.lights[i], "intensity", 1.0)) <= 0.0 for i in on)

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
-from ..inverse.forward.features import DARK
+from ..inverse.forward.lighting import DARK
 from ..model.lobes import AbstractPowerLobe
 from ..model.vectors import Vec3, dot
 from .light_directions import out_of_plane, scatter

@@ -14,16 +14,18 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
+from ..inverse.data.views import View, is_grey
 from ..io.images import write_image
 from ..model.cameras import AbstractCamera
-from ..model.gbuffers import GBuffer
+from ..model.gbuffers import GBuffer, as_mask
 from ..model.lights import AbstractLight
 from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight
-from ..model.rendering import render
+from ..model.rendering import intersect, render, select
 from ..model.scenes import Scene, as_tuple
 from .map_files import map_folder, write_about, write_numbers
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
+from .unexplained import Unexplained
 
 PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
 UNITS = {
@@ -88,6 +90,8 @@ class TexelMaps:
         times_95: How many errors hold the truth 95 % of the time, by name, where all texels share a highlight.
         highlights: The powers that a shared highlight consists of; none where each texel has its own. The map of n_s
             then has the single power that is half as bright as its peak at the same angle.
+        unexplained: What the photographs show beyond the model, where all texels share a highlight and where it can be
+            foretold from one light to another.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -99,6 +103,7 @@ class TexelMaps:
     notes: tuple[str, ...] = ()
     times_95: Mapping[str, float] = field(default_factory=dict)
     highlights: tuple[SharedHighlight, ...] = ()
+    unexplained: Unexplained | None = None
 
     STATUS = STATUS
 
@@ -135,9 +140,12 @@ class TexelMaps:
     def shade(
         self, lights: Sequence[AbstractLight] | AbstractLight | None = None, *, lit: Sequence[int] | int | None = None
     ) -> Float[np.ndarray, "h w 3"]:
-        r"""Render the maps under lights: linear radiance (E9).
+        r"""Return what a photograph under lights would show: linear radiance (E9).
 
-        $$ k_e + k_a I_a + \sum f_{rad} f_{ang} I (k_d (n \cdot l)_+ + k_s (\cos)_+^{n_s}) $$
+        $$ k_e + k_a I_a + \sum f_{rad} f_{ang} I (k_d (n \cdot l)_+ + k_s (\cos)_+^{n_s} + u(l)) $$
+
+        u is what the photographs of things show beyond the model, such as shadows and bounced light, interpolated
+        between the directions of their lights: see `unexplained`. The model alone is `render` of `as_scene()`.
 
         Args:
             lights: The lights; by default the scene's.
@@ -154,7 +162,46 @@ class TexelMaps:
             scene = eqx.tree_at(lambda s: s.lights, scene, as_tuple(lights))
         with in_float64((scene, self.camera)) as (scene, camera):
             image = np.asarray(render(scene, camera, lit=lit))
+            if self.unexplained is not None:
+                on = scene.lights if lit is None else select(scene, lit)
+                position = intersect(scene, camera).position if any(light.is_local for light in on) else None
+                image = np.maximum(image + self.unexplained.light(on, position, self.status != OUTSIDE), 0.0)
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
+
+    def relative_errors(self, views: Sequence[View] | View) -> Float[np.ndarray, " views"]:
+        r"""Return how far `shade` is from photographs, such as ones that were left out of the fit.
+
+        $$ \sqrt{\sum (exposure \cdot shade + black - image)^2 / \sum (image - black)^2} $$
+
+        Args:
+            views: Photographs by the camera of the fit, under lights of its scene.
+
+        Returns:
+            One number for each view, over all pixels inside its mask and alpha channel and the maps, clipped ones too;
+            NaN where it shows no light.
+
+        Raises:
+            ValueError: A view has another shape than the maps, or its `lit` is not an index of a light.
+        """
+        found = []
+        for i, view in enumerate((views,) if isinstance(views, View) else views):
+            if view.camera.shape != self.status.shape:
+                raise ValueError(
+                    f"views[{i}] must have the shape of the maps, {self.status.shape}; got {view.camera.shape}. Give "
+                    "photographs by the camera of the fit."
+                )
+            inside = self.status != OUTSIDE
+            if view.mask is not None:
+                inside = inside & np.asarray(as_mask(np.asarray(view.mask)))
+            image = np.asarray(view.image, np.float64)
+            if image.shape[2] in (2, 4):
+                inside = inside & as_mask(image[..., -1])
+            seen = image[inside][:, : 1 if is_grey(view) else 3] - float(view.black)
+            shown = float(view.exposure) * self.shade(lit=view.lit)[inside]
+            shown = shown.mean(-1, keepdims=True) if is_grey(view) else shown
+            light = np.sum(seen**2)
+            found.append(np.sqrt(np.sum((shown - seen) ** 2) / light) if light > 0.0 else np.nan)
+        return np.array(found)
 
     def as_scene(self) -> Scene:
         """Return the scene of the fit with the maps as its material, for `render` by the camera of the fit.
@@ -185,7 +232,8 @@ class TexelMaps:
 
         Each map is written with its error, `NAME_error`, and the residuals as `residual`, except as PNGs. Beside them
         are PNGs of 8 bits: `NAME_preview`, bright enough to look at, and `status`. `maps.toml` names the levels of the
-        status, the units of all maps, and the scales of PNGs.
+        status, the units of all maps, and the scales of PNGs. `unexplained.npy` has what photographs show beyond the
+        model, where that is known.
 
         Args:
             folder: The folder; it is made if it does not exist.
@@ -217,6 +265,8 @@ class TexelMaps:
             written.append(self._put_preview(folder / f"{name}_preview.png", name))
         if suffix != ".png":
             written.append(write_numbers(folder / f"residual{suffix}", np.asarray(self.residual)[..., None]))
+        if self.unexplained is not None:
+            written.append(write_numbers(folder / "unexplained.npy", self.unexplained.parts))
         path = folder / "status.png"
         write_image(path, self.status[..., None] / 255.0, srgb=False)
         return [*written, path, self.describe(folder, scales)]
@@ -240,6 +290,13 @@ class TexelMaps:
         about["errors_95"] = {name: round(self._times_95(name), 4) for name in self.values}
         if self.highlights:
             about["highlight"] = [{"weight": float(np.mean(weight)), "n_s": n_s} for weight, n_s in self.highlights]
+        if self.unexplained is not None:
+            given = self.unexplained.interpolation
+            about["unexplained"] = {
+                "width": given.width,
+                "toward": given.toward.tolist(),
+                "given": given.given.tolist(),
+            }
         if self.notes:
             about["notes"] = list(self.notes)
         if scales:

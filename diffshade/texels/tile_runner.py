@@ -18,7 +18,7 @@ from ..parallel.devices import DeviceGroup
 from ..parallel.run_store import RunStore
 from ..parallel.threads import in_order, on_all_cores
 from .blocks import TexelBlock
-from .tiles import Piece, TexelTile, ViewReader
+from .tiles import SQUARE, Piece, TexelTile, ViewReader
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -62,6 +62,8 @@ class TileRunner:
         height, rows = self.reader.shape[0], self.reader.rows_of(memory)
         if self.device_group is not None:  # every device gets a tile
             rows = min(rows, -(-height // self.device_group.count))
+        if self.reader.with_position:  # no square of texels that share their lamps' directions is cut
+            rows = max(rows // SQUARE, 1) * SQUARE
         self.store = RunStore(out, problem, rows, lambda rows: -(-height // rows), self.device_group)
         self.count = len(self.store.done)
 

@@ -27,6 +27,7 @@ SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
 MOST_OF_ROW = 4  # times its even share that a row may have of a sample
 BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
 SMALLEST_BLOCK = 64
+SQUARE = 16  # side of a square of the image over which the directions to near lamps may be taken as one
 
 
 class TexelTile(eqx.Module):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import spearmanr
 
 import diffshade as ds
 from diffshade.texels.robust.calibration import calibrated, parts_of
@@ -15,8 +18,9 @@ from diffshade.texels.robust.candidates import hemisphere
 from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.highlight_shape import EXPONENTS, HighlightShape, shape_of
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
+from diffshade.texels.unexplained import interpolation_of
 from tests.support.measured import measured
-from tests.support.textured import angle, facing_us, textured_ball
+from tests.support.textured import angle, facing_us, lights_about, textured_ball
 
 FREE = ("k_d", "k_s", "n_s", "normal")
 
@@ -74,6 +78,83 @@ def test_bands_are_the_whole_map(shadowed, tmp_path):
     np.testing.assert_array_equal(bands.status, maps.status)
 
 
+def test_bands_are_the_whole_map_under_near_lamps_too():
+    at = 3.0 * lights_about(20)
+    ball = textured_ball(40, noise=0.005, shadows=0.1, at=at)
+    scene = ball.scene
+
+    def fit(memory):
+        return ds.fit_texels(scene, ball.views, free=FREE, loss="cauchy", light_error=0.1, memory=memory)
+
+    whole, bands = fit(10**9), fit(500_000)
+    apart = np.linalg.norm(bands.values["normal"] - whole.values["normal"], axis=-1)[ball.mask]
+    assert np.rad2deg(np.max(apart)) < 1e-6
+    np.testing.assert_array_equal(bands.status, whole.status)
+
+
+def test_what_shows_nothing_is_not_known(shadowed):
+    ball, _ = shadowed
+    scene = facing_us(ball)
+    surface = ds.GBuffer(np.broadcast_to([0.0, 0.0, 1.0], (40, 40, 3)), None, np.ones((40, 40), bool))
+    scene = eqx.tree_at(lambda s: s.objects[0].surface, scene, surface)
+    views = [ds.View(np.where(ball.mask[..., None], v.image, 0.0), v.camera, lit=v.lit) for v in ball.views]
+    maps = ds.fit_texels(scene, views, free=FREE, light_error=0.1)
+    assert not maps.known[~ball.mask].any()
+    assert np.isinf(maps.errors["normal"][~ball.mask]).all()
+
+
+@pytest.mark.parametrize("n_s", [20.0, 300.0])
+def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
+    ball, lights, rng = textured_ball(40), lights_about(30), np.random.default_rng(0)
+    n = ball.truth["normal"]
+    views = []
+    for i, l in enumerate(lights):
+        h = l + np.array([0.0, 0.0, 1.0])
+        h /= np.linalg.norm(h)
+        n_l = np.maximum(n @ l, 0.0)
+        image = 0.4 * n_l + 0.3 * np.where(n_l > 0.0, np.maximum(n @ h, 0.0) ** n_s, 0.0)
+        image = image[..., None] + 0.005 * rng.standard_normal((40, 40, 3))
+        dark = rng.random((40, 40, 1)) < 0.1
+        views.append(ds.View(np.where(dark, 0.0, image), ball.views[0].camera, ball.mask, lit=i))
+    flat = ds.GBuffer(np.broadcast_to([0.0, 0.0, 1.0], (40, 40, 3)), None, ball.mask)
+    scene = ds.Scene(ds.Object(flat, ds.Material(lobe=ds.Blinn())), [ds.DirectionalLight(-l) for l in lights])
+    maps = ds.fit_texels(scene, views, free=FREE, loss="cauchy", light_error=0.01)
+    found, error = (of["n_s"][ball.mask][0, 0] for of in (maps.values, maps.errors))
+    assert abs(found - n_s) < 1.96 * error
+    assert error < 0.5 * n_s
+
+
+def test_a_matte_object_has_no_highlight():
+    ball = textured_ball(40, noise=0.005, shadows=0.1, gloss=0.0)
+    maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, loss="cauchy", light_error=0.01)
+    assert np.mean(maps.determined[ball.mask]) < 0.16
+    assert np.mean(maps.known[ball.mask]) > 0.8
+
+
+def test_lamps_without_a_channel_are_fitted_texel_by_texel():
+    colours = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])[np.arange(21) % 3]
+    ball = textured_ball(24, 21, noise=0.005, intensity=colours)
+    maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE)
+    assert not maps.highlights
+    assert np.median(angle(maps.values["normal"], ball.truth["normal"])[ball.mask]) < 2.0
+    with pytest.raises(ValueError, match="light_error needs white or coloured lights of all three channels"):
+        ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=1.0)
+
+
+def test_faint_lamps_change_nothing(shadowed):
+    ball, views = with_bounced_light(24)
+    scene = facing_us(ball)
+
+    def dimmed(factor):
+        lights = [ds.DirectionalLight(-l, factor) for l in lights_about(24)]
+        given = eqx.tree_at(lambda s: s.lights, scene, tuple(lights))
+        seen = [ds.View(factor * v.image, v.camera, v.mask, lit=v.lit) for v in views]
+        maps = ds.fit_texels(given, seen, free=FREE, loss="cauchy", light_error=0.1)
+        return maps.relative_errors(seen)
+
+    np.testing.assert_allclose(dimmed(1e-6), dimmed(1.0), rtol=0.02)
+
+
 def test_light_errors_enlarge_the_errors_of_normals(shadowed):
     ball, maps = shadowed
     wide = ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=3.0)
@@ -84,12 +165,35 @@ def test_light_errors_enlarge_the_errors_of_normals(shadowed):
     assert 0.5 < np.median(added) < 3.0
 
 
+def test_a_covariance_is_an_error_of_each_direction(shadowed):
+    ball, _ = shadowed
+    variance = np.deg2rad(3.0) ** 2
+
+    def errors(light_error):
+        return ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=light_error).errors["normal"]
+
+    round_ = errors(np.broadcast_to(variance * np.eye(3), (20, 3, 3)))
+    known = np.isfinite(round_) & (round_ > 0.0) & ball.mask[..., None]
+    np.testing.assert_allclose(round_[known], errors(3.0)[known], rtol=1e-4)
+    sideways = errors(np.broadcast_to(variance * np.diag([1.0, 0.0, 0.0]), (20, 3, 3)))
+    assert (sideways <= round_ * (1.0 + 1e-4))[known].all()
+    assert np.median(round_[known] / sideways[known]) > 1.05
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        (
+            {"light_error": -np.ones((20, 3, 3))},
+            r"light_error\[0\] must be a covariance: .* without a negative variance",
+        ),
+        ({"light_error": np.ones((4, 3, 3))}, r"a covariance of shape \(20, 3, 3\); got the shape \(4, 3, 3\)"),
         ({"light_error": -1.0}, "light_error must be one number of degrees, at least 0"),
         ({"light_error": [1.0, 2.0]}, "one for each of the 20 views"),
-        ({"light_error": 1.0, "loss": "squares"}, "light_error needs k_d, k_s, n_s and normal free, and a robust loss"),
+        (
+            {"light_error": 1.0, "loss": "squares"},
+            "light_error needs k_d, k_s, n_s and normal free alone, and a robust loss",
+        ),
     ],
 )
 def test_wrong_light_errors_are_refused(given, message):
@@ -165,6 +269,72 @@ def test_a_photograph_that_disagrees_is_named():
     assert (place.view, place.cell) == (2, 5)
 
 
+def with_bounced_light(lights):
+    """The textured ball, on whose far side each light bounces from what stands around it."""
+    ball = textured_ball(40, lights, noise=0.005)
+    x = 2.2 * ((np.arange(40) + 0.5) / 40 - 0.5)
+    views = []
+    for view, l in zip(ball.views, lights_about(lights), strict=True):
+        bounced = 0.3 * np.maximum(0.2 - l[0] * x[None, :] + l[1] * x[:, None], 0.0) * ball.mask
+        image = view.image + bounced[..., None] * ball.truth["k_d"].reshape(40, 40, 3)
+        views.append(ds.View(image, view.camera, view.mask, lit=view.lit))
+    return ball, views
+
+
+def test_what_repeats_from_light_to_light_is_predicted():
+    ball, views = with_bounced_light(40)
+    maps = ds.fit_texels(facing_us(ball), views[::2], free=FREE, loss="cauchy", light_error=0.1)
+    assert maps.unexplained is not None
+    by_model = dataclasses.replace(maps, unexplained=None)
+    left_out = views[1::2]
+    found, plain = maps.relative_errors(left_out), by_model.relative_errors(left_out)
+    assert np.median(found) < 0.8 * np.median(plain)
+    assert found.max() < plain.max()
+    with pytest.raises(ValueError, match=r"views\[0\] must have the shape of the maps"):
+        maps.relative_errors([ds.View(np.zeros((4, 4, 3)), ds.OrthographicCamera((0, 0, 4), shape=(4, 4)))])
+
+
+def test_unexplained_light_is_that_of_lamps_too(tmp_path):
+    ball, views = with_bounced_light(24)
+    maps = ds.fit_texels(facing_us(ball), views, free=FREE, loss="cauchy", light_error=0.1)
+    light = ball.scene.lights[5]
+    assert isinstance(light, ds.DirectionalLight)
+    toward = -np.asarray(light.direction)
+    surface = ds.GBuffer(ball.truth["normal"], ball.truth["normal"], ball.mask)  # a unit sphere
+    maps = dataclasses.replace(maps, scene=eqx.tree_at(lambda s: s.objects[0].surface, maps.scene, surface))
+    far, near = (
+        maps.shade(light),
+        maps.shade(ds.PointLight(1e4 * toward, intensity=1.0, attenuation=ds.RadialAttenuation())),
+    )
+    np.testing.assert_allclose(near, far, atol=2e-3)
+    both = maps.shade([light, light])
+    assert np.median((both / np.maximum(2.0 * far, 1e-9))[far > 0.05]) == pytest.approx(1.0, abs=1e-6)
+    maps.write(tmp_path, suffix=".npy")
+    about = tomllib.loads((tmp_path / "maps.toml").read_text())["unexplained"]
+    parts = np.load(tmp_path / "unexplained.npy")
+    assert maps.unexplained is not None
+    np.testing.assert_array_equal(parts, maps.unexplained.parts)
+    np.testing.assert_allclose(about["given"], maps.unexplained.interpolation.given)
+
+
+def test_residuals_are_interpolated_only_where_they_repeat():
+    lights, rng = lights_about(40), np.random.default_rng(0)
+    smooth = np.stack([lights @ rng.standard_normal(3) for _ in range(200)], 1)
+    noise = 0.1 * rng.standard_normal(smooth.shape)
+    assert interpolation_of(lights, noise) is None
+    found = interpolation_of(lights[::2], (smooth + noise)[::2])
+    assert found is not None
+    shown = np.stack([found.weights(l) for l in lights[1::2]]) @ found.taken @ (smooth + noise)[::2]
+    inner = lights[1::2, 2] > 0.6
+    assert np.sqrt(np.mean((shown - smooth[1::2])[inner] ** 2)) < 0.1
+
+
+def test_no_highlight_is_brighter_than_all_that_was_seen(shadowed):
+    ball, maps = shadowed
+    brightest = max(np.max(np.asarray(view.image)) for view in ball.views)
+    assert maps.values["k_s"].max() <= np.float32(brightest)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "most", "of_twelve"), [("ball", 1.9, 2.8), ("cat", 4.9, 8.0), ("harvest", 16.5, 25.0)]
@@ -178,9 +348,73 @@ def test_real_objects_have_their_normals(name, most, of_twelve):
     off = angle(maps.values["normal"], truth)[mask]
     assert maps.highlights
     assert off.mean() < most
-    assert 0.59 < np.mean(off <= maps.errors["normal"][..., 0][mask]) < 0.76
-    assert np.mean(off <= maps.errors_95["normal"][..., 0][mask]) > 0.9
-    assert off[maps.known[mask]].mean() < off[~maps.known[mask]].mean()
+    check_stated_angles(maps, off, mask, rank=0.3 if name == "ball" else 0.5)
+    check_no_seams(maps, truth, mask)
+    check_relighting(scene, views, mask)
     twelve = [views[i] for i in np.round(np.linspace(0, 47, 12)).astype(int)]
     maps = ds.fit_texels(scene, twelve, free=FREE)
     assert angle(maps.values["normal"], truth)[mask].mean() < of_twelve
+
+
+@pytest.mark.thorough
+def test_a_rendered_relief_has_its_errors_and_is_relit():
+    """Several materials, some of them metals, under cast shadows and bounced light."""
+    folder = measured("rti_dome")
+    lines = [line.split() for line in (folder / "dirs.lp").read_text().splitlines()[1:] if line.strip()]
+    mask = ds.read_mask(folder / "mask.png")
+    camera = ds.OrthographicCamera((0, 0, 4), shape=mask.shape, local_viewer=False)
+    facing = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (*mask.shape, 3))
+    lights = [ds.DirectionalLight(tuple(-float(x) for x in line[1:4])) for line in lines]
+    scene = ds.Scene(ds.Object(ds.GBuffer(facing, None, mask), ds.Material(k_d=0.5)), lights)
+    views = [ds.View(ds.read_image(folder / line[0], srgb=False), camera, mask, lit=k) for k, line in enumerate(lines)]
+    truth = np.asarray(ds.read_image(folder / "normals.png", srgb=False)) * 2.0 - 1.0
+    maps = ds.fit_texels(scene, views, free=FREE)
+    off = angle(maps.values["normal"], truth / np.linalg.norm(truth, axis=-1, keepdims=True))[mask]
+    check_stated_angles(maps, off, mask, rank=0.3)
+    check_relighting(scene, views, mask)
+
+
+def check_stated_angles(maps, off, mask, rank):
+    """The stated angles hold the truth as often as they say, and are larger where normals are worse."""
+    stated = maps.errors["normal"][..., 0][mask]
+    assert 0.6 < np.mean(off <= stated) < 0.76
+    assert 0.9 < np.mean(off <= maps.errors_95["normal"][..., 0][mask]) < 0.98
+    assert spearmanr(np.where(np.isfinite(stated), stated, 180.0), off)[0] > rank
+    assert off[maps.known[mask]].mean() < off[~maps.known[mask]].mean()
+
+
+def check_no_seams(maps, truth, mask):
+    """Where the status changes, neighbouring normals differ no more from the truth's difference than elsewhere."""
+    n, changes, wrong = maps.values["normal"], [], []
+    for axis in (0, 1):
+        here, there = (np.s_[:-1], np.s_[1:]) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        both = mask[here] & mask[there]
+        changes.append((maps.status[here] != maps.status[there])[both])
+        wrong.append(np.linalg.norm((n[here] - n[there]) - (truth[here] - truth[there]), axis=-1)[both])
+    changes, wrong = np.concatenate(changes), np.concatenate(wrong)
+    assert np.median(wrong[changes]) < 1.5 * np.median(wrong[~changes])
+
+
+def check_relighting(scene, views, mask):
+    """Every second photograph predicts the others better than plain least squares does."""
+    seen, left_out = views[::2], views[1::2]
+    ours = ds.fit_texels(scene, seen, free=FREE).relative_errors(left_out)
+    plain = relative_errors_of_least_squares(scene, seen, left_out, mask)
+    for of in (np.median, np.mean, np.max):
+        assert of(ours) < of(plain)
+
+
+def relative_errors_of_least_squares(scene, seen, left_out, mask):
+    """By three numbers for each texel and channel: k_d times the normal (Woodham 1980)."""
+
+    def lights(views):
+        each = [scene.lights[view.lit[0]] for view in views]
+        toward = [-np.asarray(one.direction) / np.linalg.norm(one.direction) for one in each]
+        strength = [np.broadcast_to(np.asarray(one.intensity), (3,)) for one in each]
+        return np.array(toward)[:, None] * np.array(strength)[..., None]  # (views, channels, 3)
+
+    shown = [np.stack([np.asarray(view.image)[mask][:, :3] for view in views]) for views in (seen, left_out)]
+    known, new = lights(seen), lights(left_out)
+    albedo = [np.linalg.lstsq(known[:, c], shown[0][..., c], rcond=None)[0] for c in range(3)]
+    predicted = np.stack([np.maximum(new[:, c] @ albedo[c], 0.0) for c in range(3)], -1)
+    return np.sqrt(np.mean((predicted - shown[1]) ** 2, (1, 2)) / np.mean(shown[1] ** 2, (1, 2)))

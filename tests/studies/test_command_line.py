@@ -67,6 +67,15 @@ def test_texels(typed, folder):
     assert told["medians"]["n_s"][0] / 4 == pytest.approx(20, rel=0.2)  # by Phong
 
 
+def test_photographs_left_out_of_texels_are_predicted(typed, folder):
+    told = json.loads(typed("texels", folder, "-o", "maps", "--hold-out", "4", "--json"))
+    count = len(told["photographs"]) + len(told["left_out"])
+    assert len(told["left_out"]) == count // 4
+    assert not set(told["photographs"]) & set(told["left_out"])
+    assert all(0.0 <= error < 0.2 for error in told["left_out"].values())
+    assert "at most (" in typed("texels", folder, "-o", "more", "--hold-out", "4")
+
+
 def test_models_are_compared(typed, folder):
     """Of which matte has no highlight, whatever is said of it."""
     words = ["--grey", "k_s", "--bounds", "n_s=1:100", "--model", "phong,matte", "--json"]

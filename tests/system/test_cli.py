@@ -271,6 +271,13 @@ def test_texels(typed):
     assert told["heights"] is None
 
 
+def test_too_few_photographs_to_leave_one_out(typed):
+    outcome = typed("texels", "photographs", "-o", "maps", "--hold-out", "99")
+    assert outcome.status != 0
+    assert "--hold-out must be from 2 to the number of photographs" in outcome.err
+    assert not Path("maps").exists()
+
+
 def test_heights_of_texels(typed):
     words = ("texels", "photographs", "-o", "relief", "--free", "k_d", "--heights")
     told = typed(*words, "--json").told

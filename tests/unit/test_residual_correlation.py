@@ -12,7 +12,7 @@ import diffshade as ds
 from diffshade.diagnosis.misfit import residual_correlation
 from diffshade.diagnosis.misfit.residual_correlation import cell_correlation, inflate_errors, neighbour_correlation
 from diffshade.inverse.statistics.clusters import Clusters, independent
-from diffshade.inverse.statistics.uncertainty import Evidence
+from diffshade.inverse.statistics.evidence import Evidence
 
 SHAPE = (40, 60, 3)
 COUNTS = [np.ones(SHAPE[:2], bool)] * 3

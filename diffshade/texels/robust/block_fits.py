@@ -12,23 +12,23 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...model.vectors import Vec3, dot
-from ..blocks import TexelBlock, reflected
+from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
 from ..lighting import LightingSetup
 from ..linear_systems import inverse_diagonal, solve
-from ..normal_equations import tangents_of
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
 from .learning import ObjectModel
-from .observations import Observed, observe
+from .observations import Observed, observe, reflectances
 from .robust_descent import State, Weighing, around, begin, descend, lowest, system
 
 FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
 REWEIGHTINGS = 3
 DOUBTED = 4.0  # scales of the loss beyond which a residual is doubted
+LEAST_CURVATURE = 1e-12  # where no light reaches a texel
 CURVATURE = 1e-4  # added to the curvature of every unknown, relative to a texel of level 1
 
 
@@ -54,10 +54,14 @@ class Coefficients(NamedTuple):
     k_d: Float[Array, "channels texels"]
     k_s: Float[Array, "channels texels"]
     residual: Float[Array, " texels"]
-    """Root mean square, in the photographs' units."""
+    """Root mean square, in the photographs' units, or in those of their noise where that is known."""
     doubted: Bool[Array, "views texels"]
     """Observations that are far from the model."""
     counts: Bool[Array, "views texels"]
+    level: Float[Array, " texels"]
+    """Mean reflectance of all observations."""
+    kept: Float[Array, "channels parts texels"] | None
+    """What is kept of what the views show beyond the model, as a reflectance."""
 
 
 @jax.jit
@@ -81,7 +85,7 @@ def normals_of(
     known: KnownCoefficients,
     block: TexelBlock,
     model: ObjectModel,
-    light_error: Float[Array, " views"] | None,
+    light_error: Float[Array, "views 3 3"] | None,
 ) -> Normals:
     """Return the normals of a block.
 
@@ -90,7 +94,7 @@ def normals_of(
         known: The coefficients that are not fitted.
         block: The texels.
         model: What the object's texels have in common.
-        light_error: Standard deviation of each view's lights about each axis, radians.
+        light_error: A root of the covariance of the direction to each view's lights.
     """
     observed = observe(setup, known, block)
     return _with_spread(setup, block, observed, model, lowest_state(observed, model), light_error)
@@ -103,7 +107,7 @@ def _with_spread(
     observed: Observed,
     model: ObjectModel,
     state: State,
-    light_error: Float[Array, " views"] | None,
+    light_error: Float[Array, "views 3 3"] | None,
 ) -> Normals:
     """Return the normals of a block at their minimum, and what their errors follow from."""
     weighing = model.weighing(observed.level)
@@ -112,7 +116,10 @@ def _with_spread(
     A = [[a + (CURVATURE if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(A)]
     freedom = jnp.maximum(jnp.sum(here.weight, 0) - 4.0, 1.0)
     variance = jnp.sum(here.weight * here.residual**2, 0) / freedom
-    tilt_a, tilt_b, k_d, k_s = (variance * c for c in inverse_diagonal(A))
+    tilt_a, tilt_b, k_d, _ = (variance * c for c in inverse_diagonal(A))
+    # how unlikely a large k_s is says how large it may be, not how well it is seen
+    seen = [*A[:3], [*A[3][:3], A[3][3] - weighing.ridge * weighing.scale**2]]
+    k_s = variance * inverse_diagonal(seen)[3]
     reached = observed.lights.reach(state.n) & observed.counts
     weight = jnp.where(observed.counts, 1.0, 0.0)[:, None]
     geometry = lighting_geometry(setup, block.p, block.v)
@@ -142,7 +149,7 @@ def _by_lights(
     A: list[list[Array]],
     J: tuple[Array, ...],
     weight: Array,
-    light_error: Float[Array, " views"],
+    light_error: Float[Array, "views 3 3"],
 ) -> Float[Array, " texels"]:
     """Return the standard deviation of the normals about each axis that follows from the directions of the lights."""
     lights = observed.lights
@@ -153,13 +160,45 @@ def _by_lights(
 
     B = [[jnp.zeros_like(state.k_d) for _ in range(4)] for _ in range(4)]
     whole = jax.tree.map(lambda c: jnp.broadcast_to(c, jnp.broadcast_shapes(c.shape, state.k_d.shape)), lights.l)
-    for tangent in tangents_of(whole):
-        _, change = jax.jvp(shown, (whole,), (tangent,))
-        pull = (weight * jnp.asarray(light_error, change.dtype)[:, None] * change) ** 2
+    for column in range(3):
+        error = Vec3(*(jnp.asarray(light_error[:, i, column], whole.x.dtype)[:, None, None] for i in range(3)))
+        turn = error - whole * dot(error, whole)  # the vector stays of length 1
+        _, change = jax.jvp(shown, (whole,), (turn,))
+        pull = (weight * change) ** 2
         B = [[B[i][j] + jnp.sum(pull * J[i] * J[j], 0) for j in range(4)] for i in range(4)]
     columns = [solve(A, [row[j] for row in B]) for j in range(4)]  # A^-1 B
     rows = [solve(A, [columns[j][i] for j in range(4)]) for i in range(2)]  # its first two rows, times A^-1
     return jnp.sqrt(jnp.maximum(rows[0][0] + rows[1][1], 0.0) / 2.0)
+
+
+class Seen(NamedTuple):
+    """What the views show of a block, as reflectances."""
+
+    beyond: Float[Array, "views texels"]
+    """More than the model has at the minimum of each texel, grey."""
+    brightest: Float[Array, " texels"]
+    """Largest of all views and channels."""
+
+
+def seen_by(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, model: ObjectModel) -> Seen:
+    """Return what the views show of a block."""
+    observed = observe(setup, known, block)
+    return _seen(setup, known, block, observed, model, lowest_state(observed, model))
+
+
+@jax.jit
+def _seen(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    observed: Observed,
+    model: ObjectModel,
+    state: State,
+) -> Seen:
+    here = around(observed, model.shape, model.weighing(observed.level), state)
+    shown, _ = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
+    brightest = jnp.max(jnp.where(observed.counts[:, None], shown, 0.0), (0, 1))
+    return Seen(jnp.where(observed.counts, -here.residual * observed.level[None], 0.0), brightest)
 
 
 @jax.jit
@@ -169,8 +208,20 @@ def coefficients_of(
     block: TexelBlock,
     model: ObjectModel,
     n: Float[Array, "3 texels"],
+    brightest: Float[Array, ""],
+    taken: Float[Array, "parts views"] | None,
 ) -> Coefficients:
-    """Return k_d and k_s of each channel for normals that are known, by reweighted squares."""
+    """Return k_d and k_s of each channel for normals that are known, by reweighted squares.
+
+    Args:
+        setup: The lights of the views.
+        known: The coefficients that are not fitted.
+        block: The texels.
+        model: What the object's texels have in common.
+        n: The normals.
+        brightest: The largest k_s: no highlight is taken to be brighter than the brightest thing that was seen.
+        taken: What is kept of the residuals of a texel, as products with them.
+    """
     observed = observe(setup, known, block)
     weighing = model.weighing(observed.level)
     state = begin(observed, model.shape, weighing, Vec3(*n))
@@ -181,20 +232,23 @@ def coefficients_of(
         k_d, k_s = weighted_coefficients(here.weight, D, S, observed.y, ridge)
         state = eqx.tree_at(lambda s: (s.k_d, s.k_s), state, (k_d, k_s))
         here = around(observed, model.shape, weighing, state)
-    geometry = lighting_geometry(setup, block.p, block.v)
-    arriving = jnp.sum(geometry.strength, 2)
-    shown = reflected(setup, known, block)
-    per_light = (shown / jnp.where(arriving > 0.0, arriving, 1.0)).astype(jnp.float32)
-    k_d, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(per_light)
-    off = jnp.where(
-        observed.counts[:, None],
-        (k_d[None] * D[:, None] + k_s[None] * S[:, None]).astype(float) * arriving - shown,
-        0.0,
-    )
+    shown, arriving = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
+    shown, bright = shown.astype(jnp.float32), (here.weight * D)[:, None]
+    _, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(shown)
+    k_s = jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype))
+    matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
+    k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + LEAST_CURVATURE)
+    beyond = jnp.where(observed.counts[:, None], shown - k_d[None] * D[:, None] - k_s[None] * S[:, None], 0.0)
     samples = jnp.maximum(jnp.sum(observed.counts, 0, dtype=float) * shown.shape[1], 1.0)
-    residual = jnp.sqrt(jnp.sum(off**2, (0, 1)) / samples)
+    squared = (beyond.astype(float) * arriving) ** 2
+    if setup.noise is not None:
+        squared /= jax.vmap(lambda noise, shown: noise.variance(shown))(
+            setup.noise, block.observed.target.astype(float)
+        )
+    residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
     doubted = observed.counts & (jnp.abs(here.residual) > DOUBTED * weighing.scale[None])
-    return Coefficients(k_d, k_s, residual, doubted, observed.counts)
+    kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
+    return Coefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, kept)
 
 
 class Turned(NamedTuple):

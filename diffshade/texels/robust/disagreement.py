@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...core.words import Note, count
 
@@ -22,6 +22,12 @@ class Disagreement(NamedTuple):
     view: int
     cell: int | None
     share: float
+
+
+def cells_of(pixels: Int[np.ndarray, " n"], shape: tuple[int, int]) -> Int[np.ndarray, " n"]:
+    """Return the cell of a coarse grid over the image that each pixel lies in."""
+    row, column = np.divmod(pixels, shape[1])
+    return row * CELLS // shape[0] * CELLS + column * CELLS // shape[1]
 
 
 def disagreements(doubts: Float[np.ndarray, "views cells 2"]) -> list[Disagreement]:

@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
+from ...core.words import Note
+from ...model.lobes import AbstractReflectance, Phong
 
 EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
 FIRST = 4  # index of the exponent, 64, that learning begins with
@@ -60,3 +62,11 @@ def shape_of(weight: Float[np.ndarray, " powers"]) -> HighlightShape:
     """Return the shape of these weights, small ones left out."""
     kept = np.where(weight < LEAST_WEIGHT * weight.sum(), 0.0, weight)
     return HighlightShape((kept / kept.sum()).astype(np.float32))
+
+
+def note_on_lobe(given: AbstractReflectance, taken: AbstractReflectance) -> tuple[Note, ...]:
+    """Return a note where the highlight has another lobe than the scene's."""
+    if type(given) is type(taken):
+        return ()
+    more = ", whose n_s is about four times that of the same highlight by Phong" if isinstance(given, Phong) else ""
+    return (Note(f"the highlight is {type(taken).__name__}'s (n.h){more}.", "lobe"),)

@@ -62,8 +62,8 @@ class Fitted(NamedTuple):
     residual: Float[Array, "views texels"]
     weight: Float[Array, "views texels"]
     """Of the loss; 0 where an observation is not believed."""
-    J: Float[Array, "3 views texels"]
-    """Derivatives of the model by both tilts and by k_d."""
+    J: Float[Array, "4 views texels"]
+    """Derivatives of the model by both tilts, k_d and k_s."""
     powers: Float[Array, "powers views texels"]
     """Each power of the highlight alone."""
     k_s: Float[Array, " texels"]
@@ -77,12 +77,19 @@ def fitted(observed: Observed, model: ObjectModel, state: State) -> Fitted:
     here = around(observed, model.shape, model.weighing(observed.level), state)
     each = [HighlightShape(row) for row in np.eye(len(EXPONENTS), dtype=np.float32)]
     powers = jnp.stack([observed.lights.shading(shape, state.n)[1] for shape in each])
-    J = jnp.stack(here.J[:3])
+    J = jnp.stack(here.J)
     return Fitted(here.residual, here.weight, J, powers, state.k_s, observed.level, observed.lights.reach(state.n))
 
 
-def learned(model: ObjectModel, texels: Fitted) -> ObjectModel:
-    """Return the model that these texels, fitted by the model so far, suggest."""
+def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> ObjectModel:
+    """Return the model that these texels, fitted by the model so far, suggest.
+
+    Args:
+        model: The model so far.
+        texels: The texels at their minimum.
+        to_the_end: Whether k_s of each texel is eliminated too. The shape then converges in a few rounds, but takes
+            some of the normals' errors for its own; the slower one, ended early, gives better normals.
+    """
     believed = texels.weight > 0.0
     dark = texels.residual * texels.level[None]
     in_shadow = dark[believed & ~texels.lit]
@@ -92,26 +99,28 @@ def learned(model: ObjectModel, texels: Fitted) -> ObjectModel:
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
     seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
     brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
-    shape = _next_shape(model, texels)
+    shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
     return ObjectModel(
         shape, *(np.asarray(number, np.float32) for number in (relative, absolute, brightest)), loss=model.loss
     )
 
 
-def _next_shape(model: ObjectModel, texels: Fitted) -> HighlightShape:
-    """Return the shape after a Gauss-Newton step on the weights, with tilts and k_d of each texel eliminated."""
+def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
+    """Return the shape after a Gauss-Newton step on the weights, with the first numbers of each texel eliminated."""
     current = np.asarray(model.shape.weight, np.float64)
     scale = np.asarray(model.weighing(jnp.asarray(texels.level)).scale)
     root = np.sqrt(texels.weight / scale[None] ** 2).T[..., None]  # (texels, views, 1)
     A = np.moveaxis(np.asarray(texels.k_s * texels.powers), 0, -1).swapaxes(0, 1) * root
     target = A @ current - texels.residual.T * root[..., 0]
-    Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J), 0, -1).swapaxes(0, 1) * root)
+    Q, _ = np.linalg.qr(np.moveaxis(np.asarray(texels.J[:eliminated]), 0, -1).swapaxes(0, 1) * root)
     A = A - Q @ (Q.swapaxes(1, 2) @ A)
     target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
     A, target = A.reshape(-1, len(current)), target.ravel()
     G = A.T @ A
     if not np.trace(G) > 0.0:  # no texel has a highlight
         return model.shape
-    L = np.linalg.cholesky(G + RIDGE * np.trace(G) / len(G) * np.eye(len(G)))
-    weight = nnls(L.T, np.linalg.solve(L, A.T @ target))[0]
+    ridge = RIDGE * np.trace(G) / len(G)
+    L = np.linalg.cholesky(G + ridge * np.eye(len(G)))
+    # without k_s, the size of the weights is nobody's: they stay near the current ones
+    weight = nnls(L.T, np.linalg.solve(L, A.T @ target + (ridge * current if eliminated == 4 else 0.0)))[0]
     return shape_of(weight) if weight.sum() > 0.0 else model.shape

@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+
+from ...core.fields import Array
 
 MEDIAN_SIDE = 3  # side of the square whose geometric median replaces a normal: the fewest that outvote an outlier
-SCATTER_SIDE = 9  # side of the square over which normals scatter
+SCATTER_SIDE = 11  # side of the square over which normals scatter
 MISFIT_SIDE = 5  # side of the square over which misfits are averaged
-MARGIN = SCATTER_SIDE // 2 + 1  # rows of its neighbours that a band needs for results like the whole image's
+MARGIN = SCATTER_SIDE // 2  # rows of its neighbours that a band needs for results like the whole image's
 ITERATIONS = 10
 SOFT = 1e-2  # distance below which neighbours pull no harder: that of normals half a degree apart
+
+
+class Grid(NamedTuple):
+    """The rows of the image that some texels lie in."""
+
+    mask: Bool[np.ndarray, "h w"]
+    row: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+
+    def image(self, values: Float[Array, "n _"]) -> Float[np.ndarray, "h w _"]:
+        """Return the values of the texels as an image, 0 elsewhere."""
+        found = np.zeros((*self.mask.shape, values.shape[1]))
+        found[self.row, self.column] = values
+        return found
+
+
+def grid_of(pixels: Int[np.ndarray, " n"], width: int) -> Grid:
+    """Return the rows that some pixels lie in."""
+    row, column = np.divmod(pixels, width)
+    row = row - row.min()
+    mask = np.zeros((int(row.max()) + 1, width), bool)
+    mask[row, column] = True
+    return Grid(mask, row, column)
 
 
 def geometric_median(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
@@ -18,16 +45,18 @@ def geometric_median(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, 
 
     Unlike a mean it stays at an edge, and one outlier does not move it far.
     """
-    around = _shifted(normal * mask[..., None], MEDIAN_SIDE)
-    inside = _shifted(mask[..., None].astype(normal.dtype), MEDIAN_SIDE)[..., 0]
+    around = _shifted(normal * mask[..., None], MEDIAN_SIDE)[:, mask]
+    inside = _shifted(mask[..., None].astype(normal.dtype), MEDIAN_SIDE)[:, mask, 0]
     inside = inside * inside[::-1]  # neighbours in pairs: at an outline those of one side would pull normals inwards
-    found = normal
+    found = normal[mask]
     for _ in range(ITERATIONS):
         weight = inside / np.sqrt(((around - found) ** 2).sum(-1) + SOFT**2)
-        total = (weight[..., None] * around).sum(0)
+        total = np.einsum("st,stc->tc", weight, around)
         length = np.linalg.norm(total, axis=-1, keepdims=True)
-        found = np.where(mask[..., None] & (length > 0.0), total / np.where(length > 0.0, length, 1.0), normal)
-    return found
+        found = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), found)
+    image = normal.copy()
+    image[mask] = found
+    return image
 
 
 def scatter_of(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:

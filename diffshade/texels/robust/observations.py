@@ -16,7 +16,7 @@ from ...core.fields import Array
 from ...model.lobes import AbstractPowerLobe
 from ...model.vectors import Vec3, dot
 from ..blocks import TexelBlock, reflected
-from ..geometry import lighting_geometry
+from ..geometry import FreeNormalGeometry, lighting_geometry
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from .highlight_shape import HighlightShape
@@ -102,13 +102,20 @@ class Observed(eqx.Module):
         return Observed(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
 
 
+def reflectances(
+    setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, geometry: FreeNormalGeometry
+) -> tuple[Float[Array, "views channels texels"], Float[Array, "views channels texels"]]:
+    """Return what the views show for each unit of light that arrives, and that light."""
+    arriving = jnp.sum(geometry.strength, 2)
+    return reflected(setup, known, block) / jnp.where(arriving > 0.0, arriving, 1.0), arriving
+
+
 @jax.jit
 def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Observed:
     """Return what the views show of a block."""
     geometry = lighting_geometry(setup, block.p, block.v)
-    arriving = jnp.sum(geometry.strength, 2)
+    per_light, arriving = reflectances(setup, known, block, geometry)
     reached = block.observed.counts & (arriving > 0.0).all(1)
-    per_light = reflected(setup, known, block) / jnp.where(arriving > 0.0, arriving, 1.0)
     grey = jnp.where(reached, per_light.mean(1), 0.0)
     number = jnp.sum(reached, 0, dtype=float)
     level = jnp.maximum(jnp.sum(grey, 0) / jnp.maximum(number, 1.0), 1e-12)

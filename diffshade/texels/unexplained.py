@@ -1,0 +1,122 @@
+r"""Unexplained light: what photographs show beyond the model, between the lights that they were taken under (kriging).
+
+$$ u(l) = k(l)^T (K + \lambda)^{-1} r, \quad K_{ij} = k(|l_i - l_j| / width) $$
+
+r is the residual of a texel in every view, as a reflectance. Shadows, bounced light and what the shared highlight
+cannot be move little between lights that are near one another; far from all of them u is 0. Width and lambda are those
+that predict each view best from the others (Krige 1951; Rasmussen and Williams 2006, eq. 2.23, with a Matern kernel).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Float16
+
+from ..core.fields import Array
+from ..model.lights import AbstractLight
+from ..model.vectors import Vec3
+
+WIDTHS = (0.1, 0.2, 0.4, 0.8)  # in units of a unit vector's change
+NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
+PARTS = 9  # numbers that are kept of the residuals of a texel and channel
+LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
+LEAST_SPREAD = 1e-6  # of a combination of views, relative to the largest
+
+
+class Interpolation(NamedTuple):
+    """How the residuals of the views become light under another one."""
+
+    toward: Float[np.ndarray, "views 3"]
+    """Unit vectors to the light of each view."""
+    width: float
+    taken: Float[np.ndarray, "parts views"]
+    """What is kept of the residuals of a texel: its products with them."""
+    given: Float[np.ndarray, "views parts"]
+    """k(l) times this is the weight of each number that was kept."""
+
+    def in_units_of(self, size: float) -> Interpolation:
+        """Return the same with what is kept divided by a size, so that half precision holds it."""
+        return self._replace(taken=self.taken / size, given=self.given * size)
+
+    def weights(self, toward: Float[np.ndarray, "3"]) -> Float[np.ndarray, " parts"]:
+        """Return the weight of each number that was kept, under a light in this direction."""
+        return _kernel(toward[None], self.toward, self.width)[0] @ self.given
+
+
+class Unexplained(NamedTuple):
+    """Maps of what photographs show beyond the model."""
+
+    interpolation: Interpolation
+    parts: Float16[np.ndarray, "h w c*parts"]
+    """What is kept of the residuals, a reflectance, with all parts of a channel beside one another."""
+
+    def light(
+        self,
+        lights: Sequence[AbstractLight],
+        position: Float[Array, "h w 3"] | None,
+        inside: Bool[np.ndarray, "h w"],
+    ) -> Float[np.ndarray, "h w 3"]:
+        """Return what lights show beyond the model: linear radiance.
+
+        Args:
+            lights: The lights.
+            position: Points of the surface; lights without a position need none.
+            inside: Where the surface is.
+        """
+        p = None if position is None else Vec3.of(position)
+        total = np.zeros((*inside.shape, 3))
+        for light in lights:
+            l, arriving = jax.vmap(lambda emitter: emitter.arriving(p))(light.emitters())
+            l, arriving = (np.moveaxis(np.asarray(v.stack()), 0, -2) for v in (l, arriving))  # (..., emitters, 3)
+            weighed = l * arriving.mean(-1, keepdims=True)
+            toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
+            if (length := np.linalg.norm(toward)) > 0.0:
+                weights = self.interpolation.weights(toward / length)
+                beyond = self.parts.reshape(*inside.shape, -1, len(weights)) @ weights
+                total += beyond * arriving.sum(-2)
+        return total
+
+
+def interpolation_of(
+    toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]
+) -> Interpolation | None:
+    """Return the interpolation that predicts views best from the others, or None if none predicts them better than 0.
+
+    Args:
+        toward: Unit vectors to the light of each view.
+        residual: What some texels show beyond the model, as a reflectance.
+    """
+    residual = np.asarray(residual, np.float64)
+    size, best = float(np.mean(residual**2)), np.inf
+    chosen = (WIDTHS[0], NOISES[-1])
+    for width, noise in itertools.product(WIDTHS, NOISES):
+        inverse = np.linalg.inv(_noisy(toward, width, noise))
+        left_out = (inverse @ residual) / np.diag(inverse)[:, None]  # what each view has beyond the others' prediction
+        error = float(np.mean(left_out**2))
+        if error < best:
+            best, chosen = error, (width, noise)
+    if not 0.0 < best <= (1.0 - LEAST_GAIN) ** 2 * size:
+        return None
+    # Of all combinations of views, keep those in which the interpolated light is largest
+    width, noise = chosen
+    spread, axes = np.linalg.eigh(_kernel(toward, toward, width))
+    root = np.sqrt(np.maximum(spread, LEAST_SPREAD * spread[-1]))
+    smooth = (axes * root).T @ np.linalg.inv(_noisy(toward, width, noise))
+    light = smooth @ residual
+    largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :PARTS]
+    return Interpolation(toward, width, largest.T @ smooth, (axes / root) @ largest)
+
+
+def _noisy(toward: Float[np.ndarray, "views 3"], width: float, noise: float) -> Float[np.ndarray, "views views"]:
+    return _kernel(toward, toward, width) + noise * np.eye(len(toward))
+
+
+def _kernel(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"], width: float) -> Float[np.ndarray, "n m"]:
+    """Return the correlation between lights of these directions: Matern's of smoothness 3/2."""
+    d = np.sqrt(3.0) * np.linalg.norm(a[:, None] - b[None], axis=-1) / width
+    return (1.0 + d) * np.exp(-d)
