@@ -101,7 +101,7 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
     (empty,) = laid.lay_out(none, folds.size)
     of_block = [folds.fold[at : at + CHUNK] for at in range(0, len(folds.fold), CHUNK)]
     # Without its view, a view's own exposure is unknown.
-    single_view = single_views(np.asarray(evaluate(laid.theta, laid.task, weighed).views.hessian))
+    single_view = single_views(evaluate(laid.theta, laid.task, weighed).views.seen(len(laid.theta)))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
     squares, samples, converged = np.zeros(folds.count), np.zeros(folds.count), True
     for k in range(folds.count):

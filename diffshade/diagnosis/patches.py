@@ -49,7 +49,8 @@ def find_clusters(fit: Fit) -> Clusters:
 
     H, g = (by_patch([getattr(gram, name) for gram in grams]) for name in ("hessian", "gradient"))
     slope = coordinate_slopes(fit.values, fit.unknowns)
-    evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope)
+    H, g = H * np.outer(slope, slope), g * slope
+    evidence = dataclasses.replace(fit.evidence, hessian=H, gradient=g, shown=None)
     if fit.evidence.waves is not None:
         waves = on_all_cores(lambda chunk: _waves_of_each_block(theta, laid.model, chunk), laid_out)
         evidence = dataclasses.replace(evidence, waves=by_patch(waves) * slope[:, None])
@@ -62,7 +63,7 @@ def find_clusters(fit: Fit) -> Clusters:
 def _gram_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block) -> Gram:
     def of_block(block: Block) -> Gram:
         one = jax.tree.map(lambda leaf: leaf[None], block)
-        return jax.tree.map(lambda leaf: leaf.sum(0), model.gram(theta, model.summary(theta, one)))
+        return model.gram(theta, model.summary(theta, one)).total(len(theta))
 
     return jax.lax.map(of_block, chunk)
 

@@ -51,7 +51,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
         TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True)
+    known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True, with_dark_lights=True)
     for unknown in known:  # a known n_s may be 0
         unknown.parameter = dataclasses.replace(unknown.parameter, logarithmic=False)
     places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}

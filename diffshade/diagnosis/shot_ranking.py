@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..inverse.result import Fit
+from ..inverse.statistics.evidence import Evidence
 from ..inverse.statistics.identifiability import null_directions, relative_errors
-from ..inverse.statistics.uncertainty import SINGULAR, Evidence, Matrix, Vector, scaled
+from ..inverse.statistics.uncertainty import SINGULAR, Matrix, Vector, scaled
 from ..inverse.unknowns.unknown import Unknown
 
 
 def add_shot(evidence: Evidence, hessian: Matrix) -> Evidence:
     """Return the evidence with one more cluster; its gradient is 0, since the expected image is the fitted one."""
     zero, directions = null_directions(evidence.total + hessian)
-    return dataclasses.replace(
-        evidence,
-        hessian=np.concatenate([evidence.hessian, hessian[None]]),
-        gradient=np.concatenate([evidence.gradient, np.zeros((1, len(hessian)))]),
-        regular=~zero & ~directions.any(0),
-    )
+    return evidence.with_cluster(hessian, ~zero & ~directions.any(0))
 
 
 def information(fit: Fit, evidence: Evidence) -> tuple[int, float]:

@@ -186,7 +186,7 @@ def _gram_of_view(fit: Fit, placed: PlacedShot, view: View, samples: Samples) ->
     problem = fit_problem(placed.scene, [view], unknowns, [samples], counts, "squares", "exclude")
     theta = jnp.asarray(coordinates(fit.values, unknowns))
     summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())
-    H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian).sum(0)
+    H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian)
     slope = coordinate_slopes(fit.values, unknowns)
     # A robust loss gives the shot's samples the mean weight of the views' samples.
     count, _, _, _, weight = fit.evidence.spread
@@ -200,4 +200,4 @@ def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
 
 @jax.jit
 def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> Gram:
-    return model.gram(theta, summary)
+    return model.gram(theta, summary).total(len(theta))

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import Mesh
+from jaxtyping import ArrayLike, Float
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
@@ -46,6 +47,8 @@ def fit(
     bounds: Mapping[str, Sequence[float | int]] | None = None,
     constraints: Sequence[Grey | Proportional] | Grey | Proportional = (),
     priors: Mapping[str, Sequence[Any]] | None = None,
+    light_error: Float[ArrayLike, " lights"] | float | None = None,
+    intensity_error: Float[ArrayLike, " lights"] | float | None = None,
     loss: str = "squares",
     clipped: str = "hinge",
     start: str = "search",
@@ -87,6 +90,10 @@ def fit(
         constraints: `Grey` and `Proportional`.
         priors: Name to (value, standard deviation), Gaussian; the value may be a colour or vector. For n_s the
             deviation is that of log n_s.
+        light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
+            one for each light. Free directions and positions then have that prior, and begin at the scene's values.
+        intensity_error: Relative standard deviation of the lights' intensities (.05 for 5 %): one number, or one for
+            each light. Free intensities then have that prior about the scene's values, in their logarithm.
         loss: `"squares"`; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is found from the
             residuals' median unless the views' noise is known.
         clipped: How a sample at an end of the sensor's range counts. `"hinge"`: by a one-sided residual, since the true
@@ -121,7 +128,17 @@ def fit(
     scene = jax.tree.map(as_float64, scene)
     grey = all(is_grey(view) for view in views)
     unknowns = find_unknowns(
-        scene, views, free, tied, bounds, constraints, priors, from_scene=start == "scene", grey=grey
+        scene,
+        views,
+        free,
+        tied,
+        bounds,
+        constraints,
+        priors,
+        light_error,
+        intensity_error,
+        from_scene=start == "scene",
+        grey=grey,
     )
     check_free(unknowns)
     with (

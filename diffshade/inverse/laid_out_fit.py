@@ -17,7 +17,7 @@ from .pixels.blocks import chunks as in_chunks
 from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
 from .running import run, samples_for
-from .solve.solvers import Box, Minimum, PriorResiduals, Task, evaluate, minimise
+from .solve.solvers import Minimum, PriorResiduals, Task, evaluate, minimise
 from .unknowns.unknown import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
@@ -111,7 +111,7 @@ class LaidOutFit:
         theta = np.clip(theta, lower, upper)
         for array in (lower, upper, theta):
             array[which] = at
-        box = Box(jnp.asarray(lower), jnp.asarray(upper), self.problem.box.linear)
+        box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
         task = Task(self.model, self.priors, box)
         return minimise(theta, task, chunks, squares=self.fit.squares, max_steps=MAX_STEPS, rtol=rtol)
 

@@ -39,8 +39,9 @@ from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
-from .unknowns.slots import apart, slots_of
+from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, unit_vectors
+from .unknowns.visibility import arrow_of
 
 MAX_STEPS = 200
 PART = 1 << 15  # pixels on which the search for a start follows its candidates
@@ -179,14 +180,14 @@ def fit_problem(
         clipped: What clipped samples say: "hinge", "tobit" or "exclude".
         rendered: Whether to take the model for any scene even if a faster one would do.
     """
-    setting = prepare(scene, views, slots_of(scene, views, unknowns))
+    setting = prepare(scene, views, unknowns)
     likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
     model: AbstractForwardModel = RenderedModel(setting, likelihood, steepest(unknowns))
     if features_can_serve(scene, views, unknowns) and not rendered:
         shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
-        model = feature_model(setting, likelihood, unknowns, shared=shared, grey=all(map(is_grey, views)))
+        model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=all(map(is_grey, views)))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    box = Box(lower, upper, np.array([u.is_linear for u in unknowns]))
+    box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
     size = block_size(samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples])
     model, box = jax.device_put((model, box))
     return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size)

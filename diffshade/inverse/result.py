@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,8 @@ from .data.views import View, has_mask, photograph
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
 from .statistics.clusters import Clusters
+from .statistics.evidence import Evidence
 from .statistics.intensities import taken_as_exact
-from .statistics.uncertainty import Evidence
 from .unknowns.slots import values_in
 from .unknowns.unknown import Unknown
 
@@ -105,6 +106,26 @@ class Fit:
         errors = np.sqrt(np.diag(self.covariance))
         unit = np.where(errors > 0, 1.0 / np.where(errors > 0, errors, 1.0), 0.0)
         return self.covariance * np.outer(unit, unit)
+
+    def holding(self, held: Bool[np.ndarray, " p"]) -> Fit:
+        """Return the fit as if some unknowns had been known; its errors still allow for theirs."""
+        free = ~held
+        clusters = self.clusters
+        return dataclasses.replace(
+            self,
+            unknowns=tuple(unknown for unknown, kept in zip(self.unknowns, free, strict=True) if kept),
+            covariance=self.covariance[np.ix_(free, free)],
+            clusters=dataclasses.replace(
+                clusters,
+                evidence=self.evidence.of(free),
+                by_jackknife=clusters.by_jackknife[free],
+                freedom=clusters.freedom[free],
+            ),
+            **{
+                name: getattr(self, name)[free]
+                for name in ("values", "errors", "plain_errors", "determined", "at_bound", "at_lower", "scales")
+            },
+        )
 
     def values_in(self, scene: Scene) -> Float[np.ndarray, " p"]:
         """Return what the unknowns are in another scene of the same structure, such as the truth of a test."""

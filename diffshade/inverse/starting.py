@@ -22,9 +22,10 @@ from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.interchangeable import by_rising_exponent
 from .solve.solvers import minimise
 from .solve.start_search import is_local, search, with_wide_edges
-from .unknowns.slots import slots_of
 from .unknowns.unknown import coordinates
 
+SETTLED = 1e-10  # decrease of the cost that a step promises, relative, below which the scale is no longer followed
+STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 
@@ -65,7 +66,7 @@ def _search(problem: FitProblem, measured: list[Block], squares: float, report_p
     """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
     wide = with_wide_edges(problem.scene, problem.unknowns)
     if wide is not problem.scene:
-        setting = prepare(wide, problem.views, slots_of(wide, problem.views, problem.unknowns))
+        setting = prepare(wide, problem.views, problem.unknowns)
         model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
         problem = dataclasses.replace(problem, model=model)
     coarse = problem.few() if is_local(problem.unknowns) else measured
@@ -78,7 +79,9 @@ def _settle(
     """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex."""
 
     def polished(problem: FitProblem, part: list[Block], theta: Theta) -> Theta:
-        return minimise(theta, problem.task(squares), part, squares=squares, max_steps=MAX_STEPS).theta
+        task = problem.task(squares)
+        end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=SETTLED, stalled=STALLED)
+        return end.theta
 
     robust = problem.loss != "squares"
     rms = float(np.sqrt(squares / min(problem.counts.pixels, PART)))

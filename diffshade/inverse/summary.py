@@ -23,6 +23,7 @@ from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
 from .statistics.clusters import compared, independent
+from .statistics.evidence import Evidence
 from .statistics.identifiability import (
     condition_number,
     null_directions,
@@ -32,7 +33,7 @@ from .statistics.identifiability import (
     weak_directions,
     weak_notes,
 )
-from .statistics.uncertainty import Evidence, Vector
+from .statistics.uncertainty import Vector
 from .unknowns.names import everything as everything_in
 from .unknowns.slots import put_back
 from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
@@ -150,17 +151,20 @@ def _evidence(
     rounded: Rounded | None,
 ) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
-    problem, point, prior = laid.problem, end.point.views, laid.prior_gram(end)
-    H, g = np.asarray(point.hessian) * np.outer(slope, slope), np.asarray(point.gradient) * slope
+    problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
-    zero, directions = null_directions(H.sum(0) + H_0)
+    zero, directions = null_directions(np.asarray(point.views.total(p).hessian) * np.outer(slope, slope) + H_0)
     regular = ~zero & ~directions.any(0)
     known = problem.noise_known and problem.model.likelihood.loss == "squares"
     sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
+    shows = point.views.seen(p) > 0.0
     every = setups(problem.scene, problem.views)
-    groups = [group for group in every if H[group].any()] or [[*range(len(problem.views))]]
-    H, g = (np.array([of[group].sum(0) for group in groups]) for of in (H, g))
-    evidence = Evidence(H, g, H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
+    groups = [group for group in every if shows[group].any()] or [[*range(len(problem.views))]]
+    H, g, shown = point.views.together(groups, p)
+    unit = np.broadcast_to(slope, g.shape) if shown is None else np.append(slope, 0.0)[shown]
+    H, g = H * unit[:, :, None] * unit[:, None, :], g * unit
+    of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
+    evidence = Evidence(H, g, *of, shown=shown)
     if rounded is not None:
         waves = slope[:, None] * rounded.waves
         waves = np.array([waves[group].sum(0) for group in groups])

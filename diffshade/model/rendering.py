@@ -52,6 +52,8 @@ def render(
             2^31 or more pixels.
         RuntimeError: The installed jaxlib computes wrong sums.
     """
+    if lit is not None:  # first: a view of a scene of hundreds of lights needs one of them
+        scene = eqx.tree_at(lambda s: s.lights, scene, select(scene, lit))
     check((scene, camera))
     check_shapes(scene, camera)
     check_positions(scene, camera)
@@ -61,7 +63,7 @@ def render(
             "Render parts of it."
         )
     check_backend()
-    stacked = stack_scene(scene if lit is None else eqx.tree_at(lambda s: s.lights, scene, select(scene, lit)))
+    stacked = stack_scene(scene)
     program = _render_unfused if _takes_long(stacked, camera) else _render
     return program(*with_new_arrays((stacked, camera)))
 

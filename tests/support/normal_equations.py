@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from grams import whole
 from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
@@ -37,7 +38,8 @@ def summary(theta, form, chunk):
 def gram(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown], theta: np.ndarray) -> Gram:
     """Return the Gram of each view as a fit adds it up."""
     work = problem_of(scene, views, unknowns)
-    return total(on_all_cores(lambda chunk: summary(jnp.asarray(theta), work.model, chunk), work.chunks()))
+    found = total(on_all_cores(lambda chunk: summary(jnp.asarray(theta), work.model, chunk), work.chunks()))
+    return whole(work.model.gram(jnp.asarray(theta), found), len(theta))
 
 
 def dense_gram(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diffshade.inverse.statistics.clusters import Clusters, compared, independent
-from diffshade.inverse.statistics.uncertainty import Evidence
+from diffshade.inverse.statistics.evidence import Evidence
 
 TRUTH = np.array([0.5, -1.0, 2.0, 1.0])
 SAMPLES = 60

@@ -327,9 +327,9 @@ def test_what_is_put_back_is_what_the_solver_inserts_and_is_read_again(tied, con
     scene, views = put_back(MANY_KINDS, VIEWS, unknowns, values)
     np.testing.assert_allclose(values_in(scene, views, unknowns), values, rtol=1e-15)
     with jax.enable_x64(True):
-        problem = prepare(MANY_KINDS, VIEWS, slots_of(MANY_KINDS, VIEWS, unknowns))
+        problem = prepare(MANY_KINDS, VIEWS, unknowns)
         inserted = problem.slots.insert(coordinates(values, unknowns), problem.setup)
-        after = prepare(scene, views, problem.slots).setup
+        after = prepare(scene, views, unknowns).setup
         for a, b in zip(jax.tree.leaves(inserted), jax.tree.leaves(after), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-15)
         assert [float(view.exposure) != 2.0 for view in views] == [True, True]

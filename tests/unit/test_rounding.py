@@ -16,7 +16,7 @@ from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_ste
 from diffshade.inverse.forward.sums import waves
 from diffshade.inverse.pixels.blocks import Block, Observed
 from diffshade.inverse.statistics.clusters import compared, independent
-from diffshade.inverse.statistics.uncertainty import Evidence
+from diffshade.inverse.statistics.evidence import Evidence
 
 STEP = 1.0 / 255.0
 
@@ -84,6 +84,7 @@ class Stand(eqx.Module):
 
     grey: Any
     rounding: Rounding
+    shown: None = None
 
 
 class Linear(AbstractForwardModel):

@@ -18,7 +18,7 @@ from solver_witness import (
 from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.forward.gram import Gram, Point
+from diffshade.inverse.forward.gram import Gram, Point, ViewGrams
 from diffshade.inverse.solve.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
 from diffshade.inverse.solve.solvers import PriorResiduals
 
@@ -152,7 +152,7 @@ def test_a_singular_hessian_gives_a_finite_step(H):
 def one_view(y, cost, gradient, hessian):
     """What the solver wants of a function: its cost, and the point with its Gram in total and by view, here one."""
     gram = Gram(cost, gradient, hessian)
-    return cost, Point(y, gram, jax.tree.map(lambda leaf: leaf[None], gram))
+    return cost, Point(y, gram, ViewGrams(jax.tree.map(lambda leaf: leaf[None], gram), None))
 
 
 def linear_least_squares(y, args):

@@ -65,7 +65,7 @@ class Alternatives:
         self.given, self.center = fit, center
         self.lit = [lights_on(fit.scene, view) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places}
-        self.paths = {path: key for path, key in _paths(fit) if path not in own}
+        self.paths = {path: key for path, key in _paths(fit) if path not in own and self.views_of(key)}
         none = State(fit, np.zeros(len(fit.views)), (None,) * len(fit.views))
         self.base = self._minimise(none, None)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ...inverse.data.views import View, photograph
+from ...inverse.data.views import View, lights_on, photograph
 from ...inverse.forward.rounding import sawtooth
 from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
@@ -165,7 +165,7 @@ def shines(k_s: Any) -> bool:
 
 
 def _paths(fit: Fit) -> list[str]:
-    """Return the parameters of the tested geometry that are not free: spheres, and the places of all lights."""
+    """Return the parameters of the tested geometry that are not free: spheres, and the places of the lights."""
     own = {path for unknown in fit.unknowns for path, _ in unknown.places}
     own |= {product.path for unknown in fit.unknowns for product in unknown.products}
     paths = [path for group in (*_spheres(fit), *_lights(fit)) for path in group]
@@ -182,9 +182,9 @@ def _spheres(fit: Fit) -> list[list[str]]:
 
 
 def _lights(fit: Fit) -> list[list[str]]:
-    """Return the paths of where each light is, and where it points."""
-    lights = enumerate(fit.scene.lights)
-    return [[f"lights.{i}.{name}" for name in light.placement] for i, light in lights if light.placement]
+    """Return the paths of where each light that is on in a view is, and where it points."""
+    on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
+    return [[f"lights.{i}.{name}" for name in fit.scene.lights[i].placement] for i in on]
 
 
 def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, int], np.ndarray]:
@@ -197,7 +197,7 @@ def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, 
                 moves[kind, i] = np.eye(p)[index]
     turned, lights = np.zeros((3, p)), _lights(fit)
     every = [path for paths in lights for path in paths]
-    if every and len(lights) == len(fit.scene.lights) and all((path, 2) in at for path in every):
+    if every and all(lights) and all((path, 2) in at for path in every):
         center = center_of(fit.scene.objects, fit.views[0].camera)
         for path in every:
             _, i, name = path.split(".")

@@ -16,7 +16,7 @@ from ...model.scenes import Object
 from ..data.views import Noise
 from ..pixels.blocks import Block
 from ..unknowns.slots import Setup, Slots
-from .gram import Gram
+from .gram import ViewGrams
 from .losses import Likelihood
 from .rounding import Rounding
 
@@ -42,6 +42,10 @@ class Setting(eqx.Module):
     """The `Noise` of each view, stacked; None where it is not known."""
     rounding: Rounding
     """The steps of the views' files, once they are found."""
+    shown: Int[Array, "views most"] | None
+    """The unknowns that each view can show, padded with their number; None where every view shows all."""
+    seeds: tuple[Float[Array, "seeds p"], Int[Array, "views most"]] | None
+    """Directions for derivatives by all of these, and which of them has each (`visibility.seeds_of`)."""
 
 
 class AbstractForwardModel(eqx.Module):
@@ -77,7 +81,7 @@ class AbstractForwardModel(eqx.Module):
         """Return the sums over a chunk from which `gram` computes the Gram of each view."""
 
     @abstractmethod
-    def gram(self, theta: Float[Array, " p"], summary: Any) -> Gram:
+    def gram(self, theta: Float[Array, " p"], summary: Any) -> ViewGrams:
         """Return the Gram of each view from the sum of the chunks' summaries."""
 
     def view_weights(self) -> Float[Array, " views"]:

@@ -18,8 +18,10 @@ from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
 from ..data.views import View, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, Slots, apart, together
-from .gram import Gram
+from ..unknowns.slots import Setup, apart, slots_of, together
+from ..unknowns.unknown import Unknown
+from ..unknowns.visibility import seeds_of, shown_unknowns
+from .gram import Gram, ViewGrams, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
@@ -69,33 +71,35 @@ class RenderedModel(AbstractForwardModel):
 
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
         """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
-        p, views = theta.shape[0], self.setting.grey.shape[0]
+        p, views, shown = theta.shape[0], self.setting.grey.shape[0], self.setting.shown
+        most = p if shown is None else shown.shape[1]
 
         def add(total: Gram, block: Block) -> tuple[Gram, None]:
             m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
-            J = jax.vmap(derivative)(jnp.eye(p))  # for each channel, J^T: (p, pixels)
+            index, along = directions_of(shown, block.view, p)
+            J = jax.vmap(derivative)(along)  # for each channel, J^T: (most, pixels)
             grams = [
                 Gram(terms.cost.sum(), Jc @ terms.slope, (Jc * terms.curvature[None]) @ Jc.T)
-                for Jc, terms in zip(J, self._costs(m, J, block.observed), strict=True)
+                for Jc, terms in zip(J, self._costs(m, J, index, block.observed), strict=True)
             ]
             of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
             return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
 
-        zero = Gram(jnp.zeros(views), jnp.zeros((views, p)), jnp.zeros((views, p, p)))
+        zero = Gram(jnp.zeros(views), jnp.zeros((views, most)), jnp.zeros((views, most, most)))
         return jax.lax.scan(add, zero, chunk)[0]
 
-    def _costs(self, m: Sequence[Any], J: Sequence[Any], seen: Observed) -> list[Any]:
+    def _costs(self, m: Sequence[Any], J: Sequence[Any], index: Array, seen: Observed) -> list[Any]:
         """Return the likelihood's terms channel by channel, of samples that are not too steep."""
         if self.steepest is None:
             return costs(self.likelihood, m, seen)
-        limit = self.steepest[:, None]
+        limit = jnp.append(self.steepest, jnp.inf)[index][:, None]
         gentle = [jnp.all(jnp.sqrt(w)[None] * jnp.abs(Jc) <= limit, 0) for w, Jc in zip(seen.weight, J, strict=True)]
         weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
         return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
 
-    def gram(self, theta: Float[Array, " p"], summary: Gram) -> Gram:
+    def gram(self, theta: Float[Array, " p"], summary: Gram) -> ViewGrams:
         """Return the Gram of each view from the sum of the chunks' summaries."""
-        return summary
+        return ViewGrams(summary, self.setting.shown)
 
 
 def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[Any]:
@@ -104,17 +108,20 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
     return [likelihood.terms(*of) for of in zip(m, observed.target, observed.weight, clipped, strict=True)]
 
 
-def prepare(scene: Scene, views: Sequence[View], slots: Slots) -> Setting:
-    """Gather all that predictions depend on, except the unknowns and the pixels."""
+def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Setting:
+    """Gather all that predictions depend on, except the values of the unknowns and the pixels."""
     numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
+    shown = shown_unknowns(scene, views, unknowns)
     return Setting(
         Setup(stack_scene(apart(scene)[1]), *numbers),
-        slots,
+        slots_of(scene, views, unknowns),
         jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
         noises(views),
         no_rounding(len(views)),
+        shown,
+        seeds_of(shown, len(unknowns)),
     )
 
 

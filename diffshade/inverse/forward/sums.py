@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ..pixels.blocks import Block
+from .gram import directions_of
 from .interface import AbstractForwardModel
 from .rounding import HARMONICS, damping, harmonics
 
@@ -52,17 +53,18 @@ def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arra
 
     Samples have the weights of the Gram; those at an end of the sensor's range are left out.
     """
-    rounding, p = model.setting.rounding, theta.shape[0]
+    rounding, shown, p = model.setting.rounding, model.setting.shown, theta.shape[0]
 
     def add(total: Any, block: Block) -> tuple[Any, None]:
         m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
-        J = jax.vmap(derivative)(jnp.eye(p))  # (p, channels, pixels)
+        index, along = directions_of(shown, block.view, p)
+        J = jax.vmap(derivative)(along)  # (most, channels, pixels)
         weight = model.measured_weights(block)
         where, size = rounding.steps(block.view, m)
         bend = model.likelihood.terms(m, block.observed.target, weight, None).curvature
         both = harmonics(2.0 * jnp.pi * where, bend * size, damping(rounding, weight, size))
-        of_block = jnp.matmul(J.reshape(p, -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
-        return total.at[block.view].add(of_block), None
+        of_block = jnp.matmul(J.reshape(len(J), -1), both.reshape(2 * HARMONICS, -1).T, precision="highest")
+        return total.at[block.view, index].add(of_block, mode="drop"), None
 
     zero = jnp.zeros((model.setting.grey.shape[0], p, 2 * HARMONICS))
     return jax.lax.scan(add, zero, chunk)[0]

@@ -14,6 +14,8 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..forward.gram import Point
+from ..unknowns.visibility import Arrow
+from .elimination import solve
 
 TINY = 1e-12  # relative; keeps a matrix of unknowns that change nothing regular
 
@@ -29,6 +31,7 @@ class BoxNewton(optx.AbstractDescent):
     upper: Float[Array, " p"]
     projected: Bool[Array, " p"]
     """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
+    arrow: Arrow | None = None
 
     def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array]:
         """Return an empty state: the point, its gradient, its Hessian and the scale."""
@@ -44,13 +47,15 @@ class BoxNewton(optx.AbstractDescent):
         """Return the step of damping 1/step_size from the point."""
         y, g, H, D = state
         damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
-        dy = box_step(H, g, damping, self.lower - y, self.upper - y, D)
+        dy = box_step(H, g, damping, self.lower - y, self.upper - y, self.arrow, D)
         finite = jnp.all(jnp.isfinite(dy))
         result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
         return jnp.where(finite, dy, 0.0), result
 
 
-def box_minimum(A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
+def box_minimum(
+    A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array, arrow: Arrow | None
+) -> Float[Array, " p"]:
     """Minimise g.z + z.A z/2 over low <= z <= high, where low <= 0 <= high and A is positive definite.
 
     The primal active-set method (Nocedal and Wright 2006, algorithm 16.3), from z = 0: go towards the minimum over what
@@ -61,8 +66,7 @@ def box_minimum(A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high:
         z, held, _, count = state
         free = jnp.where(held, 0.0, 1.0)
         M = A * jnp.outer(free, free) + jnp.diag(1.0 - free)
-        factor = jax.scipy.linalg.cho_factor(M)
-        target = jnp.where(held, z, -jax.scipy.linalg.cho_solve(factor, free * (g + A @ jnp.where(held, z, 0.0))))
+        target = jnp.where(held, z, -solve(M, free * (g + A @ jnp.where(held, z, 0.0)), arrow))
         bound = jnp.where(target < z, low, high)
         room = jnp.where(~held & (target != z), (bound - z) / jnp.where(target != z, target - z, 1.0), jnp.inf)
         nearest = jnp.min(room)
@@ -211,11 +215,13 @@ def _info(cost: Scalar, point: Point) -> Any:
     return optx.FunctionInfo.EvalGradHessian(cost, point.total.gradient, hessian)
 
 
-def box_step(H: Any, g: Any, damping: Array, low: Array, high: Array, D: Array | None = None) -> Array:
+def box_step(
+    H: Any, g: Any, damping: Array, low: Array, high: Array, arrow: Arrow | None, D: Array | None = None
+) -> Array:
     """Minimise g.z + z.(H + damping D) z/2 over low <= z <= high; D is diag(H) unless it is given (More 1978)."""
     D = jnp.diagonal(H) if D is None else D
     D = jnp.maximum(D, TINY * jnp.max(D))
     scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
     A = H * jnp.outer(scale, scale) + jnp.diag(jnp.maximum(damping, 0.0))
     A = A + jnp.diag(jnp.where(jnp.diagonal(A) > 0, 0.0, 1.0))
-    return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale), low, high)
+    return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale, arrow), low, high)

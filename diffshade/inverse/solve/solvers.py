@@ -20,7 +20,10 @@ from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..forward.streams import AllPixels, StreamingReduction
 from ..pixels.blocks import Block, total
+from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+
+PATIENCE = 6  # steps, rejected ones too
 
 
 class PriorResiduals(eqx.Module):
@@ -48,11 +51,12 @@ class PriorResiduals(eqx.Module):
 
 
 class Box(eqx.Module):
-    """The range of the unknowns, and which of them the prediction is linear in."""
+    """The range of the unknowns, which of them the prediction is linear in, and how they divide into blocks."""
 
     lower: Float[fields.Array, " p"]
     upper: Float[fields.Array, " p"]
     linear: Bool[fields.Array, " p"]
+    arrow: Arrow | None
 
 
 class Task:
@@ -78,7 +82,7 @@ def point_of(
 
     def at(theta: Any) -> Point:
         views = model.gram(theta, summary)
-        everything = jax.tree.map(lambda view, more: view.sum(0) + more, views, priors.gram(theta))
+        everything = jax.tree.map(jnp.add, views.total(len(theta)), priors.gram(theta))
         return Point(theta, everything, views)
 
     point = at(theta)
@@ -89,7 +93,7 @@ def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
     """Return the step of the linear unknowns alone to their optimum within bounds."""
     low = jnp.where(box.linear, box.lower - point.theta, 0.0)
     high = jnp.where(box.linear, box.upper - point.theta, 0.0)
-    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high)
+    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high, box.arrow)
 
 
 class Minimum(eqx.Module):
@@ -162,16 +166,22 @@ def minimise(
     squares: float,
     max_steps: int,
     rtol: float = 1e-16,
+    stalled: float = 0.0,
     report_progress: Callable[[int, float], None] = lambda step, cost: None,
 ) -> Minimum:
     """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
+
+    Ends as well where `PATIENCE` steps together lower the cost by less than `stalled` of it: where a pixel turns from
+    lit to dark the cost has a kink, and steps that promise much keep little.
 
     The steps are decided by a compiled program; the passes between them run on all cores.
     """
     box, projects = task.box, task.model.projects
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
     solver = GramLevenbergMarquardt(
-        descent=BoxNewton(*map(jnp.asarray, (box.lower, box.upper, np.asarray(box.linear) & projects))),
+        descent=BoxNewton(
+            jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(np.asarray(box.linear) & projects), box.arrow
+        ),
         search=GainRatio(rounding),
         rtol=rtol,
         atol=1e-25 * squares,
@@ -185,6 +195,7 @@ def minimise(
         theta, state, done = _advance(theta, state, solver, point)
         costs.append(min(costs[-1], float(state.cost)))
         report_progress(step, costs[-1])
+        done = done or (step > PATIENCE and costs[-1 - PATIENCE] - costs[-1] < stalled * costs[-1])
         if done or step == max_steps:
             break
         point = evaluate(state.y_eval, task, chunks)

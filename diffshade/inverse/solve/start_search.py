@@ -20,6 +20,7 @@ from ...core.progress import ReportProgress
 from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
+from ..unknowns.light_priors import middle_of
 from ..unknowns.unknown import Unknown, coordinates
 from .descent import box_step
 from .solvers import Box, Task, evaluate, linear_step, minimise
@@ -29,6 +30,7 @@ BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
 EDGE = 5.0  # degrees
+NEARBY = 0.15  # of a direction or of a distance: half of the first step of a search
 APPROACH = 16  # steps,
 SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
@@ -65,7 +67,13 @@ def _is_searched(unknown: Unknown) -> bool:
 
 
 def _moved_as(unknown: Unknown) -> str:
-    """Return the key of `_MOVES` that an unknown is tried by: of its own name, or of any direction; else nothing."""
+    """Return the key of `_MOVES` that an unknown is tried by: of its own name, or of any direction; else nothing.
+
+    A place that is known to be nearer than the first step of a search is not searched for.
+    """
+    is_place = unknown.parameter.role in ("direction", "position")
+    if is_place and unknown.prior is not None and unknown.prior[1] < NEARBY * max(abs(unknown.start), 1.0):
+        return ""
     if unknown.kind in _MOVES:
         return unknown.kind
     return "direction" if unknown.parameter.role == "direction" else ""
@@ -91,18 +99,6 @@ def _turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
     return np.concatenate([axis[None], (np.cos(tilts) * axis + np.sin(tilts) * ring).reshape(-1, 3)])
 
 
-def _middle(scene: Scene) -> np.ndarray:
-    """Return a point in the middle of the objects."""
-    points = []
-    for item in scene.objects:
-        center, position = getattr(item.surface, "center", None), getattr(item.surface, "position", None)
-        if center is not None:
-            points.append(np.asarray(center))
-        elif position is not None:
-            points.append(np.asarray(position)[np.asarray(item.surface.mask)].mean(0))  # pyright: ignore[reportAttributeAccessIssue]
-    return np.mean(points, 0) if points else np.zeros(3)
-
-
 def _size(scene: Scene) -> float:
     """Return about half the width of an object."""
     return float(np.mean([getattr(item.surface, "radius", 1.0) for item in scene.objects]))
@@ -112,7 +108,7 @@ def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
     """Return places around the object, nearer and farther than the scene's."""
     if len(position) != 3:
         return position[None]
-    middle = _middle(scene)
+    middle = middle_of(scene)
     offset = position - middle
     far = np.linalg.norm(offset)
     if far == 0:  # told to stand in the middle of the object: in front of it, seen along -z, is as good a guess as any
@@ -183,7 +179,7 @@ def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
     """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
     theta, of = point.theta, point.total
     low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
-    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high)
+    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high, box.arrow)
 
 
 def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
@@ -243,16 +239,20 @@ def search(
         as_told = first
         for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "exponent"):
             as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
-        followed = _distinct([*followed, as_told, (np.inf, begin)])
+        followed = _distinct([*followed, as_told])
+    starts = [(theta, task) for _, theta in followed]
+    if is_local(unknowns):
+        box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
+        starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
 
-    def follow(theta: Theta) -> tuple[float, Theta]:
+    def follow(theta: Theta, task: Task = task) -> tuple[float, Theta]:
         end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
         return float(end.point.total.cost), np.asarray(end.point.theta)
 
     ends = []
-    for k, (_, theta) in enumerate(followed):
-        report_progress(SEARCHING, 0.5 + 0.5 * k / len(followed))
-        ends.append(follow(theta))
+    for k, start in enumerate(starts):
+        report_progress(SEARCHING, 0.5 + 0.5 * k / len(starts))
+        ends.append(follow(*start))
     best = min(ends, key=lambda end: end[0])
     for exchanged in _with_exponents_exchanged(best[1], unknowns, members):
         # a highlight that is wide across its direction looks much like one that is wide along it, turned by 90 degrees

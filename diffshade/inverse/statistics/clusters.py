@@ -11,7 +11,8 @@ from jaxtyping import Bool
 from scipy import special
 
 from ...core.words import listing
-from .uncertainty import Evidence, Vector
+from .evidence import Evidence
+from .uncertainty import Vector
 
 FALSE_ALARMS = 0.02  # the fraction of fits with independent noise whose clusters are reported to disagree
 FEW = 12  # a jackknife over fewer patches is rough

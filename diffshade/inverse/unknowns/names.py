@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -117,6 +118,7 @@ def tied_name(name: str, path: str) -> str | None:
 
 def shorten(unknowns: Sequence[Unknown], paths: Sequence[str]) -> None:
     """Shorten each name to its last segments, as few as still name this quantity alone among the scene's paths."""
+    holders = _holders(paths)
     for unknown in unknowns:
         if not unknown.places:
             unknown.name = unknown.quantity = "/".join(short_name(name, paths) for name in unknown.quantity.split("/"))
@@ -127,10 +129,20 @@ def shorten(unknowns: Sequence[Unknown], paths: Sequence[str]) -> None:
             run = ".".join(segments[-k:])
             if segments[-k].isdigit():
                 continue
-            if all(path in own or end_of_run(run, path) is None for path in paths):
+            if holders[run] <= own:
                 unknown.name = run + unknown.name[len(unknown.quantity) :]
                 unknown.quantity = run
                 break
+
+
+def _holders(paths: Sequence[str]) -> Mapping[str, set[str]]:
+    """Return for each run of segments the paths that hold it."""
+    found: dict[str, set[str]] = {}
+    for path in paths:
+        segments = path.split(".")
+        for start, end in itertools.combinations(range(len(segments) + 1), 2):
+            found.setdefault(".".join(segments[start:end]), set()).add(path)
+    return found
 
 
 def short_name(path: str, paths: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import ArrayLike, Float
 
 from ...core.fields import as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
 from ...model.fresnel import Dielectric
@@ -15,9 +16,11 @@ from ...model.patterns import Texture
 from ...model.scenes import Scene, bends
 from ..data.views import View
 from .constraints import COLOURS, Grey, Proportional, colourless, has_factor, make_proportional, proportions_of
+from .light_priors import checked_errors, set_direction_priors, set_intensity_priors
 from .names import check_names, end_of_run, everything, numbers_of, path_with_names, shorten, tied_name
 from .ranges import check_directions, check_names_an_unknown, prior_of, set_range
 from .unknown import Unknown
+from .visibility import views_that_show
 
 
 def find_unknowns(
@@ -28,9 +31,12 @@ def find_unknowns(
     bounds: Mapping[str, Sequence[float | int]] | None = None,
     constraints: Sequence[Grey | Proportional] = (),
     priors: Mapping[str, Sequence[Any]] | None = None,
+    light_error: Float[ArrayLike, " lights"] | float | None = None,
+    intensity_error: Float[ArrayLike, " lights"] | float | None = None,
     *,
     from_scene: bool = False,
     grey: bool = False,
+    with_dark_lights: bool = False,
 ) -> list[Unknown]:
     """Return the unknowns that `free` names, in the scene's order.
 
@@ -45,8 +51,11 @@ def find_unknowns(
         bounds: Ranges by name.
         constraints: What else is known.
         priors: Values and standard deviations by name.
+        light_error: Standard deviation of the directions of all lights, or of each, degrees.
+        intensity_error: Relative standard deviation of the intensities of all lights, or of each.
         from_scene: Whether all start at the scene's values.
         grey: Whether the channels of each colour are one unknown.
+        with_dark_lights: Whether unknowns of lights that are on in no view count; else they are left out.
 
     Raises:
         ValueError: For a name that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge
@@ -70,6 +79,8 @@ def find_unknowns(
         if path not in proportions:
             _check_can_be_free(path, known)
             _add(found, path, known, tied, one_channel=grey or path in one_channel, from_scene=from_scene)
+    if not with_dark_lights:
+        _leave_out_dark_lights(found, free, scene, views)
     unknowns = list(found.values())
     for path, (to, factor) in proportions.items():
         unknowns += make_proportional(path, to, factor, unknowns, known, from_scene=from_scene)
@@ -80,8 +91,31 @@ def find_unknowns(
     for unknown in unknowns:
         set_range(unknown, bounds, known)
         unknown.prior = prior_of(unknown, priors)
+    if light_error is not None:
+        degrees = checked_errors("light_error", light_error, scene, "1.0")
+        set_direction_priors(unknowns, scene, np.deg2rad(degrees))
+    if intensity_error is not None:
+        relative = checked_errors("intensity_error", intensity_error, scene, "0.05")
+        set_intensity_priors(unknowns, scene, relative)
     check_directions(unknowns)
     return unknowns
+
+
+def _leave_out_dark_lights(
+    found: dict[tuple[str, int], Unknown], free: Sequence[str], scene: Scene, views: Sequence[View]
+) -> None:
+    """Leave out what belongs to lights alone that are on in no view; raise ValueError for a name of nothing else."""
+    shows = views_that_show(scene, views, list(found.values()))
+    of_lights = [all(path.startswith("lights.") for path, _ in unknown.places) for unknown in found.values()]
+    dark = [key for key, shown, here in zip(found, shows, of_lights, strict=True) if here and not shown.any()]
+    for name in free:
+        named = [key for key, u in found.items() if any(end_of_run(name, path) is not None for path, _ in u.places)]
+        if named and set(named) <= set(dark):
+            raise ValueError(
+                f"{name} cannot be freed: its light is on in no view. Give the views `lit`, or leave it out."
+            )
+    for key in dark:
+        del found[key]
 
 
 def _refuse_arrays(scene: Scene, free: Iterable[str], known: Mapping[str, Any]) -> None:

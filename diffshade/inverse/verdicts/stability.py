@@ -90,8 +90,9 @@ def _is_glossy(fit: Fit) -> bool:
 
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
+    scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
     dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [np.zeros(3) for _ in scene.objects])
-    with_it, without = (np.asarray(render(s, view.camera, lit=view.lit)) for s in (scene, dull))
+    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
     return (with_it - without).mean(-1)
 
 
@@ -225,15 +226,20 @@ def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
 
     This is the cheap part of an examination, one or two fits, and these again for each quantity that is blamed:
     without the saturated pixels, and without the brightest half of the highlight. It is skipped if the views agree
-    and no sample is clipped, since then noise explains the residuals, and if no highlight is free.
+    and no sample is clipped, since then noise explains the residuals, and if no highlight is free. What one view alone
+    shows, such as the direction of its light, is held where the fit found it.
     """
     if not _doubtful(fit):
         return fit
-    again, shifted = refits(
-        fit, fit.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], report_progress
+    alone = (fit.evidence.single_view >= 0) & (not any(u.products for u in fit.unknowns))
+    shared = fit.holding(alone)
+    again, moves = refits(
+        shared, shared.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], report_progress
     )
-    shifted &= fit.determined
-    notes = (*dependence(fit, again, shifted), *fit.notes)
+    moves &= shared.determined
+    shifted = np.zeros(len(alone), bool)
+    shifted[~alone] = moves
+    notes = (*dependence(shared, again, moves), *fit.notes)
     return replace(fit, determined=fit.determined & ~shifted, notes=notes)
 
 

@@ -1,0 +1,175 @@
+"""Lighting: how light reaches the pixels of a block, from lights that are known or that a fit moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from ...core.fields import Array
+from ...model.attenuation import NEAREST
+from ...model.lobes import AbstractPowerLobe
+from ...model.vectors import Vec3, dot
+from ..unknowns.slots import together
+from .interface import Pixels, Setting
+
+DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN
+
+Numbers = Float[Array, "..."]
+
+
+class Seen(eqx.Module):
+    """The points that a block's pixels show."""
+
+    counts: Bool[Array, "... pixels"]
+    """False where the block is padded."""
+    p: Vec3 | None
+    """None where a G-buffer does not say, and all lights are at infinity."""
+    n: Vec3
+    v: Vec3
+
+
+class Fields(eqx.Module):
+    """What the geometry of the light decides at a block's pixels: one row per light that is on."""
+
+    counts: Bool[Array, "... pixels"]
+    """False where the block is padded."""
+    diffuse: Float[Array, "... lights pixels"]
+    """f_ang (n.l)_+."""
+    log_cosine: Float[Array, "... lights pixels"]
+    """Logarithm of the highlight's base; DARK where there is no highlight."""
+    distance: Float[Array, "... lights pixels"] | None
+    """None where all lights are at infinity."""
+    f_ang: Float[Array, "... lights pixels"] | None
+    """None where it is 1."""
+
+    def of(self, light: int) -> Lit:
+        """Return the row of one light."""
+        d, f_ang = (None if of is None else of[light] for of in (self.distance, self.f_ang))
+        return Lit(self.diffuse[light], self.log_cosine[light], d, f_ang)
+
+
+class Lit(NamedTuple):
+    """The fields of one light."""
+
+    diffuse: Numbers
+    log_cosine: Numbers
+    distance: Numbers | None
+    f_ang: Numbers | None
+
+
+class Shaded(NamedTuple):
+    """The features of one light (E2-E6)."""
+
+    u: Numbers
+    """f_rad f_ang (n.l)_+."""
+    v: Numbers
+    """f_rad f_ang (cos)_+^n_s."""
+    fading: Numbers | None
+    """-f_rad, the derivative of log f_rad by the attenuation's constant; 0 where f_rad is clamped; None at infinity."""
+
+
+class Lamps(eqx.Module):
+    """The lights that are on in each view; padding is dark."""
+
+    intensity: Float[Array, "views lights 3"]
+    fade: Float[Array, "views lights 3"]
+    """constant, linear, quadratic; (1, 0, 0) at infinity."""
+    clamp: Float[Array, "views lights"]
+
+
+def lamps_of(scene: Any, lit: Any) -> Lamps:
+    """Return the lights that are on in each view."""
+    intensity, fade, clamp = [], [], []
+    for stack, (index, on) in zip(scene.lights, lit, strict=True):
+        if not index.shape[1]:
+            continue
+        intensity.append(stack.intensity[index] * on[..., None])
+        ones = jnp.ones(index.shape)
+        if not stack.is_local:
+            fade.append(jnp.stack([ones, 0.0 * ones, 0.0 * ones], -1))
+            clamp.append(0.0 * ones)
+        else:
+            a = stack.attenuation
+            fade.append(jnp.stack([a.constant[index], a.linear[index], a.quadratic[index]], -1))
+            clamp.append(ones if a.clamp else 0.0 * ones)
+    if not intensity:
+        views = lit[0][0].shape[0] if lit else 1
+        return Lamps(jnp.zeros((views, 0, 3)), jnp.zeros((views, 0, 3)), jnp.zeros((views, 0)))
+    return Lamps(*(jnp.concatenate(of, 1) for of in (intensity, fade, clamp)))
+
+
+def seen_by(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+    """Return the points that a block's pixels show."""
+    projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
+    rays = projection.rays(pixels.row, pixels.column)
+    (item,) = together(pixels.objects, setting.setup.scene.objects)
+    hit = item.surface.intersect(rays)
+    # a backward axis is one for all pixels
+    v = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, pixels.row.shape), projection.viewer(hit.p))
+    return Seen(counts, hit.p, hit.n, v)
+
+
+def lit_by(light: Any, lobe: AbstractPowerLobe, seen: Seen) -> Lit:
+    """Return the fields of a light; dark where a pixel is padding."""
+    l, d, f_ang = light.path(seen.p)
+    l = l + Vec3(*(jnp.zeros_like(seen.n.x) for _ in range(3)))
+    n_l, cosine = dot(seen.n, l), lobe.cosine(seen.n, l, seen.v)
+    lit = (n_l > 0) & seen.counts
+    shines = lit & (cosine > 0)
+    diffuse = n_l if f_ang is None else n_l * f_ang
+    log = jnp.where(shines, jnp.log(jnp.where(shines, cosine, 1.0)), DARK)
+    return Lit(jnp.where(lit, diffuse, 0.0), log, None if d is None else jnp.where(d > NEAREST, d, NEAREST), f_ang)
+
+
+def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:
+    """Return the features of a light."""
+    u, v, d = lit.diffuse, jnp.exp(n_s * lit.log_cosine), lit.distance
+    if lit.f_ang is not None:
+        v = v * lit.f_ang
+    if d is None:
+        return Shaded(u, v, None)
+    a0, a1, a2 = fade
+    f = 1.0 / (a0 + d * (a1 + d * a2))
+    clamped = (clamp > 0) & (f >= 1.0)
+    f = jnp.where(clamped, 1.0, f)
+    return Shaded(f * u, f * v, jnp.where(clamped, 0.0, -f))
+
+
+@jax.jit
+def seen_by_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+    """Return the points that a chunk's pixels show, one block after another."""
+    return jax.lax.map(lambda block: seen_by(setting, *block), (pixels, view, counts))
+
+
+@jax.jit
+def fields_of_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
+    """Compute the fields of a chunk's pixels, one block after another."""
+    scene = setting.setup.scene
+    lobe: Any = scene.objects[0].material.lobe
+
+    def of_block(block: tuple) -> Fields:
+        view, counts = block[1:]
+        seen = seen_by(setting, *block)
+        one = jnp.ones_like(seen.n.x)
+        rows: list[Lit] = []
+        for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
+            for k in range(index.shape[1]):
+                rows.append(lit_by(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack), lobe, seen))
+        if not rows:
+            none = jnp.zeros((0, *counts.shape))
+            return Fields(counts, none, none, None, None)
+        local, angular = (any(of is not None for of in every) for every in list(zip(*rows, strict=True))[2:])
+        filled = [row._replace(distance=_or(row.distance, one), f_ang=_or(row.f_ang, one)) for row in rows]
+        diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
+        return Fields(counts, diffuse, log, d if local else None, f_ang if angular else None)
+
+    return jax.lax.map(of_block, (pixels, view, counts))
+
+
+def _or(found: Numbers | None, default: Numbers) -> Numbers:
+    return default if found is None else found

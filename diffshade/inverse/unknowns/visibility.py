@@ -1,0 +1,111 @@
+"""Visibility: which unknowns each view can show, so that no view is asked of what it cannot know.
+
+A light's direction matters only to the views that it is on in, an exposure to its own view. The normal equations of all
+views then have the shape of an arrow: a border that all views share, and a small block for each (Triggs et al. 2000).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from ...core.fields import Array
+from ...model.scenes import Scene
+from ..data.views import View, lights_on
+from .unknown import Unknown
+
+FEWEST_BLOCKS = 8  # with fewer, the dense solution is as fast
+NARROW = 0.25  # an unknown that at most this fraction of the views can show belongs to a block
+
+
+class Arrow(eqx.Module):
+    """The unknowns, divided so that no view can show two blocks of them."""
+
+    border: Int[Array, " f"]
+    """The indices of the unknowns that many views can show."""
+    blocks: Int[Array, "blocks g"]
+    """Those of each block, padded with the number of unknowns."""
+
+
+def views_that_show(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]
+) -> Bool[np.ndarray, "unknowns views"]:
+    """Return for each unknown which views can show it: none shows what belongs to lights that are always off."""
+    on = np.zeros((len(scene.lights), len(views)), bool)
+    for v, view in enumerate(views):
+        on[[i for i in lights_on(scene, view) if i < len(on)], v] = True  # a wrong index is refused elsewhere
+    everywhere, alone = np.ones(len(views), bool), np.eye(len(views), dtype=bool)
+
+    def views_of(path: str) -> Bool[np.ndarray, " views"]:
+        head, number, *_ = [*path.split("."), "", ""]
+        return on[int(number)] if head == "lights" else alone[int(number)] if head == "views" else everywhere
+
+    shows = np.zeros((len(unknowns), len(views)), bool)
+    for j, unknown in enumerate(unknowns):
+        for path, _ in unknown.places:
+            shows[j] |= views_of(path)
+        for product in unknown.products:
+            for factor in (j, j if product.other is None else product.other):
+                shows[factor] |= views_of(product.path)
+    return shows
+
+
+def shown_unknowns(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]
+) -> Int[np.ndarray, "views most"] | None:
+    """Return the indices of the unknowns that each view can show, padded with their number; None where all show all."""
+    shows = views_that_show(scene, views, unknowns)
+    if shows.all():
+        return None
+    found = np.full((len(views), int(shows.sum(0).max())), len(unknowns))
+    for row, of_view in zip(found, shows.T, strict=True):
+        row[: of_view.sum()] = np.flatnonzero(of_view)
+    return found
+
+
+def seeds_of(
+    shown: Int[np.ndarray, "views most"] | None, p: int
+) -> tuple[Float[np.ndarray, "seeds p"], Int[np.ndarray, "views most"]] | None:
+    """Return directions that each take several unknowns together, no two of which any view shows; None without `shown`.
+
+    Derivatives along them, few as they are, are those of every view by its own unknowns (Curtis, Powell and Reid 1974).
+    Beside them comes which of the directions has each unknown of a view.
+    """
+    if shown is None:
+        return None
+    views_of: list[list[int]] = [[] for _ in range(p + 1)]
+    for v, row in enumerate(shown):
+        for j in row:
+            views_of[j].append(v)
+    taken: list[set[int]] = [set() for _ in shown]
+    seed = np.zeros(p + 1, int)
+    for j in range(p):
+        used = set().union(*(taken[v] for v in views_of[j]))
+        seed[j] = next(k for k in range(p) if k not in used)
+        for v in views_of[j]:
+            taken[v].add(int(seed[j]))
+    return np.eye(int(seed.max()) + 1)[:, seed[:p]], seed[shown]
+
+
+def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Arrow | None:
+    """Return the unknowns as border and blocks, such as those of each light; None where that would save nothing."""
+    shows = views_that_show(scene, views, unknowns)
+    p, narrow = len(unknowns), np.flatnonzero(shows.mean(1) <= NARROW)
+    rows, columns = np.nonzero(shows[narrow])
+    linked = sparse.coo_array(
+        (np.ones(len(rows)), (rows, len(narrow) + columns)), shape=2 * (len(narrow) + len(views),)
+    )
+    _, label = csgraph.connected_components(linked, directed=False)
+    found = [narrow[label[: len(narrow)] == of] for of in np.unique(label[: len(narrow)])]
+    largest = max(map(len, found), default=0)
+    if len(found) < FEWEST_BLOCKS or (p - len(narrow)) + largest > p / 2:
+        return None
+    blocks = np.full((len(found), largest), p)
+    for row, of in zip(blocks, found, strict=True):
+        row[: len(of)] = of
+    return Arrow(np.setdiff1d(np.arange(p), narrow), blocks)
