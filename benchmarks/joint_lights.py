@@ -1,0 +1,167 @@
+"""Fit the directions of all lights with the material: time by the number of views, beside known lights and Ceres.
+
+A ball of 64 x 64 pixels under one distant light in each view, stated 2 degrees off about each axis, noise of .5 %.
+Ceres (through pyceres) minimises the same sum of squares by `DENSE_SCHUR`, its solver for such problems, with the
+residuals and the exact Jacobian of each view compiled by JAX; it is given the normals of every pixel and a start, and
+gives no error bars. `ds.fit` is the whole call, from photographs to error bars.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from timing import medians, take_turns
+
+import diffshade as ds
+
+MATERIAL = ("k_d", "k_s", "n_s")
+DEGREES, NOISE, SIZE = 2.0, 0.005, 64
+START = np.array([0.3] * 6 + [np.log(10.0)])
+
+
+def towards_lights(count: int) -> np.ndarray:
+    """Return directions that cover the half sphere in front evenly."""
+    i = np.arange(count) + 0.5
+    polar, around = np.arccos(1.0 - 0.5 * i / count), np.pi * (3.0 - np.sqrt(5.0)) * i
+    return np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+
+
+def make(count: int) -> tuple[ds.Scene, list[ds.View], np.ndarray]:
+    """Return the scene with its lights as stated, the photographs, and the true directions to the lights."""
+    random, towards = np.random.default_rng(0), towards_lights(count)
+    camera = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(SIZE, SIZE), height=2.2, local_viewer=False)
+    ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
+    true = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
+    views = []
+    for k in range(count):
+        image = np.asarray(ds.render(true, camera, lit=k), np.float64)
+        views.append(ds.View(image + NOISE * random.standard_normal(image.shape), camera, lit=k))
+    stated = towards + np.deg2rad(DEGREES) * random.standard_normal(towards.shape)
+    stated /= np.linalg.norm(stated, axis=-1, keepdims=True)
+    return ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated]), views, towards
+
+
+def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the material and the directions to the lights by Ceres' `DENSE_SCHUR`."""
+    import pyceres
+
+    seen = ds.intersect(scene, views[0].camera)
+    n = jnp.asarray(np.asarray(seen.normal)[np.asarray(seen.mask)], float)
+    inside = np.asarray(seen.mask)
+    stated = np.array([-np.asarray(light.direction, float) for light in scene.lights])  # pyright: ignore
+
+    def residuals(material: jax.Array, toward: jax.Array, image: jax.Array) -> jax.Array:
+        l = toward / jnp.linalg.norm(toward)
+        n_l = n @ l
+        cosine = 2.0 * n_l * n[:, 2] - l[2]
+        shines = (n_l > 0) & (cosine > 0)
+        highlight = jnp.where(shines, jnp.exp(jnp.exp(material[6]) * jnp.log(jnp.where(shines, cosine, 1.0))), 0.0)
+        shown = material[:3] * jnp.maximum(n_l, 0.0)[:, None] + material[3:6] * highlight[:, None]
+        return (shown - image).reshape(-1)
+
+    compiled = jax.jit(residuals)
+    slopes = jax.jit(lambda *of: jax.jacfwd(residuals, (0, 1))(*of))
+
+    class OfView(pyceres.CostFunction):
+        def __init__(self, image: np.ndarray):
+            super().__init__()
+            self.image = jnp.asarray(image[inside])
+            self.set_num_residuals(self.image.size)
+            self.set_parameter_block_sizes([7, 3])
+
+        def Evaluate(self, parameters, out, jacobians):  # noqa: N802
+            at = (jnp.asarray(parameters[0]), jnp.asarray(parameters[1]), self.image)
+            out[:] = np.asarray(compiled(*at))
+            if jacobians is not None:
+                for into, of in zip(jacobians, slopes(*at), strict=True):
+                    if into is not None:
+                        into[:] = np.asarray(of).reshape(-1)
+            return True
+
+    class Stated(pyceres.CostFunction):
+        """What is known of a direction: the stated one to its error, and a length of 1."""
+
+        def __init__(self, toward: np.ndarray):
+            super().__init__()
+            self.toward = toward
+            self.set_num_residuals(4)
+            self.set_parameter_block_sizes([3])
+
+        def Evaluate(self, parameters, out, jacobians):  # noqa: N802
+            weight, d = NOISE / np.deg2rad(DEGREES), np.asarray(parameters[0])
+            out[:] = np.append(weight * (d - self.toward), 0.5 * (d @ d - 1.0))
+            if jacobians is not None:
+                jacobians[0][:] = np.concatenate([weight * np.eye(3), d[None]]).reshape(-1)
+            return True
+
+    material, directions = START.copy(), [d.copy() for d in stated]
+    problem, options, summary = pyceres.Problem(), pyceres.SolverOptions(), pyceres.SolverSummary()
+    for view, toward, said in zip(views, directions, stated, strict=True):
+        problem.add_residual_block(OfView(np.asarray(view.image)), None, [material, toward])
+        problem.add_residual_block(Stated(said), None, [toward])
+    options.linear_solver_type = pyceres.LinearSolverType.DENSE_SCHUR
+    options.function_tolerance = options.parameter_tolerance = 1e-10
+    options.max_num_iterations = 200
+    options.num_threads = os.cpu_count() or 1
+    options.minimizer_progress_to_stdout = False
+    options.logging_type = pyceres.LoggingType.SILENT
+    pyceres.solve(options, problem, summary)
+    return material, np.array([d / np.linalg.norm(d) for d in directions])
+
+
+def main() -> None:
+    """Print the times by the number of views, and how far the directions are from the truth and from Ceres'."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", nargs="+", type=int, default=(12, 24, 48, 96, 192), help="(default: %(default)s)")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds, whose median counts (default: %(default)s)")
+    arguments = parser.parse_args()
+    table = Table("views", "known lights, s", "free, s", "free / known", "Ceres / free", "off, degrees", "off Ceres'")
+    times = []
+    for count in arguments.views:
+        scene, views, towards = make(count)
+
+        def free(scene: ds.Scene = scene, views: list[ds.View] = views) -> ds.Fit:
+            return ds.fit(scene, views, free=(*MATERIAL, "direction"), light_error=DEGREES)
+
+        def known(scene: ds.Scene = scene, views: list[ds.View] = views) -> ds.Fit:
+            return ds.fit(scene, views, free=MATERIAL)
+
+        began = time.perf_counter()
+        with jax.enable_x64(True):
+            material, by_ceres = ceres(scene, views)
+        first = time.perf_counter() - began
+        with jax.enable_x64(True):
+            began = time.perf_counter()
+            ceres(scene, views)
+            of_ceres = min(first, time.perf_counter() - began)
+        seconds = take_turns({"known": lambda k=known: k().values, "free": lambda f=free: f().values}, arguments.rounds)
+        found = medians(seconds)
+        fit = free()
+        ours = np.array([-np.asarray(light.direction) for light in fit.scene.lights])  # pyright: ignore
+        off, apart = (np.rad2deg(np.arccos(np.clip((ours * of).sum(-1), -1, 1))) for of in (towards, by_ceres))
+        assert np.allclose(fit.values[:6], material[:6], rtol=1e-3), "the two end at different materials"
+        times.append((count, found["free"]))
+        table.add_row(
+            str(count),
+            f"{found['known']:.2f}",
+            f"{found['free']:.2f}",
+            f"{found['free'] / found['known']:.1f}",
+            f"{of_ceres / found['free']:.1f}",
+            f"{off.max():.3f}",
+            f"{apart.max():.4f}",
+        )
+    Console().print(table)
+    if len(times) > 1:
+        slope = np.polyfit(*np.log(np.array(times)).T, 1)[0]
+        print(f"time grows with the views to the power of {slope:.2f}")
+
+
+if __name__ == "__main__":
+    main()
