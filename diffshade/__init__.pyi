@@ -87,4 +87,6 @@ from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
 from .texels.heights.integration import integrate_normals as integrate_normals
 from .texels.heights.map import HeightMap as HeightMap
+from .texels.lights.finding import find_lights as find_lights
+from .texels.lights.found import FoundLights as FoundLights
 from .texels.maps import TexelMaps as TexelMaps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..inverse.data.photographs import photograph_names
+from ..inverse.data.folders import list_folder
 from ..inverse.data.views import as_image
-from ..io.image_formats import FORMATS
 from ..io.images import read_image, read_mask
 from ..model.gbuffers import as_mask
 from .balls import largest, roundness
 
+_LOGGER = logging.getLogger("diffshade")
 Mask = Bool[np.ndarray, "h w"]
 
 LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # thresholds between background and ball, over the 99th percentile
@@ -117,25 +117,11 @@ def _read(photographs: Any, srgb: bool | None, *, find_mask: bool) -> tuple[list
 
 
 def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the photographs of a folder and its masks.
-
-    The photographs are those in its `filenames.txt`, or else all images but masks and normals, in natural order.
-    """
-    images = [file for file in folder.iterdir() if file.suffix.lower() in FORMATS and not file.name.startswith(".")]
-    masks = [file for file in images if "mask" in file.stem.lower()]
-    if (folder / "filenames.txt").is_file():
-        files = [folder / name for name in photograph_names(folder)]
-    else:
-        files = sorted(
-            (file for file in images if file not in masks and "normal" not in file.stem.lower()), key=_natural_order
-        )
-    if not files:
-        raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(FORMATS)}.")
-    return files, masks
-
-
-def _natural_order(file: Path) -> list[Any]:
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+    """Return the photographs of a folder and its masks; what is left out is said as a warning."""
+    found = list_folder(folder)
+    for note in found.notes:
+        _LOGGER.warning("%s: %s", folder, note)
+    return [folder / name for name in found.names], list(found.masks)
 
 
 def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.words import count, listing
+from ..inverse.data.photographs import write_lights
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.files import replacing
@@ -143,15 +144,9 @@ class Calibration:
         """Write the lights and normals in DiLiGenT's layout."""
         intensities = np.ones_like(self.directions) if self.intensities is None else self.intensities
         normals = self.normals
-        texts = {
-            "light_directions.txt": "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in self.directions),
-            "light_intensities.txt": "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in intensities),
-        }
         with replacing(folder / "normal_gt.npy") as temporary:
             np.save(temporary, normals)
-        for name, text in texts.items():
-            with replacing(folder / name) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+        write_lights(folder, self.directions, intensities)
 
     def __str__(self) -> str:
         """Return the table of the lights, and the notes below it."""

@@ -19,7 +19,7 @@ import click
 
 from .exchange import convert
 from .fits import compare, fit, plan, report
-from .lights import calibrate
+from .lights import calibrate, find_lights
 from .maps import texels
 from .scenes import figures, new, render
 
@@ -37,7 +37,7 @@ class InOrder(click.Group):
 
 @click.group(
     cls=InOrder,
-    commands=[new, render, calibrate, fit, report, compare, plan, texels, convert, figures],
+    commands=[new, render, calibrate, find_lights, fit, report, compare, plan, texels, convert, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )

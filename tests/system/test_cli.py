@@ -303,6 +303,18 @@ def test_a_balls_lights_are_found_and_compared_with_a_list(typed):
     np.testing.assert_allclose(known["directions"], np.loadtxt("list.txt"), atol=1e-6)
 
 
+def test_lights_are_found_from_the_object_and_written_as_a_folder(typed):
+    words = ("find-lights", "photographs", "--light-error", "2")
+    told = typed(*words, "-o", "refined", "--json").told
+    listed = np.loadtxt("photographs/light_directions.txt")
+    assert np.abs(np.asarray(told["directions"]) - listed).max() < 0.1
+    np.testing.assert_allclose(np.loadtxt("refined/light_directions.txt"), told["directions"], atol=1e-12)
+    np.testing.assert_array_equal(np.loadtxt("refined/light_intensities.txt"), np.ones((8, 3)))
+    assert typed("fit", "refined", "--free", "k_d,k_s,n_s", "--json").told["photographs"] == list(PHOTOS)
+    assert "holds other files" in typed(*words, "-o", "refined").refusal
+    assert "light_error must be one number" in typed("find-lights", "photographs", "--light-error", "-2").refusal
+
+
 def test_materials_are_converted(typed):
     done = typed("convert", "gold.mtl", "gold.c", "gold.toml", "gold.gltf", "--name", "gold")
     assert done.status == 0

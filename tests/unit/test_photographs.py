@@ -7,6 +7,7 @@ import pytest
 import scipy.io
 
 import diffshade as ds
+from diffshade.inverse.data.folders import as_lp, read_lp
 
 
 @pytest.fixture
@@ -75,10 +76,28 @@ def _write(name, text):
 
 BAD = {
     "no folder": (shutil.rmtree, "there is no folder .*Give a folder of photographs"),
-    "no list": (_remove("filenames.txt"), "there is no file .*filenames.txt"),
     "empty list": (_write("filenames.txt", "\n"), "filenames.txt names no photograph"),
     "a name that leads out": (_write("filenames.txt", "../0.png\n"), r"must name photographs in its own folder; got"),
     "a list that is no text": (lambda folder: (folder / "filenames.txt").write_bytes(b"\xff"), "is no text: .*UTF-8"),
+    "no directions": (_remove("light_directions.txt"), "there is no file .*light_directions.txt"),
+    "no image": (
+        lambda folder: [file.unlink() for file in (*folder.glob("?.png"), folder / "filenames.txt")],
+        "holds no photograph",
+    ),
+    "several lists": (
+        lambda folder: [
+            (folder / "filenames.txt").unlink(),
+            *((folder / name).write_text("0\n") for name in ("a.lp", "b.lp")),
+        ],
+        "several lists of lights, a.lp and b.lp",
+    ),
+    "several masks": (
+        lambda folder: [
+            (folder / "mask.png").rename(folder / "mask1.png"),
+            shutil.copy(folder / "mask1.png", folder / "mask2.png"),
+        ],
+        "several masks, mask1.png and mask2.png",
+    ),
     "no photograph": (_remove("1.png"), "there is no file .*1.png"),
     "photograph of another size": (
         lambda folder: ds.write_image(folder / "1.png", np.zeros((4, 4, 3)), bits=16),
@@ -86,7 +105,7 @@ BAD = {
     ),
     "too few lights": (
         _write("light_directions.txt", "0 0 1\n1 0 1\n"),
-        "light_directions.txt must have one line for each of the 3 photographs in filenames.txt; got 2",
+        "light_directions.txt must have one line for each of the 3 photographs; got 2",
     ),
     "too many intensities": (_write("light_intensities.txt", "1 1 1\n" * 4), "light_intensities.txt .*; got 4"),
     "two numbers": (_write("light_directions.txt", "0 0 1\n0 1\n0 0 1\n"), "3 numbers a line; got 2 on line 2"),
@@ -115,3 +134,53 @@ def test_what_is_wrong_with_a_folder_is_one_sentence_that_names_it(folder, case)
     with pytest.raises((OSError, ValueError), match=message) as caught:
         ds.read_photographs(folder)
     assert "\n" not in str(caught.value)
+
+
+LIST = "3\nC:\\shots\\0.jpg 0 0 1\nimages/1.JPG 0.6 0 0.8\n2.png 0 0.6 0.8\n"
+
+
+def test_a_list_of_lights_names_the_photographs_and_the_directions(folder, caplog):
+    for name in ("filenames.txt", "light_directions.txt", "light_intensities.txt"):
+        (folder / name).unlink()
+    (folder / "dome.lp").write_text(LIST)
+    shutil.copy(folder / "0.png", folder / "ref.png")
+    scene, views = ds.read_photographs(folder)
+    assert len(views) == 3
+    np.testing.assert_allclose([-np.asarray(l.direction) for l in scene.lights][1], (0.6, 0, 0.8))
+    assert "ref.png is left out: not in dome.lp" in caplog.text
+    assert "no light_intensities.txt: all lights are taken to have the intensity 1" in caplog.text
+    names, directions = read_lp(folder / "dome.lp")
+    assert names == ("0.jpg", "1.JPG", "2.png")
+    (folder / "again.lp").write_text(as_lp(names, directions))
+    np.testing.assert_allclose(read_lp(folder / "again.lp")[1], directions, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "must begin with the count"),
+        ("0.png 0 0 1\n", "must begin with the count"),
+        ("4\n" + LIST.split("\n", 1)[1], "must have 4 lines after its first, as that says; got 3"),
+        (LIST.replace("0.6 0 0.8", "6 0 8"), "unit vectors; got one of length 10 on line 3"),
+        (LIST.replace("0.6 0 0.8", "x 0 8"), "three numbers a line; got .* on line 3"),
+        (LIST.replace("2.png", "7.png"), "names '7.png', which is not in its folder"),
+    ],
+)
+def test_what_is_wrong_with_a_list_of_lights_is_one_sentence(folder, text, said):
+    (folder / "filenames.txt").unlink()
+    (folder / "dome.lp").write_text(text)
+    with pytest.raises(ValueError, match=said):
+        ds.read_photographs(folder)
+
+
+def test_photographs_are_found_in_natural_order_without_the_reference(folder, caplog):
+    (folder / "filenames.txt").unlink()
+    for i, name in enumerate(("shot2.png", "shot10.png", "shot1.png")):
+        (folder / f"{i}.png").rename(folder / name)
+    shutil.copy(folder / "shot1.png", folder / "ref.png")
+    (folder / "mask.png").rename(folder / "the mask.png")
+    _, views = ds.read_photographs(folder)
+    first, second = (ds.read_image(folder / f"shot{i}.png") for i in (1, 2))
+    np.testing.assert_array_equal(views[0].image, first)
+    np.testing.assert_array_equal(views[1].image, second)
+    assert "ref.png is left out: the others are named as shot1.png" in caplog.text

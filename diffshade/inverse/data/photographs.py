@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.words import listing
+from ...io.files import replacing
 from ...io.images import read_image, read_mask
 from ...io.lazy_images import open_image
 from ...model.cameras import OrthographicCamera
@@ -15,8 +19,10 @@ from ...model.gbuffers import GBuffer, as_mask
 from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
+from .folders import list_folder, text_of
 from .views import View
 
+_LOGGER = logging.getLogger("diffshade")
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
@@ -25,18 +31,21 @@ def read_photographs(
 ) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
-    The layout is that of DiLiGenT (Shi et al. 2016): `filenames.txt`, one photograph of the folder a line (a link may
-    lead out of it, a name must not); `light_directions.txt`, three numbers a line, *towards* the light, x right, y up,
-    z to the camera; `light_intensities.txt`, R G B a line, or one number; `mask.png`; normals as `normal_gt.npy` or
-    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). The camera is far away on +z. Light i is on
-    in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may be
-    larger than memory.
+    The photographs are those of a list of lights `NAME.lp` (the count, then a name and x y z a line, as in reflectance
+    transformation imaging), those of `filenames.txt` (a name a line; a link may lead out of the folder, a name must
+    not), or all images but masks, normals and those named unlike most, in natural order. The other files are those of
+    DiLiGenT (Shi et al. 2016): `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z to
+    the camera, unless a list has them; `light_intensities.txt`, R G B a line, or one number, or 1 for all without it;
+    `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row).
+    What is missing or left out is said as a warning of the logger `diffshade`. The camera is far away on +z. Light i is
+    on in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may
+    be larger than memory.
 
     Args:
         folder: The folder.
         normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), which
             `fit_texels` can then find.
-        mask: A file or an array (H, W), in place of `mask.png`.
+        mask: A file or an array (H, W), in place of `mask.png` or the one image with "mask" in its name.
         srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
 
     Returns:
@@ -48,10 +57,24 @@ def read_photographs(
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs with a filenames.txt.")
-    names = photograph_names(folder)
-    directions = _numbers(folder / "light_directions.txt", names, (3,))
-    intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
+        raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
+    listed = list_folder(folder)
+    names, directions = listed.names, listed.directions
+    if directions is None or (folder / "light_directions.txt").is_file():
+        if not (folder / "light_directions.txt").is_file():
+            raise FileNotFoundError(
+                f"there is no file {folder / 'light_directions.txt'}, and no list of lights (.lp). Add one; `diffshade "
+                "calibrate` finds the lights from a ball."
+            )
+        directions = _numbers(folder / "light_directions.txt", names, (3,))
+    notes = list(listed.notes)
+    if (folder / "light_intensities.txt").is_file():
+        intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
+    else:
+        intensities = np.ones((len(names), 1))
+        notes.append("there is no light_intensities.txt: all lights are taken to have the intensity 1.")
+    for note in notes:
+        _LOGGER.warning("%s: %s", folder, note)
     mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
     known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
@@ -66,29 +89,41 @@ def read_photographs(
     return Scene(Object(surface, Material()), lights), tuple(views)
 
 
-def photograph_names(folder: Path) -> list[str]:
-    """Return the names that a folder's `filenames.txt` gives its photographs; refuse one that leads out of it."""
-    names = [line.strip() for line in _text(folder / "filenames.txt").splitlines() if line.strip()]
-    if not names:
-        raise ValueError(f"{folder / 'filenames.txt'} names no photograph. Write one file name a line.")
-    for name in names:
-        if Path(name).is_absolute() or ".." in Path(name).parts:
-            raise ValueError(
-                f"{folder / 'filenames.txt'} must name photographs in its own folder; got '{name}'. Copy or link it "
-                "there."
-            )
-    return names
+def write_lights(
+    folder: Path, directions: Float[np.ndarray, "photographs 3"], intensities: Float[np.ndarray, "photographs 3"]
+) -> None:
+    """Write the lights of the photographs in a folder as `read_photographs` reads them.
+
+    Args:
+        folder: The folder.
+        directions: Unit vectors towards the light of each photograph.
+        intensities: R, G, B of each.
+    """
+    for name, rows in (("light_directions.txt", directions), ("light_intensities.txt", intensities)):
+        with replacing(folder / name) as temporary:
+            text = "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in rows)
+            temporary.write_text(text, encoding="utf-8")
+
+
+def photograph_names(folder: Path) -> tuple[str, ...]:
+    """Return the names of the photographs in a folder."""
+    return list_folder(folder).names
 
 
 def mask_file(folder: Path) -> Path:
-    """Return the mask in a folder of photographs; refuse a folder without one."""
-    path = folder / "mask.png"
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"there is no mask {path}. Add one that is white on the object, or give another file with mask= (--mask on "
+    """Return the mask in a folder of photographs; refuse a folder without one, or with several."""
+    masks = list_folder(folder).masks
+    if (folder / "mask.png") in masks or len(masks) == 1:
+        return folder / "mask.png" if (folder / "mask.png") in masks else masks[0]
+    if masks:
+        raise ValueError(
+            f"{folder} holds several masks, {listing([file.name for file in masks])}. Choose one with mask= (--mask on "
             "the command line)."
         )
-    return path
+    raise FileNotFoundError(
+        f"there is no mask {folder / 'mask.png'}. Add one that is white on the object, find one with `diffshade mask "
+        f"{folder}`, or give another file with mask= (--mask on the command line)."
+    )
 
 
 def as_given(mask: Any) -> Bool[np.ndarray, "h w"]:
@@ -117,19 +152,12 @@ def _existing(path: Path) -> Path:
     return path
 
 
-def _text(path: Path) -> str:
-    try:
-        return _existing(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no text: {error}. Write it as UTF-8.") from None
-
-
-def _numbers(path: Path, names: list[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:
+def _numbers(path: Path, names: Sequence[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:
     """Read one line of numbers for each photograph."""
-    rows = [line.replace(",", " ").split() for line in _text(path).splitlines() if line.strip()]
+    rows = [line.replace(",", " ").split() for line in text_of(path).splitlines() if line.strip()]
     if len(rows) != len(names):
         raise ValueError(
-            f"{path} must have one line for each of the {len(names)} photographs in filenames.txt; got {len(rows)}. "
+            f"{path} must have one line for each of the {len(names)} photographs; got {len(rows)}. "
             "Make the two lists match."
         )
     for number, row in enumerate(rows, 1):

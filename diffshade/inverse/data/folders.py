@@ -1,0 +1,174 @@
+"""Folders: which files of a folder are its photographs, in which order, which is the mask, and its list of lights.
+
+A folder says so itself by `filenames.txt` (DiLiGenT) or by a list of lights, `NAME.lp` (reflectance transformation
+imaging: the count, then a name and x y z a line). Otherwise its photographs are all images but masks and normals, in
+natural order, and images that are named unlike most are left out, as reference photographs are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path, PureWindowsPath
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.words import count, listing
+from ...io.image_formats import FORMATS
+
+OTHERS = ("mask", "normal")  # in the names of images that are no photographs
+ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
+SHOWN = 3  # names in a note
+UNIT = 0.02  # by which the length of a direction may differ from 1
+
+
+class Listing(NamedTuple):
+    """What a folder holds."""
+
+    names: tuple[str, ...]
+    """The photographs."""
+    masks: tuple[Path, ...]
+    directions: Float[np.ndarray, "photographs 3"] | None
+    """Towards the light of each photograph, where a list of lights gives it."""
+    source: Path | None
+    """The list of lights, or of names."""
+    notes: tuple[str, ...]
+    """What was left out."""
+
+
+def list_folder(folder: Path) -> Listing:
+    """Return what a folder holds; raise ValueError for one without photographs."""
+    images = sorted(
+        (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")),
+        key=_natural_order,
+    )
+    masks = tuple(file for file in images if "mask" in file.stem.lower())
+    if (folder / "filenames.txt").is_file():
+        return Listing(_names_in(folder / "filenames.txt"), masks, None, folder / "filenames.txt", ())
+    lists = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".lp")
+    if len(lists) > 1:
+        raise ValueError(
+            f"{folder} holds several lists of lights, {listing([file.name for file in lists])}. Keep one, or write the "
+            "photographs' names to filenames.txt."
+        )
+    photographs = [file.name for file in images if not any(word in file.stem.lower() for word in OTHERS)]
+    if lists:
+        names, directions = read_lp(lists[0])
+        names, left = _matched(lists[0], names, photographs)
+        return Listing(names, masks, directions, lists[0], _left_out(left, f"not in {lists[0].name}"))
+    if not photographs:
+        raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
+    alike = Counter(_pattern(name) for name in photographs).most_common(1)[0]
+    kept = [name for name in photographs if _pattern(name) == alike[0]]
+    if len(kept) < max(ALIKE * len(photographs), 3):
+        kept = photographs
+    left = [name for name in photographs if name not in kept]
+    notes = _left_out(left, f"the others are named as {kept[0]}")
+    return Listing(tuple(kept), masks, None, None, notes)
+
+
+def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs 3"]]:
+    """Read a list of lights of reflectance transformation imaging: names, and unit vectors towards the lights.
+
+    Args:
+        path: A text file: the count, then a name (which may have spaces and folders, of which the last part counts) and
+            x y z a line, x right, y up, z to the camera.
+
+    Returns:
+        The names and the directions.
+
+    Raises:
+        ValueError: If it is no such list, or a direction is no unit vector.
+        FileNotFoundError: If it does not exist.
+    """
+    rows = [line.split() for line in text_of(path).splitlines() if line.strip()]
+    if not rows or len(rows[0]) != 1 or not rows[0][0].isdigit():
+        raise ValueError(
+            f"{path} must begin with the count of its lights; got {' '.join(rows[0]) if rows else 'nothing'!r}. Write "
+            "it on the first line."
+        )
+    if len(rows) - 1 != int(rows[0][0]):
+        raise ValueError(
+            f"{path} must have {rows[0][0]} lines after its first, as that says; got {len(rows) - 1}. Correct the list."
+        )
+    names, directions = [], []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            l = np.array(row[-3:], np.float64)
+        except ValueError:
+            l = np.zeros(0)
+        if len(row) < 4 or l.shape != (3,) or not np.isfinite(l).all():
+            raise ValueError(
+                f"{path} must have a name and three numbers a line; got '{' '.join(row)}' on line {number}. Correct it."
+            )
+        if abs(float(np.linalg.norm(l)) - 1.0) > UNIT:
+            raise ValueError(
+                f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {number}. Divide "
+                "each by its length if they are directions."
+            )
+        names.append(PureWindowsPath(" ".join(row[:-3])).name)  # which takes both kinds of slashes
+        directions.append(l / np.linalg.norm(l))
+    return tuple(names), np.array(directions).reshape(len(names), 3)
+
+
+def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> str:
+    """Return names and directions as the text of such a list."""
+    lines = [f"{name} {' '.join(f'{x:.10g}' for x in l)}\n" for name, l in zip(names, directions, strict=True)]
+    return f"{len(names)}\n{''.join(lines)}"
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file; refuse one that does not exist or is no text."""
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no file {path}. Add it, or correct the folder.")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text: {error}. Write it as UTF-8.") from None
+
+
+def _names_in(path: Path) -> tuple[str, ...]:
+    """Return the names in a `filenames.txt`; refuse one that leads out of its folder."""
+    names = tuple(line.strip() for line in text_of(path).splitlines() if line.strip())
+    if not names:
+        raise ValueError(f"{path} names no photograph. Write one file name a line.")
+    for name in names:
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise ValueError(f"{path} must name photographs in its own folder; got '{name}'. Copy or link it there.")
+    return names
+
+
+def _matched(path: Path, listed: tuple[str, ...], there: list[str]) -> tuple[tuple[str, ...], list[str]]:
+    """Return the files that a list names, whatever their case and suffix, and the photographs that it does not name."""
+    exact = {name.lower(): name for name in there}
+    stems = {Path(name).stem.lower(): name for name in there}
+    found = []
+    for name in listed:
+        file = exact.get(name.lower()) or stems.get(Path(name).stem.lower())
+        if file is None:
+            raise ValueError(
+                f"{path} names '{name}', which is not in its folder. Add the photograph, or correct the list."
+            )
+        found.append(file)
+    return tuple(found), [name for name in there if name not in found]
+
+
+def _left_out(names: list[str], why: str) -> tuple[str, ...]:
+    if not names:
+        return ()
+    shown = listing(names) if len(names) <= SHOWN else f"{count(len(names), 'image')}, such as {names[0]},"
+    return (f"{shown} {'is' if len(names) == 1 else 'are'} left out: {why}.",)
+
+
+def _pattern(name: str) -> str:
+    return re.sub(r"\d+", "0", name)
+
+
+def _natural_order(file: Path) -> list[Any]:
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+
+
+SUFFIXES = tuple(FORMATS)

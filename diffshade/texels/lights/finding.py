@@ -1,0 +1,217 @@
+"""Finding lights: `find_lights` refines lights that are known roughly, or finds unknown ones, from a whole object."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float, Int
+
+from ...core.backend import check_backend, in_float64
+from ...core.fields import as_float64
+from ...core.progress import showing
+from ...inverse.data.views import View, lights_on
+from ...inverse.unknowns.light_priors import middle_of
+from ...model.scenes import Scene
+from ..checks import check_anything_left, checked
+from ..robust.run import RobustRun
+from ..run import TexelRun
+from ..tile_runner import TileRunner
+from .found import FoundLights, notes_on
+from .refining import Lamps, Refined, Stated, refine
+from .uncalibrated import find_uncalibrated
+
+FREE = ("k_d", "k_s", "n_s", "normal")
+SAMPLE = 2048
+MEMORY = 1 << 28
+FEWEST_LIGHTS = 6  # as many as the numbers by which lengths say a map
+UNKNOWN = np.deg2rad(10.0)  # error of a direction that only the photographs tell
+MOST_COPLANAR = 0.5  # share of the texels whose lights lie in one plane
+
+
+def find_lights(
+    scene: Scene,
+    views: Sequence[View],
+    *,
+    light_error: Float[ArrayLike, " lights"] | float | None = None,
+    intensity_error: Float[ArrayLike, " lights"] | float | None = 0.0,
+    progress: bool = False,
+) -> FoundLights:
+    """Find the lights of photographs of an object of unknown shape, together with the normals of its texels.
+
+    Each light moves to where all texels agree with it, and each texel to where it agrees with all lights, with the
+    texels eliminated (as in bundle adjustment; Triggs et al. 2000), under a Cauchy loss and with the highlight that all
+    texels share. A linear map of all lights, with its inverse on the normals, changes a matte object's photographs not
+    at all, and of others by less than what a model leaves out: it is taken from the stated directions.
+
+    Without directions (`light_error=None`) the map is found as well as it can be. The photographs are a product of
+    texels and lights (Hayakawa 1994); stated or equal intensities leave a rotation (Woodham et al. 1991), and the
+    rotation is the one with which the normals are those of a surface (Belhumeur, Kriegman and Yuille 1999).
+
+    Args:
+        scene: One object and all lights, at least six; each is a direction or a position. A position keeps its distance
+            from the middle of the object.
+        views: Photographs of one camera, one light on in each.
+        light_error: Standard deviation of the scene's directions about each axis, degrees: one number, or one for each
+            light; 0 where they are exact. None (the default) where nothing is known of them.
+        intensity_error: Relative standard deviation of the scene's intensities: one number, or one for each light;
+            0 (the default) where they are exact. None where nothing is known of them.
+        progress: Show a line of progress on the terminal.
+
+    Returns:
+        The lights with their errors, and what cannot be known of them.
+
+    Raises:
+        ValueError: An argument is wrong, or the lights are too few or in one plane; the message has the remedy.
+        TypeError: An argument has the wrong type.
+    """
+    views = tuple(views)
+    checked(scene, views, FREE, None, "cauchy")
+    light_of = _light_of(scene, views)
+    lights = len(scene.lights)
+    error = None if light_error is None else np.deg2rad(_errors("light_error", light_error, lights, 1.0))
+    brighter = np.full(lights, np.inf)
+    if intensity_error is not None:
+        brighter = _errors("intensity_error", intensity_error, lights, 0.05)
+    check_backend()
+    scene = jax.tree.map(as_float64, scene)
+    with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
+        used, index = np.unique(light_of, return_inverse=True)
+        middle = middle_of(scene)
+        given = Lamps(_directions(scene, used, middle), np.ones(len(used)))
+        tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, mesh=None)
+        with contextlib.closing(tiles):
+            sample = tiles.reader.sample(SAMPLE)
+            check_anything_left(np.ones(len(sample.pixels)))
+            begin = given
+            if error is None:
+                begin = Lamps(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
+            placed = _with(scene, used, begin, middle)
+            each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
+            if error is not None and each.lights().coplanar > MOST_COPLANAR:
+                raise ValueError(
+                    "the lights lie in one plane with the object, which leaves its normals, and so the lights, open. "
+                    "Add photographs under lights out of the plane."
+                )
+            run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False, light_error=None)
+            stated = Stated(
+                begin.directions, np.full(len(used), UNKNOWN) if error is None else error[used], brighter[used]
+            )
+            found = refine(
+                lambda lamps: _with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
+            )
+        return _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
+
+
+def _result(
+    scene: Scene,
+    found: Refined,
+    used: Int[np.ndarray, " used"],
+    light_of: Int[np.ndarray, " views"],
+    given: Lamps,
+    stated: Stated,
+    middle: Float[np.ndarray, "3"],
+    *,
+    known: bool,
+) -> FoundLights:
+    """Return what was found, for all lights of the scene; one that is on in no view keeps what it had."""
+    exact = bool((stated.intensity_error == 0.0).all())
+    lamps = Lamps(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
+
+    def of_all(values: Any, nothing: float) -> Any:
+        whole = np.full((len(scene.lights), *np.shape(values)[1:]), nothing)
+        whole[used] = values
+        return whole
+
+    def degrees(covariance: np.ndarray) -> np.ndarray:
+        return np.rad2deg(np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2.0))
+
+    own, shared = degrees(found.own), degrees(found.shared)
+    brighter = np.sqrt(found.own[:, 2, 2] + found.shared[:, 2, 2])
+    chord = np.linalg.norm(lamps.directions - given.directions, axis=-1)
+    notes = notes_on(
+        stated=known,
+        exact_directions=known and not (stated.error > 0.0).any(),
+        exact_intensities=exact,
+        shared=float(np.median(shared)),
+        settled=found.settled,
+        spread=float(np.std(np.log(lamps.gain))),
+    )
+    return FoundLights(
+        _with(scene, used, lamps, middle),
+        of_all(lamps.directions, np.nan),
+        of_all(np.hypot(own, shared) if known else np.full(len(used), np.inf), np.inf),
+        of_all(own, np.inf),
+        of_all(lamps.gain, 1.0),
+        of_all(np.where(stated.intensity_error == 0.0, 0.0, brighter), np.inf),
+        of_all(np.rad2deg(2.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0))), 0.0),
+        light_of,
+        found.misfit,
+        found.settled,
+        tuple(notes),
+    )
+
+
+def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
+    """Return the light of each view; raise ValueError where there are several, too few, or of another kind."""
+    found = []
+    for v, view in enumerate(views):
+        on = lights_on(scene, view)
+        if len(on) != 1:
+            raise ValueError(
+                f"find_lights needs one light in each view; views[{v}] has {len(on)}. Give View.lit, or leave it out."
+            )
+        if scene.lights[on[0]].placement not in (("direction",), ("position",)):
+            raise ValueError(
+                f"find_lights moves directions and positions; lights[{on[0]}] is a "
+                f"{type(scene.lights[on[0]]).__name__}. Give a DirectionalLight or a PointLight."
+            )
+        found.append(on[0])
+    if len(set(found)) < FEWEST_LIGHTS:
+        raise ValueError(
+            f"find_lights needs at least {FEWEST_LIGHTS} lights; the views have {len(set(found))}. Add photographs "
+            "under other lights."
+        )
+    return np.array(found)
+
+
+def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[np.ndarray, " lights"]:
+    """Return the error of each light; raise ValueError for wrong ones."""
+    each = np.asarray(given, np.float64)
+    if each.shape not in ((), (lights,)) or not (np.isfinite(each) & (each >= 0.0)).all():
+        raise ValueError(
+            f"{name} must be one number, at least 0, or one for each of the {lights} lights; got {given}. Give for "
+            f"example {name}={example}."
+        )
+    return np.broadcast_to(each, (lights,))
+
+
+def _directions(scene: Scene, used: Sequence[int], middle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "lights 3"]:
+    """Return unit vectors from the middle of the object towards lights."""
+    found = []
+    for i in used:
+        light: Any = scene.lights[i]
+        found.append(np.asarray(light.position) - middle if light.is_local else -np.asarray(light.direction))
+    towards = np.array(found, np.float64)
+    return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+
+
+def _with(scene: Scene, used: Sequence[int], lamps: Lamps, middle: Float[np.ndarray, "3"]) -> Scene:
+    """Return the scene with lights in these directions, each as far away as before."""
+    lights = list(scene.lights)
+    for i, towards, gain in zip(used, lamps.directions, lamps.gain, strict=True):
+        light: Any = lights[i]
+        place = -towards
+        if light.is_local:
+            place = middle + np.linalg.norm(np.asarray(light.position) - middle) * towards
+        where = "position" if light.is_local else "direction"
+        lights[i] = eqx.tree_at(
+            lambda one, where=where: (getattr(one, where), one.intensity),
+            light,
+            (place, gain * np.asarray(light.intensity)),
+        )
+    return eqx.tree_at(lambda s: s.lights, scene, tuple(lights))

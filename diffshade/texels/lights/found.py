@@ -1,0 +1,116 @@
+"""Found lights: the result of `find_lights`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.words import Note, count
+from ...model.scenes import Scene
+
+SHOWN = 8  # lights in the table, those that moved most
+
+
+@dataclass(frozen=True, eq=False)
+class FoundLights:
+    """Lights that agree with all texels of an object; `print` it for the lights that moved most, and the notes."""
+
+    scene: Scene
+    """The scene with these lights, for `fit_texels` and `fit`."""
+    directions: Float[np.ndarray, "lights 3"]
+    """Unit vectors towards the lights, from the middle of the object."""
+    errors: Float[np.ndarray, " lights"]
+    """Standard error of each direction about each axis, degrees; infinite where no direction was stated."""
+    own_errors: Float[np.ndarray, " lights"]
+    """The part of it that is not shared by all lights: by the photographs alone."""
+    intensities: Float[np.ndarray, " lights"]
+    """The intensity of each light over the scene's; 1 on average."""
+    intensity_errors: Float[np.ndarray, " lights"]
+    """Their relative standard errors; 0 where the scene's were taken to be exact."""
+    moved: Float[np.ndarray, " lights"]
+    """How far each light is from where the scene has it, degrees."""
+    light_of: Int[np.ndarray, " views"]
+    """The light that is on in each view."""
+    misfit: float
+    """Typical residual of a texel, relative to its brightness."""
+    settled: bool
+    """Whether the lights stayed where they were at the end."""
+    notes: tuple[Note, ...]
+    """What the photographs do not tell of the lights: a sentence each."""
+
+    @property
+    def light_error(self) -> Float[np.ndarray, " views"]:
+        """The error of each view's light, degrees, for `fit_texels(..., light_error=)`: that of the light by itself.
+
+        What all lights share turns and shears the normals, and is said in the notes.
+        """
+        return self.own_errors[self.light_of]
+
+    def __str__(self) -> str:
+        """Return the lights that moved most, and the notes below them."""
+        used = np.unique(self.light_of)
+        order = used[np.argsort(-self.moved[used])][:SHOWN]
+        lines = [
+            f"{count(len(used), 'light')}, moved by {np.median(self.moved[used]):.2f} degrees in the median and by "
+            f"{self.moved[used].max():.2f} at most; the misfit of a texel is {100 * self.misfit:.2g} %",
+            f"{'light':>5} {'x':>8} {'y':>8} {'z':>8} {'error':>10} {'moved':>8} {'intensity':>10} {'error':>7}",
+        ]
+        for i in order:
+            x, y, z = self.directions[i]
+            error = f"{self.errors[i]:.2f} deg" if np.isfinite(self.errors[i]) else "unknown"
+            lines.append(
+                f"{i:>5} {x:>8.4f} {y:>8.4f} {z:>8.4f} {error:>10} {self.moved[i]:>8.2f} {self.intensities[i]:>10.4f} "
+                f"{100 * self.intensity_errors[i]:>5.2g} %"
+            )
+        if len(order) < len(used):
+            lines.append(f"      and {count(len(used) - len(order), 'light')} that moved less")
+        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+
+
+def notes_on(
+    *, stated: bool, exact_directions: bool, exact_intensities: bool, shared: float, settled: bool, spread: float
+) -> Sequence[Note]:
+    """Return what the photographs do not tell of the lights.
+
+    Args:
+        stated: Whether directions were stated.
+        exact_directions: Whether they are exact.
+        exact_intensities: Whether the intensities are.
+        shared: Error of what all lights share, degrees.
+        settled: Whether the lights stayed where they were.
+        spread: Root mean square of the intensities' logarithms.
+    """
+    found = []
+    if not exact_directions:
+        kind = "an orthogonal map (3 numbers)" if exact_intensities else "a linear map (9 numbers)"
+        map_ = (
+            f"a matte object shows the same if all lights and all normals are changed together by {kind}; so do, "
+            "almost, all that a model leaves out."
+        )
+        if stated:
+            found.append(
+                f"{map_} That map is taken from the stated directions, not from the photographs, and known to "
+                f"{shared:.2g} degrees."
+            )
+        else:
+            left = (
+                "leaves only whether the surface bulges or is hollow, and it was taken to bulge"
+                if exact_intensities
+                else "leaves the generalised bas-relief (3 numbers: depth and two tilts), and the one was taken whose "
+                "lights are most equally bright"
+            )
+            found.append(
+                f"{map_} That the normals are those of a surface {left}. How far all lights are off together cannot "
+                "be known from these photographs: give directions with light_error=."
+            )
+    if not exact_intensities:
+        found.append(
+            "the mean intensity and k_d scale each other: the mean of the intensities is the scene's. They differ from "
+            f"it by {100 * spread:.2g} %."
+        )
+    if not settled:
+        found.append("the lights had not settled after the last round: their errors are too small.")
+    return [Note(text, "lights") for text in found]

@@ -1,0 +1,134 @@
+r"""Joint: what the texels of an object say of the lights, with the numbers of every texel eliminated.
+
+Each observation depends on its texel (two tilts of the normal, k_d, k_s) and on its light (two tilts of its direction,
+the logarithm of its intensity): normal equations of the shape of an arrow, as in bundle adjustment (Triggs et al.
+2000). With H_t of a texel, C_t its coupling to the lights and A that of the lights,
+
+$$ S = A - \sum_t C_t H_t^{-1} C_t^T $$
+
+is small, three numbers a light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.fields import Array
+from ..blocks import TexelBlock
+from ..lighting import LightingSetup
+from ..prediction import KnownCoefficients
+from ..robust.block_fits import lowest_state
+from ..robust.learning import ObjectModel
+from ..robust.observations import Observed, observe
+from ..robust.robust_descent import State, around
+
+LEAST_CURVATURE = 1e-6  # added to that of every number of a texel of level 1
+HELD = 1e9  # curvature of a coefficient that is 0 and would fall
+AT_ONCE = 256  # texels
+TILT = 1e-3  # radians, over which derivatives in single precision are taken
+
+
+class Responses(NamedTuple):
+    """How the observations of some texels answer to the texels' own numbers and to the lights."""
+
+    residual: Float[Array, "views texels"]
+    weight: Float[Array, "views texels"]
+    """Of the loss, over its squared scale."""
+    by_texel: Float[Array, "4 views texels"]
+    """Derivatives by both tilts of the normal, k_d and k_s."""
+    by_light: Float[Array, "3 views texels"]
+    """Derivatives by both tilts of the light and the logarithm of its intensity."""
+    curvature: Float[Array, "4 texels"]
+    """What is known of the texel's numbers beside its observations."""
+    pull: Float[Array, "4 texels"]
+    """Its gradient."""
+
+
+def responses(
+    setups: Sequence[LightingSetup], known: KnownCoefficients, block: TexelBlock, model: ObjectModel
+) -> Responses:
+    """Return how the observations of a block answer at the minimum of each texel.
+
+    Args:
+        setups: The lights; and with each of them tilted by `TILT` along one of its tangents, and along the other.
+        known: The coefficients that are not fitted.
+        block: The texels.
+        model: What the texels have in common.
+    """
+    observed, *tilted = (observe(setup, known, block) for setup in setups)
+    return _responses(observed, tilted, model, lowest_state(observed, model))
+
+
+@jax.jit
+def _responses(observed: Observed, tilted: Sequence[Observed], model: ObjectModel, state: State) -> Responses:
+    weighing = model.weighing(observed.level)
+    here = around(observed, model.shape, weighing, state)
+
+    def shown(of: Observed) -> Array:
+        D, S = of.lights.shading(model.shape, state.n)
+        return state.k_d[None] * D + state.k_s[None] * S
+
+    value = shown(observed)
+    by_light = []
+    for one in tilted:  # what a texel shows for each unit of light changes too, where a lamp nearby comes nearer
+        y = jnp.where(observed.counts, one.y * (one.level / observed.level)[None], 0.0)
+        by_light.append((shown(one) - y - value + jnp.where(observed.counts, observed.y, 0.0)) / TILT)
+    ridge = weighing.ridge
+    known = jnp.full_like(ridge, LEAST_CURVATURE)
+    held = jnp.where(state.k_s <= 0.0, HELD, 0.0)
+    nothing = jnp.zeros_like(ridge)
+    return Responses(
+        here.residual,
+        here.weight / weighing.scale[None] ** 2,
+        jnp.stack(here.J),
+        jnp.stack([*by_light, value]),
+        jnp.stack([known, known, known, known + ridge + held]),
+        jnp.stack([nothing, nothing, nothing, ridge * state.k_s]),
+    )
+
+
+class LightEquations(NamedTuple):
+    """The normal equations of the lights, with all texels eliminated."""
+
+    S: Float[np.ndarray, "3*lights 3*lights"]
+    gradient: Float[np.ndarray, "cells 3*lights"]
+    """By each cell of the image."""
+
+
+def light_equations(
+    texels: Responses, light_of: Int[np.ndarray, " views"], lights: int, cell: Int[np.ndarray, " texels"], cells: int
+) -> LightEquations:
+    """Return the normal equations of the lights.
+
+    Args:
+        texels: The responses of some texels.
+        light_of: The light of each view.
+        lights: Number of lights.
+        cell: Cell of the image that each texel lies in.
+        cells: Number of cells.
+    """
+    S, gradient = np.zeros((lights, 3, lights, 3)), np.zeros((cells, lights, 3))
+    on = np.eye(lights)[light_of]  # (views, lights)
+    for start in range(0, len(cell), AT_ONCE):
+        of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + AT_ONCE], np.float64), texels)
+        weighted = of.weight * of.by_texel
+        H = np.einsum("ivt,jvt->tij", weighted, of.by_texel, optimize=True)
+        H[:, range(4), range(4)] += of.curvature.T
+        g = np.einsum("ivt,vt->ti", weighted, of.residual) + of.pull.T
+        C = np.einsum("vl,avt,ivt->tlai", on, of.by_light, weighted, optimize=True)
+        C = C.reshape(len(H), lights * 3, 4)
+        solved = np.linalg.solve(H, C.swapaxes(1, 2))  # H^-1 C^T
+        S -= np.tensordot(C, solved, ((0, 2), (0, 1))).reshape(S.shape)
+        A = np.einsum("vl,avt,bvt,vt->lab", on, of.by_light, of.by_light, of.weight, optimize=True)
+        S[range(lights), :, range(lights)] += A
+        own = np.einsum("vl,avt,vt,vt->tla", on, of.by_light, of.weight, of.residual, optimize=True)
+        own -= np.einsum("tik,ti->tk", solved, g).reshape(own.shape)
+        np.add.at(gradient, cell[start : start + AT_ONCE], own)
+    S = S.reshape(3 * lights, 3 * lights)
+    return LightEquations(0.5 * (S + S.T), gradient.reshape(cells, -1))
