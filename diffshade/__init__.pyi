@@ -1,5 +1,7 @@
 """diffshade: the classic illumination model as a differentiable JAX program, and the tool to run it backwards."""
 
+from .calibration.applying import AppliedLights as AppliedLights
+from .calibration.applying import apply_lights as apply_lights
 from .calibration.calibrating import calibrate as calibrate
 from .calibration.result import Calibration as Calibration
 from .diagnosis.examination import Examination as Examination
@@ -80,6 +82,7 @@ from .model.surfaces import Box as Box
 from .model.surfaces import Plane as Plane
 from .model.surfaces import Sphere as Sphere
 from .parallel.devices import LostProcess as LostProcess
+from .report.calibration_picture import draw_calibration as draw_calibration
 from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
 from .report.lecture import write_figures as write_figures

@@ -193,7 +193,19 @@ def _near(points: Points, find: Callable, pixel: float) -> Numbers:
     return best.astype(float)
 
 
-def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole: bool = False) -> Ball:
+def near_one_circle(points: Points) -> Numbers:
+    """Return 1 for points of an image that lie on one circle, 0 for others."""
+    return _near(points, circle, 1.0)
+
+
+def find_ball(
+    mask: Mask,
+    camera: AbstractCamera | None,
+    radius: float,
+    *,
+    whole: bool = False,
+    edge: tuple[Numbers, Numbers] | None = None,
+) -> Ball:
     """Find the sphere whose outline is the edge of a mask.
 
     From far away the outline is a circle. Parallel rays do not show the sphere's distance, so it is put at the depth of
@@ -209,6 +221,7 @@ def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole
         camera: None for a camera far away on +z, with the sphere at the origin.
         radius: The sphere's radius, scene units.
         whole: Whether pixels of the sphere outside the mask, in its own shadow, belong to the ball too.
+        edge: Rows and columns of points of the outline; by default those of the mask's edge.
 
     Returns:
         The ball.
@@ -216,7 +229,7 @@ def find_ball(mask: Mask, camera: AbstractCamera | None, radius: float, *, whole
     Raises:
         ValueError: If the mask shows no ball.
     """
-    row, column = outline(mask)
+    row, column = outline(mask) if edge is None else edge
     if len(row) < SHORTEST:
         what = "covers the whole picture" if mask.all() else f"shows no ball: its edge has {len(row)} points"
         raise ValueError(f"the mask {what}. Give True (or white) on the ball alone.")

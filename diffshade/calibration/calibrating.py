@@ -58,7 +58,8 @@ def calibrate(
             lights and material, from one photograph on).
         mask: A file or an array, True on the ball. Several masks are several mirror balls, which together give the
             positions of the lights. By default it is the file with "mask" in its name in the folder, else an alpha
-            channel, else the ball is searched for before a dark background, which fails for a mirror ball.
+            channel, else the ball is searched for: before a dark background, or a mirror ball by its edge, for which a
+            picture under room light in the same folder, of another name than the photographs, is the best.
         camera: By default a camera far away on +z, with the ball at the origin. With `Camera.from_intrinsics` the
             outline is an ellipse, the ball's place in space is found, and v points to the eye from each of its points.
         radius: The radius of the ball, or of each ball, in scene units; above 0.
@@ -78,7 +79,7 @@ def calibrate(
     _check(ball, camera, directions)
     with showing("calibrate", show=progress) as report_progress:
         report_progress("reading the photographs")
-        taken = gather(photographs, mask, srgb)
+        taken = gather(photographs, mask, srgb, mirror=ball == "mirror")
         balls = _balls(taken, ball, camera, radius)
         if ball == "mirror":
             found = by_mirrors(taken, balls, report_progress)
@@ -126,11 +127,6 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
     shape = taken.masks[0].shape
     if camera is not None and camera.shape != shape:
         raise ValueError(f"camera.shape must be that of the photographs, {shape}; got {camera.shape}. Resize them.")
-    if kind == "mirror" and taken.found:
-        raise ValueError(
-            "a mirror ball has no outline of its own, since it reflects the room. Give its mask: mask='mask.png' "
-            "(--mask)."
-        )
     if len(taken.masks) > 1 and (kind != "mirror" or not isinstance(camera, Camera)):
         raise ValueError(
             f"several masks ({len(taken.masks)}) need mirror balls and a camera with known intrinsics, for their "
@@ -146,7 +142,10 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
     if not ((radii > 0).all() and np.isfinite(radii).all() and len(radii) in (1, len(taken.masks))):
         raise ValueError(f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units.")
     radii = np.broadcast_to(radii, len(taken.masks))
-    return tuple(find_ball(m, camera, float(r), whole=taken.found) for m, r in zip(taken.masks, radii, strict=True))
+    return tuple(
+        find_ball(m, camera, float(r), whole=taken.found, edge=taken.edge)
+        for m, r in zip(taken.masks, radii, strict=True)
+    )
 
 
 def _known(directions: Any, names: Sequence[str]) -> tuple[Vectors, Float[np.ndarray, " photographs"]]:

@@ -29,6 +29,7 @@ def by_mirrors(taken: Photographs, balls: tuple[Ball, ...], report_progress: Cal
             raise ValueError(f"{name}: {error}") from None
     shift = np.rad2deg(2.0 / min(ball.radius for ball in balls))
     notes = [
+        *taken.notes,
         f"a mask shifted by one pixel would turn every direction by {shift:.2g} degrees; the errors include a shift of "
         ".29 pixels.",
         "the brightness of the highlights was not used: all intensities are 1. Photograph a matte ball for them.",

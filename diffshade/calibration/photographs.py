@@ -16,6 +16,7 @@ from ..inverse.data.views import as_image
 from ..io.images import read_image, read_mask
 from ..model.gbuffers import as_mask
 from .balls import largest, roundness
+from .edges import Points, disc, find_edge
 
 _LOGGER = logging.getLogger("diffshade")
 Mask = Bool[np.ndarray, "h w"]
@@ -34,11 +35,14 @@ class Photographs:
     masks: tuple[Mask, ...]
     found: bool
     """Whether the mask was found in the photographs."""
+    edge: Points | None = None
+    """Rows and columns of points of a mirror ball's outline, where it was found in the photographs."""
 
     @property
     def notes(self) -> list[str]:
         """A note on a mask that was found."""
-        note = "the ball's mask was found by brightness; a mask drawn by hand may be more accurate."
+        how = "by brightness" if self.edge is None else "by its edge"
+        note = f"the ball's outline was found {how}; look at it, for a mask drawn by hand may be more accurate."
         return [note] if self.found else []
 
     def grey(self, i: int) -> Float[np.ndarray, "h w"]:
@@ -51,9 +55,16 @@ class Photographs:
         return np.asarray((image >= 1.0).any(-1)) if image.max() == 1.0 else np.zeros(image.shape[:2], bool)
 
 
-def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
-    """Read photographs and masks in any of the forms that `calibrate` takes."""
-    names, images, in_same_folder = _read(photographs, srgb, find_mask=mask is None)
+def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False) -> Photographs:
+    """Read photographs and masks in any of the forms that `calibrate` takes.
+
+    Args:
+        photographs: The photographs.
+        mask: The mask, or masks; None finds it.
+        srgb: Whether to decode files from the sRGB curve.
+        mirror: Whether the ball is a mirror, whose outline is found by its edge.
+    """
+    names, images, in_same_folder, extras = _read(photographs, srgb, find_mask=mask is None)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
@@ -71,10 +82,14 @@ def gather(photographs: Any, mask: Any, srgb: bool | None) -> Photographs:
     mask = in_same_folder if mask is None else mask
     mask = alpha if mask is None else mask
     given = mask if isinstance(mask, tuple | list) else (mask,)
-    masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in given)
+    edge = _edge(images, extras, srgb) if mask is None and mirror else None
+    if edge is not None:
+        masks = (disc(edge, shapes[0]),)
+    else:
+        masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in given)
     for name, image in zip(names, images, strict=True):
         _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
-    return Photographs(tuple(names), tuple(images), masks, found=mask is None)
+    return Photographs(tuple(names), tuple(images), masks, mask is None, edge)
 
 
 def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
@@ -87,11 +102,29 @@ def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
         )
 
 
-def _read(photographs: Any, srgb: bool | None, *, find_mask: bool) -> tuple[list[str], list[Any], Path | None]:
-    """Return names and images, and the mask in the same folder if it is searched for."""
+def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> Points:
+    """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
+    pictures = [np.asarray(image[:], np.float64).mean(-1) for image in images]
+    others = [read_image(file, srgb=srgb).mean(-1) for file in extras]
+    fitting = [[one] for one in others if one.shape == pictures[0].shape]
+    found = [edge for shown in [*fitting, pictures] if (edge := find_edge(shown)) is not None]
+    if not found:
+        raise ValueError(
+            "no round outline was found in the photographs. A mirror ball reflects the room; give its mask: "
+            "mask='mask.png' (--mask), or add a picture of it under room light to the folder."
+        )
+    return found[0]
+
+
+def _read(
+    photographs: Any, srgb: bool | None, *, find_mask: bool
+) -> tuple[list[str], list[Any], Path | None, tuple[Path, ...]]:
+    """Return names and images, the mask in the same folder if it is searched for, and images left out there."""
     masks: list[Path] = []
+    extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
         files, masks = in_folder(Path(photographs))
+        extras = list_folder(Path(photographs)).extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
@@ -113,7 +146,7 @@ def _read(photographs: Any, srgb: bool | None, *, find_mask: bool) -> tuple[list
     if find_mask and len(masks) > 1:
         listed = ", ".join(sorted(file.name for file in masks))
         raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
-    return names, images, masks[0] if find_mask and masks else None
+    return names, images, masks[0] if find_mask and masks else None, extras
 
 
 def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:

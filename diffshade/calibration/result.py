@@ -217,7 +217,7 @@ def check_folder(folder: str | Path) -> Path:
     if folder.exists() and not folder.is_dir():
         raise NotADirectoryError(f"cannot write to {folder}: it is not a folder. Give the name of a new folder.")
     there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    if there and not {"scene.toml", "filenames.txt"} <= set(there):
+    if there and not ("filenames.txt" in there and {"scene.toml", "light_errors.txt"} & set(there)):
         raise FileExistsError(f"{folder} holds other files, such as {there[0]}. Give the name of a new folder.")
     return folder
 

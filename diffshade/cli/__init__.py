@@ -19,7 +19,7 @@ import click
 
 from .exchange import convert
 from .fits import compare, fit, plan, report
-from .lights import calibrate, find_lights
+from .lights import calibrate, find_lights, mask
 from .maps import texels
 from .scenes import figures, new, render
 
@@ -37,7 +37,7 @@ class InOrder(click.Group):
 
 @click.group(
     cls=InOrder,
-    commands=[new, render, calibrate, find_lights, fit, report, compare, plan, texels, convert, figures],
+    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )
@@ -50,10 +50,7 @@ class InOrder(click.Group):
     help="Import a module whose classes scene files name.",
 )
 def diffshade(modules: tuple[str, ...] = ()) -> None:
-    """The classic illumination model, forwards and backwards.
-
-    Render a scene; or find a material and lamps from photographs, with errors.
-    """
+    """Render pictures; find materials and lamps from photographs, with errors."""
     if modules:
         sys.path.insert(0, os.getcwd())  # where an installed command does not look
     for module in modules:

@@ -22,6 +22,8 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--radius", type=float, default=1.0, help="Radius of the ball, scene units  [default: 1]")
 @click.option("--directions", type=FILE, help="Known directions; find only the intensities")
 @click.option("--against", type=FILE, help="Compare with these directions")
+@click.option("--apply", "thing", type=FOLDER, metavar="FOLDER", help="An object under the same lights, for -o")
+@click.option("--apply-mask", "thing_mask", type=FILE, help="Its mask  [default: its folder's, or found]")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for fit, report, texels")
 @as_json
 def calibrate(
@@ -33,41 +35,66 @@ def calibrate(
     radius: float,
     directions: Path | None,
     against: Path | None,
+    thing: Path | None,
+    thing_mask: Path | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Find the lights from photographs of a ball.
 
-    PHOTOS: a folder or files. Each has one light; the camera does not move.
+    PHOTOS: files, or a folder for each ball; one light in each photo.
     """
     import diffshade as ds
 
-    from ..calibration.photographs import in_folder
     from ..calibration.result import check_folder, read_directions
+    from ..inverse.data.folders import list_folder
 
     if out is not None:
         check_folder(out)
+    folders = len(photos) > 1 and all(path.is_dir() for path in photos)
+    if folders and thing is None:
+        raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
+    if folders and len(mask) not in (0, len(photos)):
+        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
+    if thing is not None and out is None:
+        raise ValueError(f"--apply {thing} needs a folder to write. Give -o FOLDER.")
     listed = None if against is None else read_directions(against)
-    found = ds.calibrate(
-        photos[0] if len(photos) == 1 else photos,
-        ball=ball,
-        mask=mask if len(mask) > 1 else mask[0] if mask else None,
-        camera=None if camera is None else ds.read_camera(camera),
-        radius=radius,
-        directions=directions,
-        srgb=srgb,
-        progress=True,
-    )
+    masks = list(mask) or [None]
+    each = [(path, masks[i % len(masks)]) for i, path in enumerate(photos)] if folders else []
+    balls = [
+        ds.calibrate(
+            path,
+            ball=ball,
+            mask=of,
+            camera=None if camera is None else ds.read_camera(camera),
+            radius=radius,
+            directions=directions,
+            srgb=srgb,
+            progress=True,
+        )
+        for path, of in each
+        or [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+    ]
+    found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
+    applied = None if thing is None else ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb)
+    written = []
     if out is not None:
-        found.write(out)
-    files = in_folder(photos[0])[0] if len(photos) == 1 and photos[0].is_dir() else photos
+        (found if applied is None else applied).write(out)
+        written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
+        ds.draw_calibration(out / "lights-shown.png", balls)
+    files = [
+        file
+        for path in photos
+        for file in ([path / name for name in list_folder(path).names] if path.is_dir() else [path])
+    ]
     encodings = Encodings.of(files, srgb)
     lines = [
         f"{encodings}",
-        f"{found}",
+        *(f"{one}" for one in balls),
         *([f"{compared}"] if compared else []),
-        *([f"{out}: photographs and lights"] if out else []),
+        *([f"{applied}"] if applied else []),
+        *written,
     ]
     data = {
         "photographs": found.names,
@@ -80,6 +107,13 @@ def calibrate(
         "position_errors": found.position_errors,
         "notes": found.notes,
         "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
+        "applied": applied
+        and {
+            "photographs": applied.names,
+            "directions": applied.directions,
+            "errors": applied.errors,
+            "notes": applied.notes,
+        },
         "folder": out,
     }
     answer("\n".join(lines), data, as_json=as_json)
@@ -91,7 +125,9 @@ def calibrate(
 @click.argument("photos", metavar="FOLDER", type=FOLDER)
 @click.option("--mask", type=FILE, help="Pixels of the object  [default: mask.png]")
 @ENCODING
-@click.option("--light-error", type=float, metavar="DEGREES", help="Error of the listed directions  [default: unknown]")
+@click.option(
+    "--light-error", type=float, metavar="DEGREES", help="Error of the directions  [default: the folder's, or unknown]"
+)
 @click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
 @click.option("--unknown-intensities", is_flag=True, help="The listed intensities may be wrong")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for texels, fit, report")
@@ -115,17 +151,18 @@ def find_lights(
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import NORMALS, mask_file, photograph_names, write_lights
+    from ..inverse.data.photographs import NORMALS, light_errors, mask_file, photograph_names, write_lights
 
     if out is not None:
         check_folder(out)
     names = tuple(photograph_names(photos))
+    error = light_errors(photos) if light_error is None else light_error
     scene, views = ds.read_photographs(photos, normals=False, mask=mask, srgb=srgb)
     with by_name(names):
         found = ds.find_lights(
             scene,
             views,
-            light_error=light_error,
+            light_error=error,
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )
@@ -155,3 +192,31 @@ def find_lights(
         "folder": out,
     }
     answer("\n".join(lines), data, as_json=as_json)
+
+
+@click.command(**SETTINGS, epilog="Example: diffshade mask photographs")
+@click.argument("photos", metavar="FOLDER", type=FOLDER)
+@click.option("-o", "--out", type=FILE, help="The mask  [default: mask.png in FOLDER]")
+@as_json
+def mask(photos: Path, out: Path | None, as_json: bool) -> None:
+    """Find the mask of an object before a darker background.
+
+    FOLDER: photographs under one light each.
+    """
+    import diffshade as ds
+
+    from ..inverse.data.folders import list_folder
+    from ..inverse.data.masks import find_mask
+
+    if not photos.is_dir():
+        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
+    out = photos / "mask.png" if out is None else out
+    if out.exists():
+        raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
+    found = find_mask([ds.read_image(photos / name) for name in list_folder(photos).names])
+    ds.write_image(out, found[..., None] * 1.0, srgb=False)
+    answer(
+        f"{out}: the object has {found.mean():.0%} of the picture; look at it",
+        {"mask": out, "share": float(found.mean())},
+        as_json=as_json,
+    )

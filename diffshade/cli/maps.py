@@ -32,7 +32,9 @@ FREE = ("k_d", "k_s", "n_s")
 @click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
-@click.option("--light-error", type=float, metavar="DEGREES", help="Error of the lights' directions, in the errors")
+@click.option(
+    "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
+)
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
@@ -56,7 +58,7 @@ def texels(
 
     import diffshade as ds
 
-    from ..inverse.data.photographs import has_normals
+    from ..inverse.data.photographs import has_normals, light_errors
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
@@ -66,6 +68,10 @@ def texels(
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
     seen, left_out = _divided(len(found.views), hold_out)
     names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
+    error: Any = light_error
+    if error is None and found.folder is not None and set(free) == {*FREE, "normal"} and typed.loss != "squares":
+        errors = light_errors(found.folder)
+        error = None if errors is None else errors[seen]
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
     with by_name(tuple(names)):
         maps = ds.fit_texels(
@@ -75,7 +81,7 @@ def texels(
             loss=typed.loss,
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
             neighbours=not alone,
-            light_error=light_error,
+            light_error=error,
             out=out,
             progress=True,
             **memory,

@@ -300,7 +300,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no number for a radius": ({"radius": "big"}, "radius must be a number above 0, or one per mask; got 'big'"),
     "two radii of one ball": ({"radius": (1, 2)}, "radius must be a number above 0, or one per mask; got (1, 2)"),
     "nothing but a highlight": ({"ball": "mirror"}, "photograph 0: the ball shows no highlight: "),
-    "a mirror without a mask": ({"ball": "mirror", "mask": None}, "a mirror ball has no outline of its own"),
+    "a mirror without a mask": ({"ball": "mirror", "mask": None}, "the ball shows no highlight: "),
     "two balls far away": ({"ball": "mirror", "mask": (MASK, MASK)}, "several masks (2) need mirror balls"),
     "directions that do not match": ({"directions": DIRECTIONS}, "each of the 1 photographs; got shape (4, 3)"),
     "directions for a mirror": (

@@ -110,8 +110,8 @@ def test_lamps_nearby_are_turned_about_the_object():
     ball = textured_ball(64, noise=0.005, gloss=0.0, at=places, intensity=np.array(25.0))
     middle = ball.truth["normal"][ball.mask].mean(0)
     stated = turned(lights_about(COUNT), DEGREES, 3)
-    moved = [
-        eqx.tree_at(lambda l: l.position, light, 5.0 * d)
+    moved: list[ds.PointLight] = [
+        eqx.tree_at(lambda l: l.position, light, 5.0 * d)  # pyright: ignore
         for light, d in zip(facing_us(ball).lights, stated, strict=True)
     ]
     scene = eqx.tree_at(lambda s: s.lights, facing_us(ball), tuple(moved))

@@ -146,7 +146,9 @@ def test_a_list_of_lights_names_the_photographs_and_the_directions(folder, caplo
     shutil.copy(folder / "0.png", folder / "ref.png")
     scene, views = ds.read_photographs(folder)
     assert len(views) == 3
-    np.testing.assert_allclose([-np.asarray(l.direction) for l in scene.lights][1], (0.6, 0, 0.8))
+    light = scene.lights[1]
+    assert isinstance(light, ds.DirectionalLight)
+    np.testing.assert_allclose(light.direction, (-0.6, 0, -0.8))
     assert "ref.png is left out: not in dome.lp" in caplog.text
     assert "no light_intensities.txt: all lights are taken to have the intensity 1" in caplog.text
     names, directions = read_lp(folder / "dome.lp")

@@ -35,6 +35,8 @@ class Listing(NamedTuple):
     """Towards the light of each photograph, where a list of lights gives it."""
     source: Path | None
     """The list of lights, or of names."""
+    extras: tuple[Path, ...]
+    """Images that are neither photographs nor masks nor normals, such as a picture under room light."""
     notes: tuple[str, ...]
     """What was left out."""
 
@@ -47,7 +49,7 @@ def list_folder(folder: Path) -> Listing:
     )
     masks = tuple(file for file in images if "mask" in file.stem.lower())
     if (folder / "filenames.txt").is_file():
-        return Listing(_names_in(folder / "filenames.txt"), masks, None, folder / "filenames.txt", ())
+        return Listing(_names_in(folder / "filenames.txt"), masks, None, folder / "filenames.txt", (), ())
     lists = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".lp")
     if len(lists) > 1:
         raise ValueError(
@@ -58,7 +60,8 @@ def list_folder(folder: Path) -> Listing:
     if lists:
         names, directions = read_lp(lists[0])
         names, left = _matched(lists[0], names, photographs)
-        return Listing(names, masks, directions, lists[0], _left_out(left, f"not in {lists[0].name}"))
+        notes = _left_out(left, f"not in {lists[0].name}")
+        return Listing(names, masks, directions, lists[0], tuple(folder / name for name in left), notes)
     if not photographs:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
     alike = Counter(_pattern(name) for name in photographs).most_common(1)[0]
@@ -67,7 +70,7 @@ def list_folder(folder: Path) -> Listing:
         kept = photographs
     left = [name for name in photographs if name not in kept]
     notes = _left_out(left, f"the others are named as {kept[0]}")
-    return Listing(tuple(kept), masks, None, None, notes)
+    return Listing(tuple(kept), masks, None, None, tuple(folder / name for name in left), notes)
 
 
 def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs 3"]]:

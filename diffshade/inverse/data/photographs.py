@@ -105,6 +105,18 @@ def write_lights(
             temporary.write_text(text, encoding="utf-8")
 
 
+def light_errors(folder: Path) -> Float[np.ndarray, " photographs"] | None:
+    """Return the errors of the directions in a folder's `light_errors.txt`, degrees, or None without that file."""
+    if not (folder / "light_errors.txt").is_file():
+        return None
+    errors = _numbers(folder / "light_errors.txt", photograph_names(folder), (1,))[:, 0]
+    if not (np.isfinite(errors) & (errors >= 0.0)).all():
+        raise ValueError(
+            f"{folder / 'light_errors.txt'} must hold degrees, at least 0; got {errors.min():g}. Correct it."
+        )
+    return errors
+
+
 def photograph_names(folder: Path) -> tuple[str, ...]:
     """Return the names of the photographs in a folder."""
     return list_folder(folder).names

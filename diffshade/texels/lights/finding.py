@@ -190,7 +190,9 @@ def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[n
     return np.broadcast_to(each, (lights,))
 
 
-def _directions(scene: Scene, used: Sequence[int], middle: Float[np.ndarray, "3"]) -> Float[np.ndarray, "lights 3"]:
+def _directions(
+    scene: Scene, used: Int[np.ndarray, " used"], middle: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "lights 3"]:
     """Return unit vectors from the middle of the object towards lights."""
     found = []
     for i in used:
@@ -200,7 +202,7 @@ def _directions(scene: Scene, used: Sequence[int], middle: Float[np.ndarray, "3"
     return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
-def _with(scene: Scene, used: Sequence[int], lamps: Lamps, middle: Float[np.ndarray, "3"]) -> Scene:
+def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: Lamps, middle: Float[np.ndarray, "3"]) -> Scene:
     """Return the scene with lights in these directions, each as far away as before."""
     lights = list(scene.lights)
     for i, towards, gain in zip(used, lamps.directions, lamps.gain, strict=True):

@@ -98,7 +98,7 @@ def refine(
     """
     lights = len(stated.directions)
     lamps, cell = Lamps(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
-    model, settled = run.learn(sample)[0], False
+    model, settled, covariance = run.learn(sample)[0], False, np.zeros((3 * lights, 3 * lights))
     exact = not (stated.error > 0.0).any()
     free = np.stack([stated.error > 0.0, stated.error > 0.0, np.ones(lights, bool)], -1).ravel()
     for k in range(ROUNDS):
@@ -161,16 +161,6 @@ def _maps(directions: Float[np.ndarray, "lights 3"], tangents: Float[np.ndarray,
     """Return the steps of the lights (3*lights, 9) by each element of a linear map of all of them."""
     frame = np.concatenate([tangents, directions[:, None]], 1)
     return np.einsum("lai,lj->laij", frame, directions).reshape(-1, 9)
-
-
-def _complement(G: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of the steps that none of the columns of G has a part in."""
-    return np.linalg.qr(G, mode="complete")[0][:, G.shape[1] :]
-
-
-def _without(S: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """Return the projector that takes out of a gradient what is known of steps G, in the metric of S."""
-    return np.eye(len(S)) - S @ G @ np.linalg.pinv(G.T @ S @ G, rcond=1e-10, hermitian=True) @ G.T
 
 
 def _step(

@@ -77,7 +77,9 @@ def _strength(scene: Scene, view: View) -> Float[np.ndarray, " channels"]:
     return of.mean(keepdims=True) if is_grey(view) else of
 
 
-def _grey(tile: TexelTile, views: Sequence[View], strength: Float[np.ndarray, "views channels"]) -> tuple:
+def _grey(
+    tile: TexelTile, views: Sequence[View], strength: Float[np.ndarray, "views channels"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return what the views show for each unit of light, the mean of the channels, and what of it counts."""
     black = np.array([float(view.black) for view in views])[:, None, None]
     y = ((np.asarray(tile.target, np.float64) - black) / strength[:, :, None]).mean(1)
@@ -100,7 +102,8 @@ def _surface(
         inside = np.zeros((last - first, width), bool)
         inside[row - first, column] = True
         b = np.zeros((*inside.shape, 3))
-        b[row - first, column] = _texels(*_grey(tile, views, strength), s)
+        y, counts = _grey(tile, views, strength)
+        b[row - first, column] = _texels(y, counts, s)
         share = np.maximum(gaussian_filter(inside.astype(float), SMOOTH), 1e-9)
         b = np.stack([gaussian_filter(b[..., k], SMOOTH) for k in range(3)], -1) / share[..., None]
         whole = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:]

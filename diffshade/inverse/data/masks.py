@@ -1,0 +1,62 @@
+"""Masks: the pixels of an object that is brighter than what lies behind it, found in its photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+BINS = 256
+DECADES = 3.0  # below the brightest, beyond which all is equally dark
+LEAST, MOST = 0.002, 0.95  # share of the picture
+
+
+def find_mask(images: Sequence[Any]) -> Bool[np.ndarray, "h w"]:
+    """Find an object that is brighter than its background: the largest such region under any light, holes filled.
+
+    The threshold is Otsu's (1979, "A threshold selection method from gray-level histograms", IEEE SMC 9(1)), of the
+    logarithm of the brightest value of each pixel over the photographs.
+
+    Args:
+        images: The photographs, (H, W) or (H, W, C), linear.
+
+    Returns:
+        True on the object.
+
+    Raises:
+        ValueError: If no such region is found.
+    """
+    brightest = np.max([_grey(image) for image in images], 0)
+    top = float(np.quantile(brightest, 0.99))
+    level = np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0))
+    inside = ndimage.binary_opening(level > _otsu(level), np.ones((3, 3)))
+    labels, regions = ndimage.label(inside)  # pyright: ignore[reportGeneralTypeIssues]
+    largest = labels == 1 + np.bincount(labels.ravel())[1:].argmax() if regions else inside
+    mask = np.asarray(ndimage.binary_fill_holes(largest))
+    if not LEAST < mask.mean() < MOST:
+        raise ValueError(
+            f"no object was found before a darker background: the brightest region has {mask.mean():.1%} of the "
+            "pixels. Draw a mask that is white on the object, and give it with --mask."
+        )
+    return mask
+
+
+def _grey(image: Any) -> Float[np.ndarray, "h w"]:
+    pixels = np.nan_to_num(np.asarray(image[:], np.float64), posinf=0.0)
+    pixels = pixels[..., :-1] if pixels.ndim == 3 and pixels.shape[2] in (2, 4) else pixels
+    return pixels if pixels.ndim == 2 else pixels.mean(-1)
+
+
+def _otsu(level: Float[np.ndarray, "h w"]) -> float:
+    """Return the threshold that divides values into two classes of the least variance."""
+    count, edges = np.histogram(level, BINS)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    below = np.cumsum(count)
+    above = below[-1] - below
+    sums = np.cumsum(count * middle)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        between = below * above * (sums / below - (sums[-1] - sums) / above) ** 2
+    return float(edges[1:][np.nan_to_num(between[:-1]).argmax()])

@@ -1,0 +1,87 @@
+"""Calibration picture: the outline of each ball, the highlights on it, and which way each light is."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..io.files import replacing
+
+if TYPE_CHECKING:
+    from ..calibration.result import Calibration
+
+INCH = 4.5
+FAINT = 0.98  # quantile of the brightness that is drawn white
+LABELLED = 40  # lights at most that have their numbers
+
+
+def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibration) -> None:
+    """Draw what a calibration found, so that a wrong outline is seen.
+
+    A row for each ball: the mean of its photographs, brightened, with the outline and the highlight of each light; and
+    the directions to the lights, as seen from the camera, with their errors.
+
+    Args:
+        path: The picture to write, .pdf or .png.
+        balls: The calibration, or those of several balls.
+
+    Raises:
+        ValueError: If the suffix is neither.
+        OSError: If the picture cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    if Path(path).suffix.lower() not in (".pdf", ".png"):
+        raise ValueError(f"a calibration is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
+    each: Sequence[Calibration] = balls if isinstance(balls, Sequence) else (balls,)
+    figure = Figure(figsize=(2 * INCH, INCH * len(each)), layout="constrained")
+    axes: Any = figure.subplots(len(each), 2, squeeze=False)
+    for (left, right), found in zip(axes, each, strict=True):
+        _outline(left, found)
+        _directions(right, found)
+    held = io.BytesIO()
+    figure.savefig(held, format=Path(path).suffix[1:] or "png", dpi=110)
+    with replacing(Path(path)) as temporary:
+        temporary.write_bytes(held.getvalue())
+
+
+def _outline(axes: Any, found: Calibration) -> None:
+    mean = np.mean([np.asarray(view.image[:], np.float64).mean(-1) for view in found.views], 0)
+    shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, FAINT)), 1e-12), 0.0, 1.0))
+    axes.imshow(shown, cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    for ball in found.balls:
+        column, row = ball.middle
+        axes.plot(column + ball.radius * np.cos(angle), row + ball.radius * np.sin(angle), "-", color="tab:red", lw=1)
+        if found.ball == "mirror" and len(found.balls) == 1:
+            half = found.directions + np.array([0.0, 0.0, 1.0])  # a distant camera on +z sees l at the normal of h
+            half /= np.linalg.norm(half, axis=-1, keepdims=True)
+            at = np.stack([column + ball.radius * half[:, 0], row - ball.radius * half[:, 1]], -1)
+            axes.plot(at[:, 0], at[:, 1], "+", color="tab:orange", ms=7)
+            for i, (x, y) in enumerate(at[:LABELLED]):
+                axes.annotate(
+                    str(i + 1), (x, y), color="tab:orange", fontsize=6, xytext=(3, 3), textcoords="offset points"
+                )
+    axes.set_title(f"{found.ball} ball: the outline must lie on its edge", fontsize=9)
+    axes.set_axis_off()
+
+
+def _directions(axes: Any, found: Calibration) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    for degrees in (30, 60, 90):
+        r = np.sin(np.deg2rad(degrees))
+        axes.plot(r * np.cos(angle), r * np.sin(angle), "-", color="0.8", lw=0.8)
+        axes.annotate(f"{degrees}°", (0.0, r), fontsize=6, color="0.5", ha="center", va="bottom")
+    d = found.directions
+    axes.errorbar(
+        d[:, 0], d[:, 1], np.deg2rad(found.errors), np.deg2rad(found.errors), fmt=".", color="tab:orange", ms=3, lw=0.8
+    )
+    for i, (x, y) in enumerate(d[:LABELLED, :2]):
+        axes.annotate(str(i + 1), (x, y), fontsize=6, xytext=(3, 3), textcoords="offset points")
+    axes.set_aspect("equal")
+    axes.set_title("directions to the lights, from the camera; degrees off its axis", fontsize=9)
+    axes.set_axis_off()

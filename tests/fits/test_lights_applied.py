@@ -1,0 +1,144 @@
+"""From folders of mirror balls to a folder of an object: outline, mask, encoding and lights, no file by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from balls import FAR, SHAPE, lit_by, photographs
+
+import diffshade as ds
+from diffshade.calibration.applying import between
+from diffshade.calibration.edges import find_edge
+from diffshade.inverse.data.masks import find_mask
+from diffshade.inverse.data.photographs import light_errors
+from diffshade.texels.lights.encoding import judge_encoding
+from tests.support.textured import lights_about, textured_ball
+
+COUNT = 8
+GLINT = ds.Material(k_a=0.0, k_d=0.004, k_s=1.0, n_s=900)
+
+
+def write_shots(folder, images, *, srgb=False, pattern="shot_{:02d}.png"):
+    folder.mkdir()
+    for i, image in enumerate(images):
+        ds.write_image(folder / pattern.format(i), np.clip(image, 0.0, 1.0), srgb=srgb, bits=8)
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two mirror balls before a grey wall and a matte object, under the same lights; pictures of the room."""
+    here, lights = tmp_path_factory.mktemp("shots"), lights_about(COUNT)
+    inside = np.asarray(ds.intersect(lit_by(lights, GLINT), FAR).mask)
+    for name, turn in (("left", 0.03), ("right", -0.03)):
+        directions = lights + np.array([turn, 0.0, 0.0])
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        images = photographs(lit_by(directions, GLINT), FAR)
+        images = np.where(inside[None, ..., None], images, 0.02)
+        write_shots(here / name, images, srgb=True, pattern="shot_{:02d}.jpg")
+        room = np.where(inside[..., None], 0.05, 0.7) * np.ones(3)
+        ds.write_image(here / name / "room.jpg", room)
+    ball = textured_ball(64, COUNT, noise=0.002, gloss=0.0)
+    write_shots(here / "object", [np.asarray(view.image) for view in ball.views])
+    return here, ball
+
+
+@pytest.fixture(scope="module")
+def balls(folders):
+    return [ds.calibrate(folders[0] / name, ball="mirror") for name in ("left", "right")]
+
+
+def test_an_outline_is_found_by_its_edge():
+    row, column = np.indices((300, 260)) + 0.5
+    off = np.hypot(row - 140.3, column - 121.7) - 90.4
+    wall = 0.2 + 0.1 * np.sin(row / 40.0)
+    picture = np.where(off < 0, 0.02, wall) + 0.5 * np.exp(-((row - 100) ** 2 + (column - 100) ** 2) / 30.0)
+    edge = find_edge([picture])
+    assert edge is not None
+    rows, columns = edge
+    distances = np.hypot(rows - 140.3, columns - 121.7)
+    assert len(rows) > 500
+    assert abs(distances.mean() - 90.4) < 0.5
+    assert distances.std() < 0.5
+    assert find_edge([np.full((80, 80), 0.3)]) is None
+
+
+def test_a_ball_without_a_mask_is_found_and_said(folders, balls):
+    here, found = folders[0], balls[0]
+    column, row = found.balls[0].middle
+    true = ds.calibrate(here / "left", ball="mirror", mask=ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask)
+    assert np.allclose((column, row), true.balls[0].middle, atol=0.7)
+    assert abs(found.balls[0].radius - true.balls[0].radius) < 0.7
+    assert any("found by its edge" in note for note in found.notes)
+    assert len(found.names) == COUNT  # without the picture of the room
+
+
+def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
+    here, ball = folders
+    applied = ds.apply_lights(balls, here / "object")
+    off = np.rad2deg(np.arccos(np.clip((applied.directions * lights_about(COUNT)).sum(-1), -1, 1)))
+    assert off.mean() < 1.5
+    assert np.mean(off <= 2.45 * applied.errors) >= 0.8
+    assert np.mean(applied.mask == ball.mask) > 0.98
+    text = str(applied)
+    assert "taken to be linear, as they show" in text  # against the type of the file
+    assert "in the middle of the balls" in text
+    assert "the intensity 1" in text
+    assert "paired in their order" not in text
+    applied.write(tmp_path / "ready")
+    scene, views = ds.read_photographs(tmp_path / "ready", normals=False)
+    assert len(views) == COUNT
+    towards = [-np.asarray(l.direction) for l in scene.lights]  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_allclose(towards, applied.directions, atol=1e-12)
+    kept = light_errors(tmp_path / "ready")
+    assert kept is not None
+    np.testing.assert_allclose(kept, applied.errors, rtol=1e-5)
+    np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)
+    applied.write(tmp_path / "ready")  # again
+    ds.draw_calibration(tmp_path / "shown.png", balls)
+    assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
+    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
+        ds.draw_calibration(tmp_path / "shown.gif", balls)
+
+
+def test_one_ball_says_where_the_object_is_taken_to_stand(balls):
+    ball = balls[0]
+    directions, errors, said = between([ball])
+    np.testing.assert_allclose(directions, ball.directions)
+    np.testing.assert_allclose(errors, ball.errors)
+    assert "where the ball stood" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda folder: (folder / "shot_07.png").unlink(), "has 7 photographs, and the ball 8"),
+        (lambda folder: ds.write_image(folder / "shot_03.png", np.zeros((9, 9, 3))), "photographs of sizes"),
+        (lambda folder: ds.write_image(folder / "mask.png", np.ones((9, 9, 1))), "the mask must have the photographs'"),
+    ],
+)
+def test_an_object_that_does_not_fit_is_refused(folders, balls, tmp_path, change, said):
+    ball = folders[1]
+    write_shots(tmp_path / "object", [np.asarray(view.image) for view in ball.views])
+    change(tmp_path / "object")
+    with pytest.raises(ValueError, match=said):
+        ds.apply_lights(balls[0], tmp_path / "object")
+
+
+def test_a_mask_is_found_before_a_darker_background_alone():
+    row, column = np.indices(SHAPE)
+    inside = (row - 60) ** 2 + (column - 60) ** 2 < 900
+    found = find_mask([np.where(inside, 0.4, 0.01), np.where(inside & (row < 60), 0.1, 0.01)])
+    np.testing.assert_array_equal(found, inside)
+    with pytest.raises(ValueError, match="no object was found before a darker background"):
+        find_mask([np.zeros(SHAPE)])
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_photographs_say_whether_they_have_the_srgb_curve(curved):
+    ball = textured_ball(64, 12, noise=0.002, gloss=0.3)
+    images = [np.clip(np.asarray(view.image), 0.0, 1.0) for view in ball.views]
+    judged = judge_encoding([np.asarray(ds.srgb_encode(i)) for i in images] if curved else images, ball.mask)
+    assert judged is not None
+    assert judged.clear
+    assert judged.srgb == curved
+    assert judge_encoding(images[:5], ball.mask) is None
