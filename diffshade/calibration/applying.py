@@ -11,25 +11,25 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.words import Note, count
-from ..inverse.data.folders import as_lp, list_folder
+from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
-from ..inverse.data.photographs import as_given, mask_file, write_lights
-from ..io.files import replacing
-from ..io.images import encoding_of, read_image, srgb_decode, write_image
+from ..inverse.data.photographs import as_given, mask_file, write_photographs
+from ..io.images import encoding_of, read_image
 from ..texels.lights.encoding import judge_encoding
+from .balls import axes
 from .result import Calibration, check_folder, degrees
 
 Vectors = Float[np.ndarray, "photographs 3"]
-BITS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class AppliedLights:
     """Photographs of an object with the lights of balls; `print` it for what was assumed."""
 
-    names: tuple[str, ...]
+    files: tuple[Path, ...]
     """The photographs of the object."""
-    images: tuple[Any, ...]
+    srgb: tuple[bool, ...]
+    """Whether each is decoded from the sRGB curve."""
     mask: Bool[np.ndarray, "h w"]
     directions: Vectors
     """Unit vectors towards the light of each photograph, at the object."""
@@ -39,11 +39,17 @@ class AppliedLights:
     notes: tuple[str, ...]
     """What was assumed, and what looks wrong: a sentence each."""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the photographs."""
+        return tuple(file.name for file in self.files)
+
     def write(self, folder: str | Path) -> None:
         """Write a folder that `read_photographs`, `fit`, `report` and `texels` take as it is.
 
-        The files are the photographs (linear, 16 bits), `filenames.txt`, `mask.png`, `light_directions.txt`,
-        `light_intensities.txt`, `light_errors.txt` (degrees) and `lights.lp`, the same directions for other programs.
+        The files are the photographs (linear, 16 bits; .npy if they exceed 1), `filenames.txt`, `mask.png`,
+        `light_directions.txt`, `light_intensities.txt`, `light_errors.txt` (degrees about each axis) and
+        `lights.lp`, the same directions for other programs.
 
         Args:
             folder: The folder to write, a new or empty one. It is created.
@@ -53,21 +59,10 @@ class AppliedLights:
             FileExistsError: If `folder` holds other files.
             OSError: If a file cannot be written.
         """
+        images = (read_image(file, srgb=srgb) for file, srgb in zip(self.files, self.srgb, strict=True))
+        about_each = self.errors / np.sqrt(2.0)
         folder = check_folder(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        names = [f"{Path(name).stem}.png" for name in self.names]
-        for name, image in zip(names, self.images, strict=True):
-            write_image(folder / name, np.clip(np.asarray(image, np.float64), 0.0, 1.0), srgb=False, bits=BITS)
-        write_image(folder / "mask.png", self.mask[..., None] * 1.0, srgb=False)
-        write_lights(folder, self.directions, self.intensities)
-        texts = {
-            "light_errors.txt": "".join(f"{error:.6g}\n" for error in self.errors),
-            "lights.lp": as_lp(names, self.directions),
-            "filenames.txt": "".join(f"{name}\n" for name in names),  # last: it marks a complete folder
-        }
-        for name, text in texts.items():
-            with replacing(folder / name) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+        write_photographs(folder, self.names, images, self.mask, self.directions, self.intensities, about_each)
 
     def __str__(self) -> str:
         """Return what was applied to what, and the notes below it."""
@@ -105,6 +100,8 @@ def apply_lights(
     """
     balls = (balls,) if isinstance(balls, Calibration) else tuple(balls)
     folder = Path(photographs)
+    if not balls:
+        raise ValueError("apply_lights needs the calibration of one ball at least; got none. Give ds.calibrate(...).")
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give the photographs of an object.")
     listed = list_folder(folder)
@@ -115,21 +112,18 @@ def apply_lights(
                 f"{listed.names[0]} to {listed.names[-1]}, and {ball.names[0]} to {ball.names[-1]}. Give one of each "
                 "light, in one order."
             )
-    images = [read_image(folder / name, srgb=False) for name in listed.names]
-    shapes = {image.shape[:2] for image in images}
+    files = tuple(folder / name for name in listed.names)
+    shapes = {read_image(file, srgb=False).shape[:2] for file in files}
     if len(shapes) > 1:
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
     notes = [*listed.notes, *_on_names(listed.names, balls)]
-    given, how = _mask(folder, images, mask)
+    given, how = _mask(folder, files, mask)
     if how:
         notes.append(how)
-    if given.shape != images[0].shape[:2]:
-        raise ValueError(
-            f"the mask must have the photographs' shape {images[0].shape[:2]}; got {given.shape}. Resize it."
-        )
-    decode, why = _encodings([folder / name for name in listed.names], images, given, srgb)
+    if given.shape not in shapes:
+        raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
+    decode, why = _encodings(files, given, srgb)
     notes += why
-    images = [srgb_decode(i) if curved else i for i, curved in zip(images, decode, strict=True)]
     directions, errors, said = between(balls)
     known = [ball.intensities for ball in balls if ball.intensities is not None]
     intensities = np.mean(known, 0) if known else np.ones_like(directions)
@@ -138,8 +132,8 @@ def apply_lights(
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:
         notes.append("the list of lights in the folder is not used.")
     return AppliedLights(
-        listed.names,
-        tuple(images),
+        files,
+        decode,
         given,
         directions,
         errors,
@@ -149,16 +143,16 @@ def apply_lights(
 
 
 def _encodings(
-    files: Sequence[Path], images: Sequence[Any], mask: Bool[np.ndarray, "h w"], srgb: bool | None
-) -> tuple[list[bool], list[str]]:
+    files: Sequence[Path], mask: Bool[np.ndarray, "h w"], srgb: bool | None
+) -> tuple[tuple[bool, ...], list[str]]:
     """Return which photographs are decoded from the sRGB curve, and a sentence where they say so themselves."""
-    usual = [encoding_of(file, srgb=srgb)[1] for file in files]
-    judged = judge_encoding(images, mask) if srgb is None else None
+    usual = tuple(encoding_of(file, srgb=srgb)[1] for file in files)
+    judged = judge_encoding((read_image(file, srgb=False) for file in files), mask) if srgb is None else None
     if judged is None or not judged.clear:
         return usual, []
     names = ("linear", "sRGB") if not judged.srgb else ("sRGB", "linear")
     low, high = sorted(judged.misfits)
-    return [judged.srgb] * len(files), [
+    return (judged.srgb,) * len(files), [
         f"the photographs are taken to be {names[0]}, as they show: their misfit is {low:.1%}; it is {high:.1%} as "
         f"{names[1]}."
     ]
@@ -166,7 +160,7 @@ def _encodings(
 
 def between(balls: Sequence[Calibration]) -> tuple[Vectors, Float[np.ndarray, " photographs"], list[str]]:
     """Return the directions in the middle of several balls, their errors, and what was assumed."""
-    each = np.array([ball.directions for ball in balls])
+    each = np.array([ball.directions @ axes(ball.balls[0].projection).T for ball in balls])  # as the camera sees them
     own = np.sqrt(np.mean([ball.errors**2 for ball in balls], 0) / len(balls))
     mean = each.mean(0)
     directions = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
@@ -204,11 +198,11 @@ def _on_names(names: Sequence[str], balls: Sequence[Calibration]) -> list[str]:
     return [f"photographs are paired in their order: {names[i]} is taken to have the light of {other.names[i]}."]
 
 
-def _mask(folder: Path, images: Sequence[Any], mask: Any) -> tuple[Bool[np.ndarray, "h w"], str]:
+def _mask(folder: Path, files: Sequence[Path], mask: Any) -> tuple[Bool[np.ndarray, "h w"], str]:
     """Return the mask, and a sentence where it was found."""
     if mask is not None:
         return as_given(mask), ""
     if list_folder(folder).masks:
         return as_given(mask_file(folder)), ""
-    found = find_mask(images)
+    found = find_mask(read_image(file, srgb=False) for file in files)
     return found, "the mask was found before a darker background; look at mask.png, or give one with --mask."

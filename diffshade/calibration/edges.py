@@ -24,6 +24,7 @@ SMALLEST, LARGEST = 0.08, 0.75  # radius over the longer side
 ANGLES = 720
 REACHES = (0.06, 0.03, 0.015)  # of the radius, within which the edge is searched for, from coarse to fine
 NEAREST = 4.0  # pixels, within which it is searched for at least
+ALIKE = 0.05  # of the radius
 SLOPE = 1.5  # pixels: standard deviation of the Gaussian whose derivative is the slope
 FAINTEST = 0.4  # root of the slope, over that of most angles, below which an angle shows no edge
 
@@ -91,6 +92,15 @@ def _refined(shown: Picture, proposed: Float[np.ndarray, "3"]) -> tuple[float, P
         proposed = np.array([*middle[:2], radius])
         points, strength = points[shows][weight > 0], strength[shows][weight > 0]
     return float(strength.sum()), (points[:, 1], points[:, 0])
+
+
+def alike(one: Points, other: Points) -> bool:
+    """Whether two edges are of about the same circle."""
+    (middle, radius), (at, other_radius) = (
+        circle(np.column_stack([column, row, np.zeros(len(row))]), np.ones(len(row)))[:2]
+        for row, column in (one, other)
+    )
+    return bool(np.linalg.norm(middle - at) < ALIKE * radius and abs(radius - other_radius) < ALIKE * radius)
 
 
 def disc(edge: Points, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:

@@ -16,7 +16,7 @@ from ..inverse.data.views import as_image
 from ..io.images import read_image, read_mask
 from ..model.gbuffers import as_mask
 from .balls import largest, roundness
-from .edges import Points, disc, find_edge
+from .edges import Points, alike, disc, find_edge
 
 _LOGGER = logging.getLogger("diffshade")
 Mask = Bool[np.ndarray, "h w"]
@@ -105,15 +105,21 @@ def _check_finite(name: str, image: np.ndarray, mask: Mask) -> None:
 def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> Points:
     """Return the outline of a mirror ball, by a picture under room light where the folder has one."""
     pictures = [np.asarray(image[:], np.float64).mean(-1) for image in images]
-    others = [read_image(file, srgb=srgb).mean(-1) for file in extras]
-    fitting = [[one] for one in others if one.shape == pictures[0].shape]
-    found = [edge for shown in [*fitting, pictures] if (edge := find_edge(shown)) is not None]
-    if not found:
+    own = find_edge(pictures)
+    for file in extras:
+        try:
+            room = read_image(file, srgb=srgb).mean(-1)
+        except (OSError, ValueError):  # no picture of the ball
+            continue
+        edge = find_edge([room]) if room.shape == pictures[0].shape else None
+        if edge is not None and (own is None or alike(edge, own)):
+            return edge
+    if own is None:
         raise ValueError(
             "no round outline was found in the photographs. A mirror ball reflects the room; give its mask: "
             "mask='mask.png' (--mask), or add a picture of it under room light to the folder."
         )
-    return found[0]
+    return own
 
 
 def _read(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.words import count, listing
-from ..inverse.data.photographs import write_lights
+from ..inverse.data.photographs import clear_folder, write_lights, write_photograph
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.files import replacing
@@ -23,8 +23,6 @@ from .photographs import Photographs
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
-LAYOUT = ("filenames.txt", "light_directions.txt", "light_intensities.txt", "normal_gt.npy")
-DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
 DISAGREE = 2.0  # standard errors, above which two directions disagree
 
 
@@ -123,14 +121,11 @@ class Calibration:
             OSError: If a file cannot be written.
         """
         folder = check_folder(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in LAYOUT:  # files of an earlier calibration
-            (folder / name).unlink(missing_ok=True)
-        names = []
-        for i, view in enumerate(self.views):
-            image = np.asarray(view.image[:], np.float64)
-            names.append(f"{i:03d}.{'png' if image.min() >= 0.0 and DIM <= image.max() <= 1.0 else 'npy'}")
-            write_image(folder / names[-1], image, srgb=False, **({"bits": 16} if names[-1].endswith("png") else {}))
+        clear_folder(folder)
+        names = [
+            write_photograph(folder, f"{i:03d}", np.asarray(view.image[:], np.float64))
+            for i, view in enumerate(self.views)
+        ]
         write_image(
             folder / "mask.png", np.logical_or.reduce([ball.mask for ball in self.balls])[..., None] * 1.0, srgb=False
         )

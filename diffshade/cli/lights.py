@@ -107,8 +107,10 @@ def calibrate(
         "position_errors": found.position_errors,
         "notes": found.notes,
         "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
+        "balls": [{"photographs": one.names, "directions": one.directions, "errors": one.errors} for one in balls],
         "applied": applied
         and {
+            "read_as": ["sRGB" if curved else "linear" for curved in applied.srgb],
             "photographs": applied.names,
             "directions": applied.directions,
             "errors": applied.errors,
@@ -123,11 +125,10 @@ def calibrate(
     "find-lights", **SETTINGS, epilog="Example: diffshade find-lights photographs --light-error 2 -o refined"
 )
 @click.argument("photos", metavar="FOLDER", type=FOLDER)
-@click.option("--mask", type=FILE, help="Pixels of the object  [default: mask.png]")
+@click.option("--mask", type=FILE, help="Pixels of the object  [default: the folder's]")
 @ENCODING
-@click.option(
-    "--light-error", type=float, metavar="DEGREES", help="Error of the directions  [default: the folder's, or unknown]"
-)
+@click.option("--light-error", type=float, metavar="DEGREES", help="Error of the directions  [default: the folder's]")
+@click.option("--unknown", is_flag=True, help="Find the directions without those of the folder")
 @click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
 @click.option("--unknown-intensities", is_flag=True, help="The listed intensities may be wrong")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for texels, fit, report")
@@ -137,6 +138,7 @@ def find_lights(
     mask: Path | None,
     srgb: bool | None,
     light_error: float | None,
+    unknown: bool,
     intensity_error: float,
     unknown_intensities: bool,
     out: Path | None,
@@ -151,13 +153,22 @@ def find_lights(
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import NORMALS, light_errors, mask_file, photograph_names, write_lights
+    from ..inverse.data.photographs import NORMALS, light_errors, photograph_names, write_photographs
 
+    if not photos.is_dir():
+        raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
+    if out is not None and out.resolve() == photos.resolve():
+        raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
         check_folder(out)
+    error = None if unknown else light_errors(photos) if light_error is None else light_error
+    if error is None and not unknown:
+        raise ValueError(
+            f"{photos} does not say how exact its directions are. Give --light-error DEGREES, or --unknown to find "
+            "them without."
+        )
     names = tuple(photograph_names(photos))
-    error = light_errors(photos) if light_error is None else light_error
-    scene, views = ds.read_photographs(photos, normals=False, mask=mask, srgb=srgb)
+    scene, views = ds.read_photographs(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb)
     with by_name(names):
         found = ds.find_lights(
             scene,
@@ -167,15 +178,13 @@ def find_lights(
             progress=True,
         )
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
-        write_lights(out, found.directions, intensities)
-        shutil.copyfile(mask_file(photos) if mask is None else mask, out / "mask.png")
-        for name in (*(name for name in NORMALS if (photos / name).is_file()), *names):
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            copy = shutil.copytree if (photos / name).is_dir() else shutil.copyfile
-            copy(photos / name, out / name)
-        (out / "filenames.txt").write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+        errors = found.errors if np.isfinite(found.errors).all() else None
+        images = (np.asarray(view.image[:], np.float64) for view in views)
+        inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
+        write_photographs(out, names, images, inside, found.directions, intensities, errors)
+        for name in (name for name in NORMALS if (photos / name).is_file()):
+            shutil.copyfile(photos / name, out / name)
     encodings = Encodings.of((photos / name for name in names), srgb)
     lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
     data = {
@@ -188,6 +197,7 @@ def find_lights(
         "intensity_errors": found.intensity_errors,
         "moved": found.moved,
         "misfit": found.misfit,
+        "settled": found.settled,
         "notes": found.notes,
         "folder": out,
     }
@@ -213,7 +223,7 @@ def mask(photos: Path, out: Path | None, as_json: bool) -> None:
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    found = find_mask([ds.read_image(photos / name) for name in list_folder(photos).names])
+    found = find_mask(ds.read_image(photos / name) for name in list_folder(photos).names)
     ds.write_image(out, found[..., None] * 1.0, srgb=False)
     answer(
         f"{out}: the object has {found.mean():.0%} of the picture; look at it",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s")
+
+
+_LOGGER = logging.getLogger("diffshade")
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade texels photographs -o maps --suffix .png")
@@ -73,8 +77,9 @@ def texels(
         errors = light_errors(found.folder)
         error = None if errors is None else errors[seen]
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
-    with by_name(tuple(names)):
-        maps = ds.fit_texels(
+
+    def fitted(error: Any) -> ds.TexelMaps:
+        return ds.fit_texels(
             found.scene,
             [found.views[i] for i in seen],
             free=free,
@@ -86,6 +91,15 @@ def texels(
             progress=True,
             **memory,
         )
+
+    with by_name(tuple(names)):
+        try:
+            maps = fitted(error)
+        except ValueError as refused:
+            if light_error is not None or error is None or not f"{refused}".startswith("light_error"):
+                raise
+            _LOGGER.warning("the errors in light_errors.txt are not used: these lights do not let texels share.")
+            maps = fitted(None)
     relative = maps.relative_errors([found.views[i] for i in left_out])
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     relief = _integrated(maps) if heights else None

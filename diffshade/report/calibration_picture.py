@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..calibration.balls import axes as axes_of
 from ..io.files import replacing
+from ..model.cameras import OrthographicCamera
 
 if TYPE_CHECKING:
     from ..calibration.result import Calibration
 
 INCH = 4.5
-FAINT = 0.98  # quantile of the brightness that is drawn white
+WHITE = 0.98  # quantile of the brightness that is drawn white
 LABELLED = 40  # lights at most that have their numbers
 
 
@@ -44,21 +46,21 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
         _outline(left, found)
         _directions(right, found)
     held = io.BytesIO()
-    figure.savefig(held, format=Path(path).suffix[1:] or "png", dpi=110)
+    figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
     with replacing(Path(path)) as temporary:
         temporary.write_bytes(held.getvalue())
 
 
 def _outline(axes: Any, found: Calibration) -> None:
     mean = np.mean([np.asarray(view.image[:], np.float64).mean(-1) for view in found.views], 0)
-    shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, FAINT)), 1e-12), 0.0, 1.0))
+    shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, WHITE)), 1e-12), 0.0, 1.0))
     axes.imshow(shown, cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for ball in found.balls:
         column, row = ball.middle
         axes.plot(column + ball.radius * np.cos(angle), row + ball.radius * np.sin(angle), "-", color="tab:red", lw=1)
-        if found.ball == "mirror" and len(found.balls) == 1:
-            half = found.directions + np.array([0.0, 0.0, 1.0])  # a distant camera on +z sees l at the normal of h
+        if found.ball == "mirror" and isinstance(found.camera, OrthographicCamera):
+            half = _seen(found) + np.array([0.0, 0.0, 1.0])  # a distant camera on +z sees l at the normal of h
             half /= np.linalg.norm(half, axis=-1, keepdims=True)
             at = np.stack([column + ball.radius * half[:, 0], row - ball.radius * half[:, 1]], -1)
             axes.plot(at[:, 0], at[:, 1], "+", color="tab:orange", ms=7)
@@ -70,13 +72,18 @@ def _outline(axes: Any, found: Calibration) -> None:
     axes.set_axis_off()
 
 
+def _seen(found: Calibration) -> np.ndarray:
+    """Return the directions to the lights along the camera's right, up and backward axes."""
+    return found.directions @ axes_of(found.balls[0].projection).T
+
+
 def _directions(axes: Any, found: Calibration) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for degrees in (30, 60, 90):
         r = np.sin(np.deg2rad(degrees))
         axes.plot(r * np.cos(angle), r * np.sin(angle), "-", color="0.8", lw=0.8)
         axes.annotate(f"{degrees}°", (0.0, r), fontsize=6, color="0.5", ha="center", va="bottom")
-    d = found.directions
+    d = _seen(found)
     axes.errorbar(
         d[:, 0], d[:, 1], np.deg2rad(found.errors), np.deg2rad(found.errors), fmt=".", color="tab:orange", ms=3, lw=0.8
     )

@@ -309,10 +309,31 @@ def test_lights_are_found_from_the_object_and_written_as_a_folder(typed):
     listed = np.loadtxt("photographs/light_directions.txt")
     assert np.abs(np.asarray(told["directions"]) - listed).max() < 0.1
     np.testing.assert_allclose(np.loadtxt("refined/light_directions.txt"), told["directions"], atol=1e-12)
+    np.testing.assert_allclose(np.loadtxt("refined/light_errors.txt"), told["errors"], rtol=1e-5)
     np.testing.assert_array_equal(np.loadtxt("refined/light_intensities.txt"), np.ones((8, 3)))
-    assert typed("fit", "refined", "--free", "k_d,k_s,n_s", "--json").told["photographs"] == list(PHOTOS)
-    assert "holds other files" in typed(*words, "-o", "refined").refusal
+    assert len(typed("fit", "refined", "--free", "k_d,k_s,n_s", "--json").told["photographs"]) == 8
+    assert "is the folder of the photographs" in typed(*words[:2], "-o", "photographs").refusal
+    assert "does not say how exact its directions are" in typed("find-lights", "photographs").refusal
     assert "light_error must be one number" in typed("find-lights", "photographs", "--light-error", "-2").refusal
+    assert "there is no folder nowhere" in typed("find-lights", "nowhere", "--unknown").refusal
+
+
+def test_a_mask_is_found_and_written_once(typed):
+    told = typed("mask", "photographs", "-o", "found.png", "--json").told
+    drawn = ds.read_mask("photographs/mask.png")
+    assert np.mean(ds.read_mask("found.png") == drawn) > 0.9
+    assert told["share"] == pytest.approx(np.mean(ds.read_mask("found.png")))
+    assert "exists already" in typed("mask", "photographs").refusal
+
+
+def test_a_ball_is_applied_to_an_object(typed):
+    words = ("calibrate", "photographs", "--ball", "matte", "--apply", "photographs")
+    told = typed(*words, "-o", "applied", "--json").told["applied"]
+    assert told["read_as"] == ["linear"] * 8
+    np.testing.assert_allclose(np.loadtxt("applied/light_directions.txt"), told["directions"], atol=1e-12)
+    assert ds.read_image("applied/lights-shown.png").shape[2] >= 3
+    assert "needs a folder to write" in typed(*words).refusal
+    assert "balls beside one object" in typed("calibrate", "photographs", "photographs", "--ball", "matte").refusal
 
 
 def test_materials_are_converted(typed):

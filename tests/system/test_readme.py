@@ -74,7 +74,7 @@ def test_the_commands_are_what_the_command_line_takes(command):
 
 def test_the_table_names_every_command():
     table = (PAGES / "command-line.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| `diffshade (\w+)`", table, re.MULTILINE) == list(diffshade.commands)
+    assert re.findall(r"^\| `diffshade ([\w-]+)`", table, re.MULTILINE) == list(diffshade.commands)
 
 
 def test_the_readme_is_short():

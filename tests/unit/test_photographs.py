@@ -165,6 +165,8 @@ def test_a_list_of_lights_names_the_photographs_and_the_directions(folder, caplo
         ("4\n" + LIST.split("\n", 1)[1], "must have 4 lines after its first, as that says; got 3"),
         (LIST.replace("0.6 0 0.8", "6 0 8"), "unit vectors; got one of length 10 on line 3"),
         (LIST.replace("0.6 0 0.8", "x 0 8"), "three numbers a line; got .* on line 3"),
+        (LIST.replace("2.png", "other/0.tif"), "names '0.png' twice"),
+        ("0\n", "must begin with the count"),
         (LIST.replace("2.png", "7.png"), "names '7.png', which is not in its folder"),
     ],
 )
@@ -186,3 +188,15 @@ def test_photographs_are_found_in_natural_order_without_the_reference(folder, ca
     np.testing.assert_array_equal(views[0].image, first)
     np.testing.assert_array_equal(views[1].image, second)
     assert "ref.png is left out: the others are named as shot1.png" in caplog.text
+
+
+def test_names_and_a_list_of_lights_go_together(folder):
+    (folder / "light_directions.txt").unlink()
+    (folder / "dome.lp").write_text(LIST)
+    (folder / "filenames.txt").write_text("2.png\n0.png\n")
+    np.savetxt(folder / "light_intensities.txt", np.ones((2, 3)))
+    scene, views = ds.read_photographs(folder)
+    assert len(views) == 2
+    light = scene.lights[0]
+    assert isinstance(light, ds.DirectionalLight)
+    np.testing.assert_allclose(light.direction, (0.0, -0.6, -0.8))

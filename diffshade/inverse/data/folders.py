@@ -48,18 +48,22 @@ def list_folder(folder: Path) -> Listing:
         key=_natural_order,
     )
     masks = tuple(file for file in images if "mask" in file.stem.lower())
-    if (folder / "filenames.txt").is_file():
-        return Listing(_names_in(folder / "filenames.txt"), masks, None, folder / "filenames.txt", (), ())
     lists = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".lp")
+    photographs = [file.name for file in images if not any(word in file.stem.lower() for word in OTHERS)]
+    if (folder / "filenames.txt").is_file():
+        names = _names_in(folder / "filenames.txt")
+        extras = tuple(folder / name for name in photographs if name not in names)
+        directions = _of_names(names, *read_lp(lists[0])) if len(lists) == 1 else None
+        return Listing(names, masks, directions, folder / "filenames.txt", extras, ())
     if len(lists) > 1:
         raise ValueError(
             f"{folder} holds several lists of lights, {listing([file.name for file in lists])}. Keep one, or write the "
             "photographs' names to filenames.txt."
         )
-    photographs = [file.name for file in images if not any(word in file.stem.lower() for word in OTHERS)]
     if lists:
-        names, directions = read_lp(lists[0])
-        names, left = _matched(lists[0], names, photographs)
+        listed, directions = read_lp(lists[0])
+        names = _matched(lists[0], listed, [file.name for file in images])
+        left = [name for name in photographs if name not in names]
         notes = _left_out(left, f"not in {lists[0].name}")
         return Listing(names, masks, directions, lists[0], tuple(folder / name for name in left), notes)
     if not photographs:
@@ -88,7 +92,7 @@ def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs
         FileNotFoundError: If it does not exist.
     """
     rows = [line.split() for line in text_of(path).splitlines() if line.strip()]
-    if not rows or len(rows[0]) != 1 or not rows[0][0].isdigit():
+    if not rows or len(rows[0]) != 1 or not rows[0][0].isdigit() or int(rows[0][0]) < 1:
         raise ValueError(
             f"{path} must begin with the count of its lights; got {' '.join(rows[0]) if rows else 'nothing'!r}. Write "
             "it on the first line."
@@ -144,19 +148,30 @@ def _names_in(path: Path) -> tuple[str, ...]:
     return names
 
 
-def _matched(path: Path, listed: tuple[str, ...], there: list[str]) -> tuple[tuple[str, ...], list[str]]:
-    """Return the files that a list names, whatever their case and suffix, and the photographs that it does not name."""
+def _matched(path: Path, listed: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
+    """Return the files that a list names, whatever their case and suffix."""
     exact = {name.lower(): name for name in there}
     stems = {Path(name).stem.lower(): name for name in there}
-    found = []
+    found: list[str] = []
     for name in listed:
         file = exact.get(name.lower()) or stems.get(Path(name).stem.lower())
         if file is None:
             raise ValueError(
                 f"{path} names '{name}', which is not in its folder. Add the photograph, or correct the list."
             )
+        if file in found:
+            raise ValueError(f"{path} names '{file}' twice. Give each photograph one light.")
         found.append(file)
-    return tuple(found), [name for name in there if name not in found]
+    return tuple(found)
+
+
+def _of_names(
+    names: Sequence[str], listed: Sequence[str], directions: Float[np.ndarray, "listed 3"]
+) -> Float[np.ndarray, "photographs 3"] | None:
+    """Return the directions of photographs from a list, or None where it has not all of them."""
+    stems = {Path(name).stem.lower(): l for name, l in zip(listed, directions, strict=True)}
+    found = [stems.get(Path(name).stem.lower()) for name in names]
+    return None if any(l is None for l in found) else np.array(found)
 
 
 def _left_out(names: list[str], why: str) -> tuple[str, ...]:
@@ -167,7 +182,7 @@ def _left_out(names: list[str], why: str) -> tuple[str, ...]:
 
 
 def _pattern(name: str) -> str:
-    return re.sub(r"\d+", "0", name)
+    return re.sub(r"\d+", "0", Path(name).stem)
 
 
 def _natural_order(file: Path) -> list[Any]:

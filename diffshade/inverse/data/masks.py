@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,14 @@ DECADES = 3.0  # below the brightest, beyond which all is equally dark
 LEAST, MOST = 0.002, 0.95  # share of the picture
 
 
-def find_mask(images: Sequence[Any]) -> Bool[np.ndarray, "h w"]:
+def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
     """Find an object that is brighter than its background: the largest such region under any light, holes filled.
 
     The threshold is Otsu's (1979, "A threshold selection method from gray-level histograms", IEEE SMC 9(1)), of the
     logarithm of the brightest value of each pixel over the photographs.
 
     Args:
-        images: The photographs, (H, W) or (H, W, C), linear.
+        images: The photographs, (H, W) or (H, W, C), of one size; one at least.
 
     Returns:
         True on the object.
@@ -29,7 +30,7 @@ def find_mask(images: Sequence[Any]) -> Bool[np.ndarray, "h w"]:
     Raises:
         ValueError: If no such region is found.
     """
-    brightest = np.max([_grey(image) for image in images], 0)
+    brightest = functools.reduce(_brighter, (_grey(image) for image in images))  # one at a time
     top = float(np.quantile(brightest, 0.99))
     level = np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0))
     inside = ndimage.binary_opening(level > _otsu(level), np.ones((3, 3)))
@@ -42,6 +43,12 @@ def find_mask(images: Sequence[Any]) -> Bool[np.ndarray, "h w"]:
             "pixels. Draw a mask that is white on the object, and give it with --mask."
         )
     return mask
+
+
+def _brighter(one: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    if one.shape != other.shape:
+        raise ValueError(f"photographs must have one size; got {one.shape} and {other.shape}. Crop them alike.")
+    return np.maximum(one, other)
 
 
 def _grey(image: Any) -> Float[np.ndarray, "h w"]:

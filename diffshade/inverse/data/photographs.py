@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,30 +12,40 @@ from jaxtyping import Bool, Float
 
 from ...core.words import listing
 from ...io.files import replacing
-from ...io.images import read_image, read_mask
+from ...io.images import read_image, read_mask, write_image
 from ...io.lazy_images import open_image
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer, as_mask
 from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
-from .folders import list_folder, text_of
+from .folders import as_lp, list_folder, text_of
 from .views import View
 
 _LOGGER = logging.getLogger("diffshade")
+DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
+WRITTEN = (
+    "filenames.txt",
+    "light_directions.txt",
+    "light_intensities.txt",
+    "light_errors.txt",
+    "lights.lp",
+    "normal_gt.npy",
+    "scene.toml",
+)
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
 def read_photographs(
-    folder: str | Path, *, normals: bool = True, mask: Any = None, srgb: bool | None = None
+    folder: str | Path, *, normals: bool = True, lights: bool = True, mask: Any = None, srgb: bool | None = None
 ) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
-    The photographs are those of a list of lights `NAME.lp` (the count, then a name and x y z a line, as in reflectance
-    transformation imaging), those of `filenames.txt` (a name a line; a link may lead out of the folder, a name must
-    not), or all images but masks, normals and those named unlike most, in natural order. The other files are those of
-    DiLiGenT (Shi et al. 2016): `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z to
-    the camera, unless a list has them; `light_intensities.txt`, R G B a line, or one number, or 1 for all without it;
+    The photographs are those of `filenames.txt` (a name a line; a link may lead out of the folder, a name must not),
+    those of a list of lights `NAME.lp` (the count, then a name and x y z a line, as in reflectance transformation
+    imaging), or all images but masks, normals and those named unlike most, in natural order. The other files are those
+    of DiLiGenT (Shi et al. 2016): `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z
+    to the camera, by default those of the list; `light_intensities.txt`, R G B a line, or one number, by default 1;
     `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row).
     What is missing or left out is said as a warning of the logger `diffshade`. The camera is far away on +z. Light i is
     on in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may
@@ -45,6 +55,8 @@ def read_photographs(
         folder: The folder.
         normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), which
             `fit_texels` can then find.
+        lights: Whether to read the directions of the lights; default True. Without, all light comes from the camera,
+            and `find_lights` can find where it comes from.
         mask: A file or an array (H, W), in place of `mask.png` or the one image with "mask" in its name.
         srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
 
@@ -60,7 +72,9 @@ def read_photographs(
         raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
     listed = list_folder(folder)
     names, directions = listed.names, listed.directions
-    if directions is None or (folder / "light_directions.txt").is_file():
+    if not lights:
+        directions = np.tile([0.0, 0.0, 1.0], (len(names), 1))
+    elif directions is None or (folder / "light_directions.txt").is_file():
         if not (folder / "light_directions.txt").is_file():
             raise FileNotFoundError(
                 f"there is no file {folder / 'light_directions.txt'}, and no list of lights (.lp). Add one; `diffshade "
@@ -79,14 +93,14 @@ def read_photographs(
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
     known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
     surface = GBuffer(known, mask=mask)
-    lights = [DirectionalLight(-to_light, i) for to_light, i in zip(directions, intensities, strict=True)]
+    lamps = [DirectionalLight(-to_light, i) for to_light, i in zip(directions, intensities, strict=True)]
     views = []
     for i, name in enumerate(names):
         try:
             views.append(View(read_photograph(folder / name, srgb=srgb), camera, mask, lit=(i,)))
         except ValueError as error:
             raise ValueError(f"{folder / name}: {error}") from None
-    return Scene(Object(surface, Material()), lights), tuple(views)
+    return Scene(Object(surface, Material()), lamps), tuple(views)
 
 
 def write_lights(
@@ -103,6 +117,57 @@ def write_lights(
         with replacing(folder / name) as temporary:
             text = "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in rows)
             temporary.write_text(text, encoding="utf-8")
+
+
+def write_photographs(
+    folder: Path,
+    names: Sequence[str],
+    images: Iterable[Any],
+    mask: Bool[np.ndarray, "h w"],
+    directions: Float[np.ndarray, "photographs 3"],
+    intensities: Float[np.ndarray, "photographs 3"],
+    errors: Float[np.ndarray, " photographs"] | None,
+) -> None:
+    """Write photographs of an object and their lights as a folder that `read_photographs` reads.
+
+    Args:
+        folder: The folder, which is made; what an earlier run wrote there is replaced.
+        names: Names for the photographs, whose suffixes become those of what is written.
+        images: The photographs, linear.
+        mask: True on the object.
+        directions: Unit vectors towards the light of each photograph.
+        intensities: R, G, B of each.
+        errors: Error of each direction about each axis, degrees; None where it is not known.
+    """
+    clear_folder(folder)
+    stems = [Path(name).stem for name in names]
+    stems = stems if len(set(stems)) == len(stems) else [f"{i:03d}" for i in range(len(stems))]
+    written = [write_photograph(folder, stem, image) for stem, image in zip(stems, images, strict=True)]
+    write_image(folder / "mask.png", mask[..., None] * 1.0, srgb=False)
+    write_lights(folder, directions, intensities)
+    texts = {"lights.lp": as_lp(written, directions)}
+    if errors is not None:
+        texts["light_errors.txt"] = "".join(f"{error:.6g}\n" for error in errors)
+    texts["filenames.txt"] = "".join(f"{name}\n" for name in written)  # last: it marks a complete folder
+    for name, text in texts.items():
+        with replacing(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+
+def clear_folder(folder: Path) -> None:
+    """Make a folder for photographs and lights, without files of an earlier run that would be taken for new ones."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in WRITTEN:
+        (folder / name).unlink(missing_ok=True)
+
+
+def write_photograph(folder: Path, stem: str, image: Float[np.ndarray, "h w c"]) -> str:
+    """Write a linear photograph in 16 bits, or as .npy if it exceeds 1 or would lose precision; return its name."""
+    image = image[..., :-1] if image.shape[-1] in (2, 4) else image  # the mask says what alpha does
+    fits = bool(np.isfinite(image).all() and image.min() >= 0.0 and DIM <= image.max() <= 1.0)
+    name = f"{stem}.{'png' if fits else 'npy'}"
+    write_image(folder / name, image, srgb=False, **({"bits": 16} if fits else {}))
+    return name
 
 
 def light_errors(folder: Path) -> Float[np.ndarray, " photographs"] | None:

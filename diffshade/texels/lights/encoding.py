@@ -6,17 +6,17 @@ spoils that. It takes six photographs and an object that is not flat.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ...io.images import srgb_decode
-from .uncalibrated import MAD, factorize, middle_ranks, texels_under
+from .uncalibrated import MAD, bright_texels, factorize, middle_ranks, texels_under
 
 FEWEST = 6  # photographs
-TEXELS = 3000
+TEXELS, FEWEST_TEXELS = 3000, 300
 CLEAR = 1.25  # ratio of the misfits from which one reading is believed
 
 
@@ -31,7 +31,7 @@ class Encoding(NamedTuple):
     """Typical residual relative to a texel's brightness: as linear, and decoded from sRGB."""
 
 
-def judge_encoding(images: Sequence[Any], mask: Bool[np.ndarray, "h w"]) -> Encoding | None:
+def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Encoding | None:
     """Return how photographs are encoded; None where there are too few, or some are beyond 0 to 1.
 
     Args:
@@ -39,19 +39,27 @@ def judge_encoding(images: Sequence[Any], mask: Bool[np.ndarray, "h w"]) -> Enco
         mask: True on the object.
     """
     pixels = np.flatnonzero(mask)
-    stored = [np.asarray(image[:], np.float64)[..., : 3 if image.shape[2] > 2 else 1] for image in images]
-    if len(images) < FEWEST or len(pixels) < TEXELS // 10 or not all(s.min() >= 0 and s.max() <= 1 for s in stored):
-        return None
     some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), TEXELS)).astype(int)]
-    samples = np.array([s.reshape(-1, s.shape[-1])[some] for s in stored])
+    taken = [_colours(np.asarray(image[:], np.float64)).reshape(mask.size, -1)[some] for image in images]
+    if len({one.shape for one in taken}) != 1:  # grey ones and others
+        return None
+    samples = np.array(taken)
+    if len(samples) < FEWEST or len(some) < FEWEST_TEXELS or not 0.0 <= samples.min() <= samples.max() <= 1.0:
+        return None
     counts = samples.max(-1) < 1.0
     linear, decoded = (_misfit(y.mean(-1), counts) for y in (samples, np.asarray(srgb_decode(samples))))
     ratio = max(linear, decoded) / max(min(linear, decoded), 1e-9)
     return Encoding(decoded < linear, ratio > CLEAR, (linear, decoded))
 
 
+def _colours(image: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "h w _"]:
+    """Return an image without alpha."""
+    return image[..., :-1] if image.shape[-1] in (2, 4) else image
+
+
 def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]) -> float:
     """Return the typical residual of three numbers a texel times three a light, over the level of a texel."""
+    y, counts = bright_texels(y, counts)
     used = middle_ranks(y, counts)
     s = factorize(y, counts)
     b = texels_under(y, used.astype(float), s)

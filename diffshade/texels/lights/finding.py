@@ -57,9 +57,9 @@ def find_lights(
             from the middle of the object.
         views: Photographs of one camera, one light on in each.
         light_error: Standard deviation of the scene's directions about each axis, degrees: one number, or one for each
-            light; 0 where they are exact. None (the default) where nothing is known of them.
+            light; 0 if they are exact. None (the default) if nothing is known of them.
         intensity_error: Relative standard deviation of the scene's intensities: one number, or one for each light;
-            0 (the default) where they are exact. None where nothing is known of them.
+            0 (the default) if they are exact. None if nothing is known of them.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -118,7 +118,7 @@ def _result(
     *,
     known: bool,
 ) -> FoundLights:
-    """Return what was found, for all lights of the scene; one that is on in no view keeps what it had."""
+    """Return what was found, for all lights of the scene."""
     exact = bool((stated.intensity_error == 0.0).all())
     lamps = Lamps(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
 
@@ -170,6 +170,11 @@ def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
                 f"find_lights moves directions and positions; lights[{on[0]}] is a "
                 f"{type(scene.lights[on[0]]).__name__}. Give a DirectionalLight or a PointLight."
             )
+        if not np.min(np.asarray(getattr(scene.lights[on[0]], "intensity", 1.0))) > 0.0:
+            raise ValueError(
+                f"find_lights needs an intensity above 0 in every channel; lights[{on[0]}] has "
+                f"{scene.lights[on[0]].intensity}. Give 1 where it is not known, or leave the view out."  # pyright: ignore[reportAttributeAccessIssue]
+            )
         found.append(on[0])
     if len(set(found)) < FEWEST_LIGHTS:
         raise ValueError(
@@ -187,7 +192,12 @@ def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[n
             f"{name} must be one number, at least 0, or one for each of the {lights} lights; got {given}. Give for "
             f"example {name}={example}."
         )
-    return np.broadcast_to(each, (lights,))
+    each = np.broadcast_to(each, (lights,))
+    if (each == 0.0).any() != (each == 0.0).all():
+        raise ValueError(
+            f"{name} must be 0 for all lights or above 0 for all; got {given}. Give exact ones a small error."
+        )
+    return each
 
 
 def _directions(

@@ -21,7 +21,7 @@ class FoundLights:
     scene: Scene
     """The scene with these lights, for `fit_texels` and `fit`."""
     directions: Float[np.ndarray, "lights 3"]
-    """Unit vectors towards the lights, from the middle of the object."""
+    """Unit vectors towards the lights, from the middle of the object; NaN for lights on in no view."""
     errors: Float[np.ndarray, " lights"]
     """Standard error of each direction about each axis, degrees; infinite where no direction was stated."""
     own_errors: Float[np.ndarray, " lights"]
@@ -43,11 +43,13 @@ class FoundLights:
 
     @property
     def light_error(self) -> Float[np.ndarray, " views"]:
-        """The error of each view's light, degrees, for `fit_texels(..., light_error=)`: that of the light by itself.
+        """The error of the light of each view, degrees, for `fit_texels(..., light_error=)`.
 
-        What all lights share turns and shears the normals, and is said in the notes.
+        `fit_texels` takes them as independent of each other, which what all lights share is not.
+        Where no direction was stated, that of each light by itself: what all share cannot be known.
         """
-        return self.own_errors[self.light_of]
+        errors = np.where(np.isfinite(self.errors), self.errors, self.own_errors)
+        return errors[self.light_of]
 
     def __str__(self) -> str:
         """Return the lights that moved most, and the notes below them."""

@@ -29,7 +29,7 @@ from ..robust.observations import Observed, observe
 from ..robust.robust_descent import State, around
 
 LEAST_CURVATURE = 1e-6  # added to that of every number of a texel of level 1
-HELD = 1e9  # curvature of a coefficient that is 0 and would fall
+HELD = 1e9  # curvature of a k_s that is 0, which then stays
 AT_ONCE = 256  # texels
 TILT = 1e-3  # radians, over which derivatives in single precision are taken
 

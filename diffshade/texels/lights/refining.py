@@ -32,7 +32,7 @@ LONGEST = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of a
 COHERENT = (
     0.5  # share of a texel's misfit by which a light may be off: shadows and bounced light are those of many texels
 )
-LEARNED = 4  # rounds in which the highlight is learned anew
+LEARNED = 4  # rounds after which the highlight is learned no more
 LOOSE = np.deg2rad(10.0), 0.1  # how far a light may be from the stated one while its texels are fitted
 BELIEVED = 0.02  # error of stated intensities, relative, by which a map is found: what a model leaves out is as much
 CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
@@ -114,6 +114,12 @@ def refine(
         tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[k] * lights], tangents)) for k in range(2)]
         answer = _responses(run, sample, model, [run.setup, *tilted])
         equations = light_equations(answer, light_of, lights, cell, CELLS**2)
+        seen = np.diag(equations.S).reshape(-1, 3)[:, 2]
+        if not (seen > 0.0).all():
+            raise ValueError(
+                f"views[{np.flatnonzero(light_of == seen.argmin())[0]}] shows no texel that counts under its light. "
+                "Leave the view out, or mend its mask."
+            )
         maps = _scale(lights) if exact else _maps(lamps.directions, tangents)
         step = _step(equations, lamps, stated, tangents, free)
         covariance = _covariance(equations, maps, free)

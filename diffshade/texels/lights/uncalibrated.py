@@ -26,6 +26,7 @@ from ..tiles import TexelTile, ViewReader
 
 DARK, BRIGHT = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
 ROUNDS = 60
+DIMMEST = 0.05  # level of a texel, over the median, below which it is left out
 CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
 MAD = 1.4826
 LEAST = 1e-3  # eigenvalue, relative to the largest, of what must be positive
@@ -62,8 +63,8 @@ def find_uncalibrated(
     strength = np.array([_strength(scene, view) for view in views])
     y, counts = _grey(sample, views, strength)
     s = factorize(y, counts)
-    A = of_lengths(s, np.ones(len(s)))
-    surface = _surface(reader, views, strength, s)
+    A = of_lengths(s)
+    surface = _surface(reader, sample, views, strength, s)
     towards = s @ turned_to_surface(A, surface).T
     towards = towards * np.sign(np.median(towards[:, 2]))
     mean = np.stack([towards[light_of == i].mean(0) for i in range(light_of.max() + 1)])
@@ -87,14 +88,20 @@ def _grey(
 
 
 def _surface(
-    reader: ViewReader, views: Sequence[View], strength: Float[np.ndarray, "views channels"], s: np.ndarray
+    reader: ViewReader,
+    sample: TexelTile,
+    views: Sequence[View],
+    strength: Float[np.ndarray, "views channels"],
+    s: np.ndarray,
 ) -> Surface:
     """Return b and its slopes over the image, in bands of rows spread evenly over it."""
-    height, width = reader.shape
-    starts = np.unique(np.linspace(0, max(height - BAND, 0), -(-min(height, MOST_ROWS) // BAND)).astype(int))
+    width = reader.shape[1]
+    top, bottom = sample.pixels.min() // width, sample.pixels.max() // width + 1
+    bands = -(-min(bottom - top, MOST_ROWS) // BAND)
+    starts = np.unique(np.linspace(top, max(bottom - BAND, top), bands).astype(int))
     parts = []
     for first in starts:
-        last = min(first + BAND, height)
+        last = min(first + BAND, bottom)
         tile = reader.read(int(first), int(last), BAND)
         if not len(tile.pixels):
             continue
@@ -111,6 +118,8 @@ def _surface(
         r, c = np.nonzero(whole)
         place = np.stack([c, -(r + first)], -1).astype(float)
         parts.append(((here + right + below)[whole] / 3.0, (right - here)[whole], (here - below)[whole], place))
+    if not sum(len(part[0]) for part in parts):
+        raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     b, by_x, by_y, place = (np.concatenate(of) for of in zip(*parts, strict=True))
     some = np.linspace(0, len(b) - 1, min(len(b), MOST_SLOPES)).astype(int)
     return Surface(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
@@ -137,13 +146,22 @@ def middle_ranks(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, 
     return counts & (rank >= DARK * number) & (rank < BRIGHT * number)
 
 
+def bright_texels(
+    y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]
+) -> tuple[Float[np.ndarray, "views _"], Bool[np.ndarray, "views _"]]:
+    """Return the texels that show something: of a black one only the noise would be left."""
+    level = np.where(counts, y, 0.0).sum(0) / np.maximum(counts.sum(0), 1)
+    bright = level > DIMMEST * np.median(level)
+    return y[:, bright], counts[:, bright]
+
+
 def factorize(
     y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]
 ) -> Float[np.ndarray, "views 3"]:
     """Return the lights up to a linear map, by alternating least squares of both factors under Cauchy's loss."""
+    y, counts = bright_texels(y, counts)
     used = middle_ranks(y, counts)
-    level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), 1e-12)
-    y = y / level
+    y = y / ((y * used).sum(0) / np.maximum(used.sum(0), 1))
     weight = used.astype(float)
     s = np.linalg.svd(np.where(used, y, 1.0), full_matrices=False)[0][:, :3]
     for _ in range(ROUNDS):
@@ -166,10 +184,10 @@ def texels_under(
     return np.linalg.solve(A, np.einsum("vt,vt,vi->ti", weight, y, s, optimize=True)[..., None])[..., 0]
 
 
-def of_lengths(s: Float[np.ndarray, "views 3"], intensities: Float[np.ndarray, " views"]) -> Float[np.ndarray, "3 3"]:
-    """Return A with |A s| nearest to these intensities: |A s|^2 is linear in A^T A, whose root is free to turn."""
+def of_lengths(s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return A with |A s| nearest to 1: |A s|^2 is linear in A^T A, whose root is free to turn."""
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
-    columns = np.stack([s[:, i] * s[:, j] * (1.0 if i == j else 2.0) for i, j in pairs], -1) / intensities[:, None] ** 2
+    columns = np.stack([s[:, i] * s[:, j] * (1.0 if i == j else 2.0) for i, j in pairs], -1)
     weight, q = np.ones(len(s)), np.zeros(6)
     for _ in range(ROUNDS):
         q = np.linalg.lstsq(columns * weight[:, None], weight, rcond=None)[0]
@@ -207,4 +225,9 @@ def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: Surface) -> Float[np
             cost = end.cost if bulges and np.mean(n[:, 2] > 0.0) > 0.5 else np.inf
             if cost < best[0]:
                 best = cost, M
+    if not np.isfinite(best[0]):
+        raise ValueError(
+            "no rotation of the lights gives the object a surface that bulges towards the camera. Give the directions, "
+            "with light_error."
+        )
     return best[1] @ A
