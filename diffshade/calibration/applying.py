@@ -117,7 +117,7 @@ def apply_lights(
     if len(shapes) > 1:
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
     notes = [*listed.notes, *_on_names(listed.names, balls)]
-    given, how = _mask(folder, files, mask)
+    given, how = _mask(folder, files, mask, in_folder=bool(listed.masks))
     if how:
         notes.append(how)
     if given.shape not in shapes:
@@ -198,11 +198,11 @@ def _on_names(names: Sequence[str], balls: Sequence[Calibration]) -> list[str]:
     return [f"photographs are paired in their order: {names[i]} is taken to have the light of {other.names[i]}."]
 
 
-def _mask(folder: Path, files: Sequence[Path], mask: Any) -> tuple[Bool[np.ndarray, "h w"], str]:
+def _mask(folder: Path, files: Sequence[Path], mask: Any, *, in_folder: bool) -> tuple[Bool[np.ndarray, "h w"], str]:
     """Return the mask, and a sentence where it was found."""
     if mask is not None:
         return as_given(mask), ""
-    if list_folder(folder).masks:
+    if in_folder:
         return as_given(mask_file(folder)), ""
     found = find_mask(read_image(file, srgb=False) for file in files)
     return found, "the mask was found before a darker background; look at mask.png, or give one with --mask."

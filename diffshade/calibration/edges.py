@@ -94,18 +94,22 @@ def _refined(shown: Picture, proposed: Float[np.ndarray, "3"]) -> tuple[float, P
     return float(strength.sum()), (points[:, 1], points[:, 0])
 
 
+def _circle_of(edge: Points) -> Float[np.ndarray, "3"]:
+    """Return column, row and radius of the circle through points of an edge."""
+    row, column = edge
+    middle, radius, _ = circle(np.column_stack([column, row, np.zeros(len(row))]), np.ones(len(row)))
+    return np.array([middle[0], middle[1], radius])
+
+
 def alike(one: Points, other: Points) -> bool:
     """Whether two edges are of about the same circle."""
-    (middle, radius), (at, other_radius) = (
-        circle(np.column_stack([column, row, np.zeros(len(row))]), np.ones(len(row)))[:2]
-        for row, column in (one, other)
-    )
-    return bool(np.linalg.norm(middle - at) < ALIKE * radius and abs(radius - other_radius) < ALIKE * radius)
+    this, that = _circle_of(one), _circle_of(other)
+    apart = this - that
+    return bool(max(np.hypot(apart[0], apart[1]), abs(apart[2])) < ALIKE * this[2])
 
 
 def disc(edge: Points, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
     """Return the pixels inside the circle through points of an edge."""
-    points = np.column_stack([edge[1], edge[0], np.zeros(len(edge[0]))])
-    middle, radius, _ = circle(points, np.ones(len(points)))
+    middle_column, middle_row, radius = _circle_of(edge)
     row, column = np.indices(shape) + 0.5
-    return (row - middle[1]) ** 2 + (column - middle[0]) ** 2 < radius**2
+    return (row - middle_row) ** 2 + (column - middle_column) ** 2 < radius**2

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..inverse.data.folders import list_folder
 from ..inverse.data.views import as_image
-from ..io.images import read_image, read_mask
+from ..io.images import read_image, read_mask, without_alpha
 from ..model.gbuffers import as_mask
 from .balls import largest, roundness
 from .edges import Points, alike, disc, find_edge
@@ -73,7 +73,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
             "Give photographs by one camera that did not move."
         )
     alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
-    images = [image[:][..., :-1] if image.shape[2] in (2, 4) else image for image in images]
+    images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
         if not np.issubdtype(image.dtype, np.floating):
             raise ValueError(
@@ -108,7 +108,7 @@ def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> P
     own = find_edge(pictures)
     for file in extras:
         try:
-            room = read_image(file, srgb=srgb).mean(-1)
+            room = without_alpha(read_image(file, srgb=srgb)).mean(-1)
         except (OSError, ValueError):  # no picture of the ball
             continue
         edge = find_edge([room]) if room.shape == pictures[0].shape else None
@@ -129,8 +129,11 @@ def _read(
     masks: list[Path] = []
     extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
-        files, masks = in_folder(Path(photographs))
-        extras = list_folder(Path(photographs)).extras
+        folder = Path(photographs)
+        found = list_folder(folder)
+        for note in found.notes:
+            _LOGGER.warning("%s: %s", folder, note)
+        files, masks, extras = [folder / name for name in found.names], list(found.masks), found.extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
@@ -153,14 +156,6 @@ def _read(
         listed = ", ".join(sorted(file.name for file in masks))
         raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
     return names, images, masks[0] if find_mask and masks else None, extras
-
-
-def in_folder(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the photographs of a folder and its masks; what is left out is said as a warning."""
-    found = list_folder(folder)
-    for note in found.notes:
-        _LOGGER.warning("%s: %s", folder, note)
-    return [folder / name for name in found.names], list(found.masks)
 
 
 def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:

@@ -63,6 +63,7 @@ def texels(
     import diffshade as ds
 
     from ..inverse.data.photographs import has_normals, light_errors
+    from ..texels.checks import UnsuitedLights
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
@@ -95,10 +96,12 @@ def texels(
     with by_name(tuple(names)):
         try:
             maps = fitted(error)
-        except ValueError as refused:
-            if light_error is not None or error is None or not f"{refused}".startswith("light_error"):
+        except UnsuitedLights:
+            if light_error is not None:  # asked for by hand
                 raise
-            _LOGGER.warning("the errors in light_errors.txt are not used: these lights do not let texels share.")
+            _LOGGER.warning(
+                "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
+            )
             maps = fitted(None)
     relative = maps.relative_errors([found.views[i] for i in left_out])
     written = [] if suffix is None else maps.write(out, suffix=suffix)

@@ -181,6 +181,11 @@ def _has_alpha(image: np.ndarray) -> bool:
     return image.shape[-1] in (2, 4)
 
 
+def without_alpha(image: np.ndarray) -> np.ndarray:
+    """Return an image (H, W, C) without alpha, not copied."""
+    return image[..., :-1] if _has_alpha(image) else image
+
+
 def _on_colours(curve: Callable[[np.ndarray], np.ndarray], image: np.ndarray) -> np.ndarray:
     n_colours = image.shape[-1] - _has_alpha(image)
     return np.concatenate([curve(image[..., :n_colours]), image[..., n_colours:]], axis=-1)

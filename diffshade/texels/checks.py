@@ -43,6 +43,10 @@ def checked(
     return free
 
 
+class UnsuitedLights(ValueError):
+    """The lights do not let all texels share a highlight, which stated errors of the lights need."""
+
+
 def checked_light_error(
     light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None
 ) -> Float[np.ndarray, "views 3 3"]:

@@ -19,7 +19,7 @@ from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
-from .checks import check_anything_left, checked, checked_light_error
+from .checks import UnsuitedLights, check_anything_left, checked, checked_light_error
 from .light_directions import note_on_normals
 from .maps import TexelMaps
 from .robust.choice import own_exponents_predict_better
@@ -143,7 +143,7 @@ def _fit(
         _LOGGER.warning(text)  # before the work begins
     unsuited = lights.narrow or lights.coplanar > MOST_COPLANAR or _lacks_a_channel(scene, views)
     if unsuited and light_error is not None:
-        raise ValueError(
+        raise UnsuitedLights(
             "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "
             "can share a highlight; these do not. Leave light_error out."
         )

@@ -33,8 +33,6 @@ class Listing(NamedTuple):
     masks: tuple[Path, ...]
     directions: Float[np.ndarray, "photographs 3"] | None
     """Towards the light of each photograph, where a list of lights gives it."""
-    source: Path | None
-    """The list of lights, or of names."""
     extras: tuple[Path, ...]
     """Images that are neither photographs nor masks nor normals, such as a picture under room light."""
     notes: tuple[str, ...]
@@ -54,7 +52,7 @@ def list_folder(folder: Path) -> Listing:
         names = _names_in(folder / "filenames.txt")
         extras = tuple(folder / name for name in photographs if name not in names)
         directions = _of_names(names, *read_lp(lists[0])) if len(lists) == 1 else None
-        return Listing(names, masks, directions, folder / "filenames.txt", extras, ())
+        return Listing(names, masks, directions, extras, ())
     if len(lists) > 1:
         raise ValueError(
             f"{folder} holds several lists of lights, {listing([file.name for file in lists])}. Keep one, or write the "
@@ -65,7 +63,7 @@ def list_folder(folder: Path) -> Listing:
         names = _matched(lists[0], listed, [file.name for file in images])
         left = [name for name in photographs if name not in names]
         notes = _left_out(left, f"not in {lists[0].name}")
-        return Listing(names, masks, directions, lists[0], tuple(folder / name for name in left), notes)
+        return Listing(names, masks, directions, tuple(folder / name for name in left), notes)
     if not photographs:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
     alike = Counter(_pattern(name) for name in photographs).most_common(1)[0]
@@ -74,7 +72,7 @@ def list_folder(folder: Path) -> Listing:
         kept = photographs
     left = [name for name in photographs if name not in kept]
     notes = _left_out(left, f"the others are named as {kept[0]}")
-    return Listing(tuple(kept), masks, None, None, tuple(folder / name for name in left), notes)
+    return Listing(tuple(kept), masks, None, tuple(folder / name for name in left), notes)
 
 
 def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs 3"]]:

@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...io.images import without_alpha
+
 BINS = 256
 DECADES = 3.0  # below the brightest, beyond which all is equally dark
 LEAST, MOST = 0.002, 0.95  # share of the picture
@@ -53,8 +55,7 @@ def _brighter(one: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"]) ->
 
 def _grey(image: Any) -> Float[np.ndarray, "h w"]:
     pixels = np.nan_to_num(np.asarray(image[:], np.float64), posinf=0.0)
-    pixels = pixels[..., :-1] if pixels.ndim == 3 and pixels.shape[2] in (2, 4) else pixels
-    return pixels if pixels.ndim == 2 else pixels.mean(-1)
+    return pixels if pixels.ndim == 2 else without_alpha(pixels).mean(-1)
 
 
 def _otsu(level: Float[np.ndarray, "h w"]) -> float:

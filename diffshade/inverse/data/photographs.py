@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.words import listing
 from ...io.files import replacing
-from ...io.images import read_image, read_mask, write_image
+from ...io.images import read_image, read_mask, without_alpha, write_image
 from ...io.lazy_images import open_image
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer, as_mask
@@ -163,7 +163,7 @@ def clear_folder(folder: Path) -> None:
 
 def write_photograph(folder: Path, stem: str, image: Float[np.ndarray, "h w c"]) -> str:
     """Write a linear photograph in 16 bits, or as .npy if it exceeds 1 or would lose precision; return its name."""
-    image = image[..., :-1] if image.shape[-1] in (2, 4) else image  # the mask says what alpha does
+    image = without_alpha(image)  # the mask says what alpha does
     fits = bool(np.isfinite(image).all() and image.min() >= 0.0 and DIM <= image.max() <= 1.0)
     name = f"{stem}.{'png' if fits else 'npy'}"
     write_image(folder / name, image, srgb=False, **({"bits": 16} if fits else {}))

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...io.images import srgb_decode
-from .uncalibrated import MAD, bright_texels, factorize, middle_ranks, texels_under
+from ...io.images import srgb_decode, without_alpha
+from ..robust.learning import MAD
+from .uncalibrated import bright_texels, factorize, middle_ranks, texels_under
 
 FEWEST = 6  # photographs
 TEXELS, FEWEST_TEXELS = 3000, 300
@@ -40,7 +41,7 @@ def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Enco
     """
     pixels = np.flatnonzero(mask)
     some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), TEXELS)).astype(int)]
-    taken = [_colours(np.asarray(image[:], np.float64)).reshape(mask.size, -1)[some] for image in images]
+    taken = [without_alpha(np.asarray(image[:], np.float64)).reshape(mask.size, -1)[some] for image in images]
     if len({one.shape for one in taken}) != 1:  # grey ones and others
         return None
     samples = np.array(taken)
@@ -50,11 +51,6 @@ def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Enco
     linear, decoded = (_misfit(y.mean(-1), counts) for y in (samples, np.asarray(srgb_decode(samples))))
     ratio = max(linear, decoded) / max(min(linear, decoded), 1e-9)
     return Encoding(decoded < linear, ratio > CLEAR, (linear, decoded))
-
-
-def _colours(image: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "h w _"]:
-    """Return an image without alpha."""
-    return image[..., :-1] if image.shape[-1] in (2, 4) else image
 
 
 def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]) -> float:

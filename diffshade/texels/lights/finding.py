@@ -18,6 +18,7 @@ from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
+from ..fitting import MEMORY, MOST_COPLANAR
 from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
@@ -27,10 +28,8 @@ from .uncalibrated import find_uncalibrated
 
 FREE = ("k_d", "k_s", "n_s", "normal")
 SAMPLE = 2048
-MEMORY = 1 << 28
 FEWEST_LIGHTS = 6  # as many as the numbers by which lengths say a map
 UNKNOWN = np.deg2rad(10.0)  # error of a direction that only the photographs tell
-MOST_COPLANAR = 0.5  # share of the texels whose lights lie in one plane
 
 
 def find_lights(

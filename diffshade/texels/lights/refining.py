@@ -25,17 +25,15 @@ from ..robust.learning import ObjectModel, learned
 from ..robust.run import RobustRun
 from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
+from .uncalibrated import CAUCHY
 
 ROUNDS = 20
 SETTLED = 0.05  # of the error of a light: the step below which the rounds end
 LONGEST = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
-COHERENT = (
-    0.5  # share of a texel's misfit by which a light may be off: shadows and bounced light are those of many texels
-)
+COHERENT = 0.5  # share of a texel's misfit by which a light may be off: many texels lie in one shadow
 LEARNED = 4  # rounds after which the highlight is learned no more
 LOOSE = np.deg2rad(10.0), 0.1  # how far a light may be from the stated one while its texels are fitted
 BELIEVED = 0.02  # error of stated intensities, relative, by which a map is found: what a model leaves out is as much
-CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
 
 
 class Stated(NamedTuple):
@@ -63,7 +61,6 @@ class Refined(NamedTuple):
     """Of each light by itself."""
     shared: Float[np.ndarray, "lights 3 3"]
     """Of the map that all share."""
-    tangents: Float[np.ndarray, "lights 2 3"]
     misfit: float
     """Typical residual of a texel, relative to its level."""
     settled: bool
@@ -111,7 +108,7 @@ def refine(
         if 0 < k < LEARNED:
             model = learned(model, run.sample_at_minimum(sample, model))
         tangents = tangents_to(lamps.directions)
-        tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[k] * lights], tangents)) for k in range(2)]
+        tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[axis] * lights], tangents)) for axis in range(2)]
         answer = _responses(run, sample, model, [run.setup, *tilted])
         equations = light_equations(answer, light_of, lights, cell, CELLS**2)
         seen = np.diag(equations.S).reshape(-1, 3)[:, 2]
@@ -206,7 +203,7 @@ def _anchored(lamps: Lamps, covariance: np.ndarray, stated: Stated, misfit: floa
     before = tangents_to(lamps.directions)
     if not (stated.error > 0.0).any():
         gain = lamps.gain / np.exp(np.log(lamps.gain).mean())
-        return Refined(Lamps(lamps.directions, gain), own, np.zeros_like(own), before, misfit, settled)
+        return Refined(Lamps(lamps.directions, gain), own, np.zeros_like(own), misfit, settled)
     lamps = _mapped(lamps, stated)
     tangents = tangents_to(lamps.directions)
     turn = np.zeros((lights, 3, 3))
@@ -215,7 +212,7 @@ def _anchored(lamps: Lamps, covariance: np.ndarray, stated: Stated, misfit: floa
     G = _maps(lamps.directions, tangents)
     whole = G @ np.linalg.pinv((G / weights[:, None] ** 2).T @ G, rcond=1e-10, hermitian=True) @ G.T
     shared = np.stack([whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
-    return Refined(lamps, turn @ own @ turn.swapaxes(1, 2), shared, tangents, misfit, settled)
+    return Refined(lamps, turn @ own @ turn.swapaxes(1, 2), shared, misfit, settled)
 
 
 def _mapped(lamps: Lamps, stated: Stated) -> Lamps:

@@ -22,13 +22,13 @@ from scipy.spatial.transform import Rotation
 
 from ...inverse.data.views import View, is_grey
 from ...model.scenes import Scene
+from ..robust.learning import MAD
 from ..tiles import TexelTile, ViewReader
 
 DARK, BRIGHT = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
 ROUNDS = 60
 DIMMEST = 0.05  # level of a texel, over the median, below which it is left out
 CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
-MAD = 1.4826
 LEAST = 1e-3  # eigenvalue, relative to the largest, of what must be positive
 STARTS = 8  # turns about the camera's axis
 BAND, MOST_ROWS, MOST_SLOPES = 64, 512, 100_000  # rows read at once, rows and slopes in all
