@@ -39,8 +39,8 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Fits
 
-`View`, `Noise`, `fit`, `Fit`, `Prediction`, `Grey`, `Proportional`, `read_photographs`, `sensitivity`,
-`image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
+`View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `Prediction`, `Grey`, `Proportional`, `read_photographs`,
+`sensitivity`, `image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
 
 ## What a fit can tell
 
@@ -48,7 +48,8 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Texels
 
-`fit_texels`, `TexelMaps`, `integrate_normals`, `HeightMap`, `find_lights`, `FoundLights`
+`fit_texels`, `TexelMaps`, `integrate_normals`, `HeightMap`, `find_lights`, `FoundLights`,
+`find_response`, `FoundResponse`
 
 ## Other programs
 

@@ -29,6 +29,8 @@ from .exchange.material_files import read_material as read_material
 from .exchange.material_files import read_materials as read_materials
 from .exchange.material_files import write_material as write_material
 from .inverse.data.photographs import read_photographs as read_photographs
+from .inverse.data.sensors import Sensor as Sensor
+from .inverse.data.sensors import Vignetting as Vignetting
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
 from .inverse.fitting import fit as fit
@@ -92,4 +94,6 @@ from .texels.heights.integration import integrate_normals as integrate_normals
 from .texels.heights.map import HeightMap as HeightMap
 from .texels.lights.finding import find_lights as find_lights
 from .texels.lights.found import FoundLights as FoundLights
+from .texels.lights.response import FoundResponse as FoundResponse
+from .texels.lights.response import find_response as find_response
 from .texels.maps import TexelMaps as TexelMaps

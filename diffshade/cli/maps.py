@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,7 @@ _LOGGER = logging.getLogger("diffshade")
     metavar="FOLDER",
     help="Results; an interrupted run resumes  [default: maps]",
 )
-@click.option("--free", type=Names(), default=(), help="Maps  [default: k_d,k_s,n_s; normal too if unknown]")
+@click.option("--free", type=Names(), default=(), help="Maps; gamma  [default: k_d,k_s,n_s, maybe normal]")
 @click.option("--loss", type=OneOf(LOSSES), help="squares, huber, cauchy, geman-mcclure  [by trial]")
 @click.option("--one-n_s", "shared", is_flag=True, help="One n_s for all pixels")
 @click.option("--no-neighbours", "alone", is_flag=True, help="No normal is corrected by those around it")
@@ -67,7 +68,7 @@ def texels(
 
     found = typed.read(normals=None)
     shaped = found.folder is None or has_normals(found.folder)
-    free = typed.free or (FREE if shaped else (*FREE, "normal"))
+    free = tuple(name for name in typed.free if name != "gamma") or (FREE if shaped else (*FREE, "normal"))
     surface = found.scene.objects[0].surface
     if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
@@ -94,6 +95,11 @@ def texels(
         )
 
     with by_name(tuple(names)):
+        response = None
+        if "gamma" in typed.free:
+            response = ds.find_response(found.scene, [found.views[i] for i in seen], progress=True)
+            sensor = response.views[0].sensor
+            found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
         try:
             maps = fitted(error)
         except UnsuitedLights:
@@ -119,6 +125,7 @@ def texels(
             [
                 f"{found.encodings}",
                 with_names(f"{maps}", names),
+                *([] if response is None else [f"{response}"]),
                 *([] if relief is None else [f"{relief}"]),
                 *([] if hold_out is None else [_on_left_out(relative, left_names)]),
                 f"{out}: the maps",
@@ -131,6 +138,7 @@ def texels(
                 for name, error in zip(left_names, relative, strict=True)
             },
             "read_as": found.encodings.names,
+            "gamma": None if response is None else {"value": response.gamma, "error": response.error},
             "folder": out,
             "status": status,
             "medians": medians,

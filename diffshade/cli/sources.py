@@ -126,12 +126,16 @@ class Options:
 
         if self.memory is not None:
             options["memory"] = self.memory * 1e9
+        views, tied = source.views, self.tied
+        if any("sensor" in name.split(".") for name in self.free):  # one camera took all photographs
+            views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
+            tied = tied if "sensor" in tied else (*tied, "sensor")
         with by_name(source.names):
             return ds.fit(
                 source.scene if scene is None else scene,
-                source.views,
+                views,
                 free=self.free,
-                tied=self.tied,
+                tied=tied,
                 bounds=dict(self.bounds),
                 constraints=[ds.Grey(name) for name in self.grey],
                 loss=self.loss or "squares",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..core.backend import in_float64
-from ..inverse.data.views import Noise, View, is_grey, photograph
+from ..inverse.data.recording import photograph
+from ..inverse.data.views import Noise, View, is_grey
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
@@ -115,4 +117,4 @@ def _with_expected_image(scene: Scene, view: View, noise: Noise | float) -> View
     if view.image.shape[2] in (2, 4):
         image = np.concatenate([image, view.image[:][..., -1:]], -1)
     noise = noise if view.noise is None else view.noise
-    return View(image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, view.saturation, view.floor)
+    return dataclasses.replace(view, image=image, noise=noise)

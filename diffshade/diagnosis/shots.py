@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
+from ..inverse.data.recording import photograph
 from ..inverse.data.samples import Counts, Samples, find_samples
 from ..inverse.data.views import View, has_mask, is_grey, lights_on
 from ..inverse.forward.gram import Gram
@@ -24,7 +25,7 @@ from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, coordinates
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
-from ..model.rendering import render, silhouette
+from ..model.rendering import silhouette
 from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
 
@@ -164,10 +165,8 @@ def _visible_object(placed: PlacedShot, name: str) -> Any:
 def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, moving: bool) -> View:
     """Return the photograph to expect, with the first view's sensor: black level, noise and saturation."""
     first = fit.views[0]
-    radiance = np.asarray(render(placed.scene, placed.camera, lit=placed.lit))
-    image = float(shot.exposure) * radiance + float(first.black)
-    return View(
-        image.mean(-1, keepdims=True) if is_grey(first) else image,
+    view = View(
+        np.zeros((*placed.camera.shape, 1 if is_grey(first) else 3)),
         placed.camera,
         mask=mask,
         lit=placed.lit,
@@ -176,7 +175,9 @@ def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, movi
         noise=first.noise,
         saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).level,
         floor=first.floor,
+        sensor=first.sensor,
     )
+    return dataclasses.replace(view, image=photograph(placed.scene, view))
 
 
 def _gram_of_view(fit: Fit, placed: PlacedShot, view: View, samples: Samples) -> Matrix:

@@ -12,8 +12,9 @@ from ..core.backend import in_float64
 from ..core.words import Note, count
 from ..model.materials import Material
 from ..model.scenes import Scene
+from .data.recording import photograph
 from .data.samples import Counts, find_samples
-from .data.views import View, has_mask, photograph
+from .data.views import View, has_mask
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
 from .statistics.clusters import Clusters

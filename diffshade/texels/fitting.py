@@ -15,6 +15,7 @@ from jaxtyping import ArrayLike, Float, Int
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..core.progress import showing
+from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
 from ..model.scenes import Scene
@@ -107,6 +108,7 @@ def fit_texels(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_scale(memory, out, mesh, "out")
     free = checked(scene, views, free, regions, loss)
+    views = tuple(map(developed, views))
     light_error = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
     check_backend()
     scene = jax.tree.map(as_float64, scene)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
+from ..inverse.data.recording import developed
 from ..inverse.data.views import View, is_grey
 from ..io.images import write_image
 from ..model.cameras import AbstractCamera
@@ -193,6 +194,7 @@ class TexelMaps:
             inside = self.status != OUTSIDE
             if view.mask is not None:
                 inside = inside & np.asarray(as_mask(np.asarray(view.mask)))
+            view = developed(view)
             image = np.asarray(view.image, np.float64)
             if image.shape[2] in (2, 4):
                 inside = inside & as_mask(image[..., -1])

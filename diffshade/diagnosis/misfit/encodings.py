@@ -10,8 +10,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...inverse.data.recording import photograph
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View, photograph
+from ...inverse.data.views import View
 from ...inverse.forward.losses import LOSSES
 from ...inverse.laid_out_fit import samples_of
 from ...inverse.problem import fit_problem

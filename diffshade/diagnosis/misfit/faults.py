@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ...inverse.data.views import View, lights_on, photograph
+from ...inverse.data.recording import photograph
+from ...inverse.data.views import View, lights_on
 from ...inverse.forward.rounding import sawtooth
 from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit

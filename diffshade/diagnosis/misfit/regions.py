@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
 from ...inverse.data.views import View, is_grey
 from ...inverse.result import Fit
@@ -76,8 +77,7 @@ class Rim:
 
 def predicted(fit: Fit, view: View, lit: Sequence[int] | None) -> Picture:
     """Return a fit's prediction with these lights on, the mean of the channels."""
-    image = np.asarray(render(fit.scene, view.camera, lit=lit)).mean(-1)
-    return float(view.exposure) * image + float(view.black)
+    return record(np.asarray(render(fit.scene, view.camera, lit=lit)), view).mean(-1)
 
 
 def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:

@@ -16,8 +16,8 @@ from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_con
 from ...core.words import Note
 from ...io.lazy_images import LazyImage, row_tiles
 from ...model.cameras import AbstractCamera
-from ...model.rendering import render
 from ...model.scenes import Scene
+from .sensors import Sensor
 
 # Float[np.ndarray, "h w c"], or a LazyImage; Any, so that a type checker takes it for what one knows it is.
 Image: TypeAlias = Any
@@ -112,12 +112,13 @@ class View(Checked):
 
     $$ image = exposure \cdot radiance + black + noise $$
 
-    The sensor then clips it to [floor, saturation].
+    The sensor then clips it to [floor, saturation]. What else a camera does, such as a response curve, is a `Sensor`.
 
     Args:
-        image: Linear radiance, (H, W), (H, W, 1) grey or (H, W, 3). A further channel is alpha; alpha of at least half
-            is inside the mask. For images larger than memory: what `open_image` returns, or any array with `shape`, a
-            floating `dtype` and `array[r0:r1]`, rows as NumPy floats (h5py, zarr).
+        image: Linear radiance, unless `sensor` says what else it is, (H, W), (H, W, 1) grey or (H, W, 3). A further
+            channel is alpha; alpha of at least half is inside the mask. For images larger than memory: what
+            `open_image` returns, or any array with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats
+            (h5py, zarr).
         camera: A camera of the image's shape.
         mask: (H, W); True, or at least half, where pixels count. Default: the scene's own silhouette.
         lit: Indices of the lights that were on. Default: all.
@@ -127,6 +128,7 @@ class View(Checked):
         saturation: Samples at or above it are clipped. Default: 1 in an image whose largest value that counts is
             exactly 1, the top of an integer file's range; else none.
         floor: Samples at or below it are clipped from below. Default: none.
+        sensor: Response, white balance, vignetting and blur of the camera. Default: none of these.
     """
 
     image: Image = eqx.field(converter=as_image)
@@ -142,8 +144,11 @@ class View(Checked):
     noise: Noise | None = eqx.field(converter=as_noise, default=None)
     saturation: float | None = eqx.field(converter=as_level, static=True, default=None)
     floor: float | None = eqx.field(converter=as_level, static=True, default=None)
+    sensor: Sensor | None = None
 
     def check_together(self) -> None:
+        if self.sensor is not None:
+            check_kind("View.sensor", self.sensor, Sensor, "Sensor(gamma=1.8)")
         check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
         image, shape = self.image, self.camera.shape
         if not np.issubdtype(image.dtype, np.floating):
@@ -203,12 +208,6 @@ def noises(views: Sequence[View]) -> Any:
     """Return the `Noise` of each view, stacked; None where it is not known."""
     of = [view.noise for view in views]
     return None if None in of else jax.tree.map(lambda *leaves: np.stack(leaves), *of)
-
-
-def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
-    """Return what a view's photograph of a scene would be, exposure * radiance + black, unclipped, in its channels."""
-    image = float(view.exposure) * np.asarray(render(scene, view.camera, lit=view.lit)) + float(view.black)
-    return image.mean(-1, keepdims=True) if is_grey(view) else image
 
 
 def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:

@@ -263,6 +263,7 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
         and material.k_t is None
         and not material.patterns
         and not material.maps
+        and all(view.sensor is None for view in views)
         and scene.atmosphere is None
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])

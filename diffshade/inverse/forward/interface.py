@@ -38,6 +38,8 @@ class Setting(eqx.Module):
     lit: tuple[tuple[Int[Array, "views _"], Float[Array, "views _"]], ...]
     """For each kind of light: which of its lights are on in each view, and 1 for each, or 0 for padding."""
     grey: Float[Array, " views"]
+    half_diagonal: Float[Array, " views"]
+    """Half the diagonal of each view, pixels."""
     noise: Noise | None
     """The `Noise` of each view, stacked; None where it is not known."""
     rounding: Rounding
@@ -46,6 +48,8 @@ class Setting(eqx.Module):
     """The unknowns that each view can show, padded with their number; None where every view shows all."""
     seeds: tuple[Float[Array, "seeds p"], Int[Array, "views most"]] | None
     """Directions for derivatives by all of these, and which of them has each (`visibility.seeds_of`)."""
+    blurred: bool = eqx.field(static=True, default=False)
+    """Whether a view's sensor blurs, or may."""
 
 
 class AbstractForwardModel(eqx.Module):

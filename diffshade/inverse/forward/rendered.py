@@ -16,15 +16,25 @@ from ...core.fields import Array
 from ...model.cameras import AbstractCamera, Projection
 from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
+from ...model.vectors import Vec3
+from ..data.sensors import Sensor, falloff
 from ..data.views import View, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, apart, slots_of, together
+from ..unknowns.slots import Setup, apart, sensors_of, slots_of, together
 from ..unknowns.unknown import Unknown
 from ..unknowns.visibility import seeds_of, shown_unknowns
 from .gram import Gram, ViewGrams, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
+
+# The mean of a function over a Gaussian of width 1, exact for polynomials of degree 5: places and weights (Stroud,
+# "Approximate Calculation of Multiple Integrals", 1971, E2r2 5-1).
+HEXAGON = np.arange(6) * np.pi / 3.0
+AROUND = np.stack(
+    [np.append(2.0 * np.cos(HEXAGON), 0.0), np.append(2.0 * np.sin(HEXAGON), 0.0), np.append(np.full(6, 1 / 12), 0.5)],
+    -1,
+)
 
 
 class RenderedModel(AbstractForwardModel):
@@ -50,7 +60,7 @@ class RenderedModel(AbstractForwardModel):
         return pixels
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
-        """Return exposure * radiance + black, one array a channel; of a grey view the mean of the three channels."""
+        """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
         setting, view = self.setting, block.view
         setup = setting.slots.insert(theta, setting.setup)
         scene = setup.scene
@@ -61,13 +71,31 @@ class RenderedModel(AbstractForwardModel):
         scene = eqx.tree_at(lambda s: s.lights, scene, lights)
         scene = eqx.tree_at(lambda s: s.objects, scene, together(block.points.objects, scene.objects))
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
-        rays = projection.rays(block.points.row, block.points.column)
-        seen = radiance(scene, rays, projection, covered=len(scene.objects) == 1)
+        row, column = block.points.row, block.points.column
+        sensor = jax.tree.map(lambda leaf: leaf[view], setup.sensor)
+        seen = self._seen(scene, projection, row, column, sensor)
         mean = (seen.x + seen.y + seen.z) / 3.0
         grey = setting.grey[view] > 0
         one = len(block.observed.target) == 1
         channels = [mean] if one else [jnp.where(grey, mean, c) for c in (seen.x, seen.y, seen.z)]
-        return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
+        if sensor is None:
+            return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
+        share = setup.exposure[view] * falloff(sensor.vignetting, projection, setting.half_diagonal[view], row, column)
+        gains = sensor.gains(grey if not one else True)
+        return tuple(
+            sensor.respond(gain * share * channel + setup.black[view])
+            for gain, channel in zip(gains, channels, strict=False)
+        )
+
+    def _seen(self, scene: Any, projection: Projection, row: Array, column: Array, sensor: Sensor | None) -> Vec3:
+        """Return the radiance of pixels; with blur its Gaussian mean, by the places and weights of `AROUND`."""
+        alone = len(scene.objects) == 1
+        if sensor is None or not self.setting.blurred:
+            return radiance(scene, projection.rays(row, column), projection, covered=alone)
+        down, right, weight = (jnp.asarray(of)[:, None] for of in AROUND.T)
+        places = row[None] + sensor.blur * down, column[None] + sensor.blur * right
+        seen = radiance(scene, projection.rays(*places), projection)
+        return jax.tree.map(lambda c: jnp.sum(weight * c, 0), seen)
 
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Gram:
         """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
@@ -110,18 +138,31 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
 
 def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Setting:
     """Gather all that predictions depend on, except the values of the unknowns and the pixels."""
-    numbers = [np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black")]
+    exposure, black = (np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black"))
     shown = shown_unknowns(scene, views, unknowns)
+    sensors = sensors_of(views)
+    blurred = sensors is not None and (
+        bool((sensors.blur > 0.0).any())
+        or any(path.endswith("sensor.blur") for unknown in unknowns for path, _ in unknown.places)
+    )
+    if blurred and jax.tree.leaves(apart(scene)[0]):
+        raise ValueError(
+            "Sensor.blur needs the surface between the pixels, and the scene has a GBuffer or coefficients over the "
+            "pixels. Give blur=0 and leave sensor.blur out of free, or give a surface and materials that are known "
+            "everywhere."
+        )
     return Setting(
-        Setup(stack_scene(apart(scene)[1]), *numbers),
+        Setup(stack_scene(apart(scene)[1]), exposure, black, sensors),
         slots_of(scene, views, unknowns),
         jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
+        np.array([0.5 * np.hypot(*view.camera.shape) for view in views]),
         noises(views),
         no_rounding(len(views)),
         shown,
         seeds_of(shown, len(unknowns)),
+        blurred,
     )
 
 

@@ -17,7 +17,7 @@ from ...model.scenes import Scene
 from ..data.views import View
 from .unknown import Unknown
 
-PER_VIEW = ("exposure", "black")  # numbers of a view that can be free
+PER_VIEW = ("exposure", "black")  # numbers of a view itself that can be free
 CHANNELS = ("r", "g", "b", "x", "y", "z")
 
 
@@ -29,6 +29,8 @@ def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array
     for i, view in enumerate(views):
         for name in PER_VIEW:
             yield f"views.{i}.{name}", getattr(view, name), fields[name]
+        if view.sensor is not None:
+            yield from quantities(view.sensor, f"views.{i}.sensor")
 
 
 def path_name(path: Any, scene: Scene) -> str:

@@ -17,6 +17,7 @@ from ...model.lobes import AbstractReflectance
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Object, Scene, StackedScene, stack_scene
 from ...model.surfaces import AbstractSurface
+from ..data.sensors import Sensor
 from ..data.views import View
 from .names import PER_VIEW, everything, numbers_of, path_name
 from .unknown import Unknown, logarithms, natural, unit_vectors
@@ -28,6 +29,8 @@ class Setup(eqx.Module):
     scene: StackedScene
     exposure: Shaped[Array, " views"]
     black: Shaped[Array, " views"]
+    sensor: Sensor | None
+    """The sensors of the views, stacked; None where no view has one."""
 
 
 class Slots(eqx.Module):
@@ -72,10 +75,17 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     leaves, structure = jax.tree_util.tree_flatten_with_path(apart(scene)[1])
     places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]
     stacked = stack_scene(jax.tree.unflatten(structure, places))
-    per_view = [np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))]) for name in PER_VIEW]
+
+    def of_views(name: str) -> np.ndarray:
+        return np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))])
+
+    sensor = jax.tree_util.tree_map_with_path(
+        lambda path, _: of_views("sensor." + jax.tree_util.keystr(path, simple=True, separator=".")), sensors_of(views)
+    )
+    setup = Setup(stacked, of_views("exposure"), of_views("black"), sensor)
     others = [p if product.other is None else product.other for _, product in products]
     return Slots(
-        jax.tree.map(lambda index: index if (index >= 0).any() else None, Setup(stacked, *per_view)),
+        jax.tree.map(lambda index: index if (index >= 0).any() else None, setup),
         logarithms(unknowns),
         (
             np.array([j for j, _ in products], int),
@@ -84,6 +94,13 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
         ),
         np.array(unit_vectors(unknowns), int).reshape(-1, 3),
     )
+
+
+def sensors_of(views: Sequence[View]) -> Sensor | None:
+    """Return the sensors of the views, stacked; None where no view has one."""
+    if all(view.sensor is None for view in views):
+        return None
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *(view.sensor or Sensor() for view in views))
 
 
 def apart(scene: Scene) -> tuple[tuple[Object, ...], Scene]:
@@ -135,8 +152,17 @@ def put_back(
         for name in PER_VIEW:
             if (path := f"views.{i}.{name}") in changed:
                 view = eqx.tree_at(lambda v, name=name: getattr(v, name), view, changed[path])
+        if view.sensor is not None:
+            view = eqx.tree_at(lambda v: v.sensor, view, _sensor_with(changed, view.sensor, f"views.{i}.sensor"))
         new_views.append(view)
     return new_scene, tuple(new_views)
+
+
+def _sensor_with(changed: dict[str, np.ndarray], sensor: Sensor, head: str) -> Sensor:
+    """Return a sensor with what changed under its path."""
+    return jax.tree_util.tree_map_with_path(
+        lambda path, leaf: changed.get(f"{head}.{jax.tree_util.keystr(path, simple=True, separator='.')}", leaf), sensor
+    )
 
 
 def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:

@@ -18,6 +18,7 @@ from ...model.gbuffers import GBuffer
 from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
+from ..data.recording import developed
 from ..data.views import View, colours, has_mask
 from ..result import Fit
 
@@ -90,7 +91,8 @@ def _same_camera(one: View, other: View) -> bool:
 
 
 def _brightness(view: View) -> Float[np.ndarray, "h w"]:
-    return (np.asarray(colours(view), np.float64).mean(-1) - float(view.black)) / float(view.exposure)
+    linear = developed(view)
+    return (np.asarray(colours(linear), np.float64).mean(-1) - float(view.black)) / float(view.exposure)
 
 
 def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:

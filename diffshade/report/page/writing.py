@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import json
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from ...core.progress import showing
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
+from ...inverse.data.recording import developed
 from ...inverse.result import Fit
 from ...io.files import replacing, writable
 from . import charts, tables
@@ -77,6 +79,7 @@ def write_report(
         showing("report", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
+        fit = dataclasses.replace(fit, views=tuple(map(developed, fit.views)))  # the page draws linear light
         residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
         report_progress("drawing")

@@ -14,6 +14,7 @@ from jaxtyping import ArrayLike, Float, Int
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import showing
+from ...inverse.data.recording import developed
 from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
@@ -70,6 +71,7 @@ def find_lights(
     """
     views = tuple(views)
     checked(scene, views, FREE, None, "cauchy")
+    views = tuple(map(developed, views))
     light_of = _light_of(scene, views)
     lights = len(scene.lights)
     error = None if light_error is None else np.deg2rad(_errors("light_error", light_error, lights, 1.0))

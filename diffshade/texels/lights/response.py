@@ -1,0 +1,200 @@
+"""Response: the gamma of photographs whose camera did not say it, from all texels of an object under known lights.
+
+Through a wrong gamma, no normal and no highlight explains what a texel shows under lights of known strength.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from ...core.backend import check_backend, in_float64
+from ...core.fields import as_float64
+from ...core.progress import ReportProgress, showing
+from ...core.words import Note
+from ...inverse.data.sensors import Sensor, linear_level
+from ...inverse.data.views import View
+from ...model.scenes import Scene
+from ..checks import checked
+from ..fitting import MEMORY
+from ..robust.run import RobustRun
+from ..run import TexelRun
+from ..tile_runner import TileRunner
+from ..tiles import TexelTile
+from .finding import FREE
+
+SAMPLE = 1024  # texels
+FEWEST_VIEWS = 8
+RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
+NARROW = (0.12, 0.04)  # half widths, of log gamma, of the parabolas through three points that follow
+GROUPS = 4  # of the views, left out in turn
+DARK = 0.05  # of a texel's brightest view, below which it is in shadow
+FLAT = 1.15  # ratio of misfits, within the range, below which they do not tell the gamma
+
+Misfit = Callable[[float], float]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundResponse:
+    """The gamma that all texels of an object agree with; `print` it."""
+
+    gamma: float
+    """Exponent that makes the photographs linear, as in `Sensor`."""
+    error: float
+    """Its standard error: the scatter when groups of photographs are left out, and the misfit; infinite where these
+    photographs do not tell it."""
+    views: tuple[View, ...]
+    """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
+    misfit: float
+    """Typical residual of a texel with this gamma, relative to its brightness in the file."""
+    misfit_linear: float
+    """The same if the photographs are taken to be linear."""
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        """Return the gamma, what it takes off the misfit, and the notes."""
+        first = (
+            f"gamma {self.gamma:.3f}, error {self.error:.2g}; the misfit of a texel is {100 * self.misfit:.2g} %, and "
+            f"{100 * self.misfit_linear:.2g} % if the photographs are taken to be linear"
+        )
+        return "\n".join([first, *(f"- {note}" for note in self.notes)])
+
+
+def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False) -> FoundResponse:
+    r"""Find the gamma of photographs of an object of unknown shape, from the agreement of its texels.
+
+    $$ image = f^\gamma, \quad \gamma = \arg\min_\gamma m(\gamma) / \gamma $$
+
+    m is the typical residual of a texel relative to its brightness, after the robust fit of `fit_texels` to the
+    photographs raised to gamma; a small error of an image is gamma times as large afterwards, hence the quotient. As in
+    calibration from radiometric consistency (Lin, Gu, Yamazaki and Shum, CVPR 2004), but by the shading of one object.
+
+    Lights of unequal known strengths tell it best. A gamma that is found in place of one that is known costs accuracy:
+    give linear photographs where there are any.
+
+    Args:
+        scene: One opaque object and all lights, as for `fit_texels`.
+        views: At least 8 photographs of one camera, black at 0 and without a sensor; sRGB ones are decoded as usual.
+        progress: Show a line of progress on the terminal.
+
+    Returns:
+        The gamma with its error, and the views with it.
+
+    Raises:
+        ValueError: An argument is wrong; the message has the remedy.
+        TypeError: An argument has the wrong type.
+    """
+    views = tuple(views)
+    checked(scene, views, FREE, None, "cauchy")
+    _check(views)
+    check_backend()
+    scene = jax.tree.map(as_float64, scene)
+    plain = tuple(dataclasses.replace(view, noise=None) for view in views)
+    with (
+        showing("response", show=progress) as report_progress,
+        in_float64((scene, plain)) as (inner, plain),
+    ):
+        tiles = TileRunner(inner, plain, "", _say_nothing, out=None, memory=MEMORY, mesh=None)
+        with contextlib.closing(tiles):
+            each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
+            setup, sample = each.setup, tiles.reader.sample(SAMPLE)
+            known = each.known
+
+            def misfit_of(sample: TexelTile) -> Misfit:
+                def misfit(gamma: float) -> float:
+                    run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False, light_error=None)
+                    return float(run.learn(raised(sample, gamma))[0].relative_misfit) / gamma
+
+                return misfit
+
+            return _found(views, misfit_of, sample, report_progress)
+
+
+def _found(
+    views: tuple[View, ...],
+    misfit_of: Callable[[TexelTile], Misfit],
+    sample: TexelTile,
+    report_progress: ReportProgress,
+) -> FoundResponse:
+    """Return the gamma of the least misfit, and its error by a jackknife over groups of views."""
+    misfit = misfit_of(sample)
+    tried = []
+    for k, gamma in enumerate(RANGE):
+        report_progress("trying gammas", 0.3 * k / len(RANGE))
+        tried.append(misfit(gamma))
+    gamma = float(RANGE[int(np.argmin(tried))])
+    for width in NARROW:
+        gamma = lowest(misfit, gamma, width)
+    linear, least = misfit(1.0), misfit(gamma)
+    clear = min(tried[0], tried[-1]) > FLAT * least
+    left_out = []
+    for group in range(GROUPS):
+        report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
+        counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
+        without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
+        left_out.append(np.log(lowest(without, gamma, NARROW[-1])))
+    spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
+    notes = []
+    if not clear:
+        notes.append(Note("the misfit hardly depends on gamma: these photographs do not tell it.", "gamma", ("gamma",)))
+    taken = tuple(dataclasses.replace(view, sensor=Sensor(gamma=gamma)) for view in views)
+    # what the model leaves out may be proportional to the logarithm of the brightness, as a change of gamma is
+    error = gamma * float(np.hypot(spread, least / scatter_of_logarithms(sample))) if clear else np.inf
+    return FoundResponse(gamma, error, taken, least, linear, tuple(notes))
+
+
+def scatter_of_logarithms(sample: TexelTile) -> float:
+    """Return the typical scatter, over the views, of the logarithm of what a texel shows."""
+    y = sample.target.mean(1)
+    lit = sample.counts & (y > DARK * y.max(0))
+    logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
+    return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
+
+
+def _say_nothing(words: str, share: float | None = None) -> None:
+    """Report nothing of one trial of many."""
+
+
+def raised(sample: TexelTile, gamma: float) -> TexelTile:
+    """Return texels whose photographs are made linear by a gamma."""
+    linear = linear_level(Sensor(gamma=gamma), sample.target).astype(sample.target.dtype)
+    return eqx.tree_at(lambda tile: tile.target, sample, linear)
+
+
+def lowest(misfit: Misfit, gamma: float, width: float) -> float:
+    """Return where the square of the misfit is least, by the parabola through three points of log gamma.
+
+    They are so far apart, and move downhill until the one in the middle is the lowest.
+    """
+    points = np.log(gamma) + width * np.array([-1.0, 0.0, 1.0])
+    costs = [misfit(float(np.exp(at))) ** 2 for at in points]
+    for _ in range(10):
+        if costs[1] <= min(costs):
+            break
+        side = 1 if costs[2] < costs[0] else -1
+        points = points + side * width
+        new = misfit(float(np.exp(points[1 + side]))) ** 2
+        costs = [*costs[1:], new] if side > 0 else [new, *costs[:2]]
+    bend = costs[0] - 2.0 * costs[1] + costs[2]
+    shift = 0.5 * (costs[0] - costs[2]) / bend if bend > 0.0 else 0.0
+    return float(np.exp(points[1] + width * np.clip(shift, -0.5, 0.5)))
+
+
+def _check(views: Sequence[View]) -> None:
+    if len(views) < FEWEST_VIEWS:
+        raise ValueError(
+            f"find_response needs at least {FEWEST_VIEWS} views; got {len(views)}. Add photographs, or give "
+            "View(sensor=Sensor(gamma=...))."
+        )
+    for i, view in enumerate(views):
+        if view.sensor is not None or float(view.black) != 0.0:
+            raise ValueError(
+                f"find_response takes views without a sensor and with black 0; views[{i}] has "
+                f"{'a sensor' if view.sensor is not None else f'black {float(view.black):g}'}. Leave it out."
+            )
