@@ -48,7 +48,7 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Texels
 
-`fit_texels`, `TexelMaps`, `integrate_normals`, `HeightMap`, `find_lights`, `FoundLights`
+`fit_texels`, `TexelMaps`, `read_maps`, `integrate_normals`, `HeightMap`, `find_lights`, `FoundLights`
 
 ## Other programs
 

@@ -92,4 +92,5 @@ from .texels.heights.integration import integrate_normals as integrate_normals
 from .texels.heights.map import HeightMap as HeightMap
 from .texels.lights.finding import find_lights as find_lights
 from .texels.lights.found import FoundLights as FoundLights
+from .texels.map_reading import read_maps as read_maps
 from .texels.maps import TexelMaps as TexelMaps
