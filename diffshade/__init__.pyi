@@ -28,6 +28,8 @@ from .exchange.material_files import read_lights as read_lights
 from .exchange.material_files import read_material as read_material
 from .exchange.material_files import read_materials as read_materials
 from .exchange.material_files import write_material as write_material
+from .exchange.mesh_files import ExportedMesh as ExportedMesh
+from .exchange.mesh_files import write_mesh as write_mesh
 from .inverse.data.photographs import read_photographs as read_photographs
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
@@ -90,6 +92,8 @@ from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
 from .texels.heights.integration import integrate_normals as integrate_normals
 from .texels.heights.map import HeightMap as HeightMap
+from .texels.heights.mesh import HeightMesh as HeightMesh
+from .texels.heights.mesh import height_mesh as height_mesh
 from .texels.lights.finding import find_lights as find_lights
 from .texels.lights.found import FoundLights as FoundLights
 from .texels.map_reading import read_maps as read_maps

@@ -279,6 +279,10 @@ def test_texels(typed):
     )
     assert "X,Y,Z toward it; got '1,2'" in typed("relight", "maps", "--light", "1,2", "-o", "none.png").err
     assert not Path("none.png").exists()
+    pytest.importorskip("trimesh")
+    assert "triangles" in typed("convert", "maps", "relief.ply").out
+    assert "'.stl' is not the suffix of a mesh" in typed("convert", "maps", "relief.stl").refusal
+    assert "--tolerance is for meshes" in typed("convert", "brass.mtl", "b.json", "--tolerance", "1").refusal
 
 
 def test_too_few_photographs_to_leave_one_out(typed):
