@@ -53,7 +53,8 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Other programs
 
-`write_material`, `Exported`, `write_mesh`, `ExportedMesh`, `read_material`, `read_materials`, `read_lights`
+`write_material`, `Exported`, `write_mesh`, `ExportedMesh`, `write_rti`,
+`ExportedRti`, `read_rti`, `RelightableImage`, `photographs_of`, `read_material`, `read_materials`, `read_lights`
 """
 
 import lazy_loader

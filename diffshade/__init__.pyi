@@ -30,7 +30,10 @@ from .exchange.material_files import read_materials as read_materials
 from .exchange.material_files import write_material as write_material
 from .exchange.mesh_files import ExportedMesh as ExportedMesh
 from .exchange.mesh_files import write_mesh as write_mesh
+from .exchange.rti_folders import ExportedRti as ExportedRti
+from .exchange.rti_folders import write_rti as write_rti
 from .inverse.data.photographs import read_photographs as read_photographs
+from .inverse.data.relightable import photographs_of as photographs_of
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
 from .inverse.fitting import fit as fit
@@ -46,6 +49,8 @@ from .io.images import write_image as write_image
 from .io.lazy_images import LazyImage as LazyImage
 from .io.lazy_images import open_image as open_image
 from .io.meshes import read_mesh as read_mesh
+from .io.rti_files import RelightableImage as RelightableImage
+from .io.rti_files import read_rti as read_rti
 from .io.scene_files import read_camera as read_camera
 from .io.scene_files import read_scene as read_scene
 from .io.scene_files import write_scene as write_scene

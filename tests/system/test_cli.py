@@ -281,6 +281,9 @@ def test_texels(typed):
     assert not Path("none.png").exists()
     pytest.importorskip("trimesh")
     assert "triangles" in typed("convert", "maps", "relief.ply").out
+    assert "HSH of 9 terms" in typed("convert", "maps", "viewer").out
+    assert Path("viewer/info.json").is_file()
+    assert "viewer exists already" in typed("convert", "maps", "viewer").refusal
     assert "'.stl' is not the suffix of a mesh" in typed("convert", "maps", "relief.stl").refusal
     assert "--tolerance is for meshes" in typed("convert", "brass.mtl", "b.json", "--tolerance", "1").refusal
 
