@@ -73,9 +73,8 @@ def main(folder: Path, srgb: bool) -> None:
         print(
             f"{name}: mean {row.mean():.2f}, lowest ring {row[low].mean():.2f}; texels better for {wins} of {len(row)}"
         )
-    print(
-        f"texels better than all for {int((found['texels'] > best).sum())} of {len(best)}; {low.sum()} lights in the ring"
-    )
+    wins = int((found["texels"] > best).sum())
+    print(f"texels better than all others for {wins} of {len(best)} lights; {low.sum()} lights in the lowest ring")
 
 
 if __name__ == "__main__":
