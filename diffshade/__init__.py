@@ -48,12 +48,14 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Texels
 
-`fit_texels`, `TexelMaps`, `integrate_normals`, `HeightMap`, `find_lights`, `FoundLights`,
+`fit_texels`, `TexelMaps`, `read_maps`, `integrate_normals`, `HeightMap`, `height_mesh`, `HeightMesh`,
+`find_lights`, `FoundLights`,
 `find_response`, `FoundResponse`
 
 ## Other programs
 
-`write_material`, `Exported`, `read_material`, `read_materials`, `read_lights`
+`write_material`, `Exported`, `write_mesh`, `ExportedMesh`, `write_rti`,
+`ExportedRti`, `read_rti`, `RelightableImage`, `photographs_of`, `read_material`, `read_materials`, `read_lights`
 """
 
 import lazy_loader

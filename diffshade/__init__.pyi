@@ -28,7 +28,12 @@ from .exchange.material_files import read_lights as read_lights
 from .exchange.material_files import read_material as read_material
 from .exchange.material_files import read_materials as read_materials
 from .exchange.material_files import write_material as write_material
+from .exchange.mesh_files import ExportedMesh as ExportedMesh
+from .exchange.mesh_files import write_mesh as write_mesh
+from .exchange.rti_folders import ExportedRti as ExportedRti
+from .exchange.rti_folders import write_rti as write_rti
 from .inverse.data.photographs import read_photographs as read_photographs
+from .inverse.data.relightable import photographs_of as photographs_of
 from .inverse.data.sensors import Sensor as Sensor
 from .inverse.data.sensors import Vignetting as Vignetting
 from .inverse.data.views import Noise as Noise
@@ -46,6 +51,8 @@ from .io.images import write_image as write_image
 from .io.lazy_images import LazyImage as LazyImage
 from .io.lazy_images import open_image as open_image
 from .io.meshes import read_mesh as read_mesh
+from .io.rti_files import RelightableImage as RelightableImage
+from .io.rti_files import read_rti as read_rti
 from .io.scene_files import read_camera as read_camera
 from .io.scene_files import read_scene as read_scene
 from .io.scene_files import write_scene as write_scene
@@ -92,8 +99,11 @@ from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels
 from .texels.heights.integration import integrate_normals as integrate_normals
 from .texels.heights.map import HeightMap as HeightMap
+from .texels.heights.mesh import HeightMesh as HeightMesh
+from .texels.heights.mesh import height_mesh as height_mesh
 from .texels.lights.finding import find_lights as find_lights
 from .texels.lights.found import FoundLights as FoundLights
 from .texels.lights.response import FoundResponse as FoundResponse
 from .texels.lights.response import find_response as find_response
+from .texels.map_reading import read_maps as read_maps
 from .texels.maps import TexelMaps as TexelMaps

@@ -20,6 +20,7 @@ import click
 from .exchange import convert
 from .fits import compare, fit, plan, report
 from .lights import calibrate, find_lights, mask
+from .map_uses import relight
 from .maps import texels
 from .scenes import figures, new, render
 
@@ -34,10 +35,16 @@ class InOrder(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
+    def get_help_option(self, ctx: click.Context) -> click.Option | None:
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.hidden = True  # whoever reads it has typed it, and the commands fill a screen
+        return option
+
 
 @click.group(
     cls=InOrder,
-    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, figures],
+    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, relight, convert, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )

@@ -111,7 +111,7 @@ def texels(
             maps = fitted(None)
     relative = maps.relative_errors([found.views[i] for i in left_out])
     written = [] if suffix is None else maps.write(out, suffix=suffix)
-    relief = _integrated(maps) if heights else None
+    relief = integrated(maps) if heights else None
     if relief is not None:
         for ending in (".npy",) if suffix is None else (".npy", suffix):
             written += relief.write(out, suffix=ending)
@@ -176,7 +176,7 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
     )
 
 
-def _integrated(maps: ds.TexelMaps) -> ds.HeightMap:
+def integrated(maps: ds.TexelMaps) -> ds.HeightMap:
     """Integrate the normals of maps, or the ones that were known."""
     import numpy as np
 

@@ -131,11 +131,9 @@ def save(path: Path, pixels: np.ndarray) -> None:
     if suffix == ".exr":
         _save_exr(path, pixels)
         return
-    if pixels.shape[-1] == 1:
-        pixels = pixels[..., 0]
     if suffix == ".npy":
         with path.open("wb") as file:
-            np.save(file, pixels)
+            np.save(file, pixels[..., 0] if pixels.shape[-1] == 1 else pixels)
     else:
         path.write_bytes(encode(suffix, pixels))
 
@@ -154,6 +152,8 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     """Return pixels of 8 or 16 bits encoded as a file; `quality` is for JPEG."""
     import imageio.v3 as iio
 
+    if pixels.shape[-1] == 1:
+        pixels = pixels[..., 0]
     name = FORMATS[suffix].name
     if pixels.dtype == np.uint8:
         jpeg, tiff = {"quality": quality, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}

@@ -13,6 +13,7 @@ from ..core.backend import in_float64
 from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
+from .triangles import Triangles, first_hits
 
 
 def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer:
@@ -41,8 +42,8 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
     if not path.is_file():
         raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
     try:
+        import embreex  # noqa: F401
         import trimesh
-        from trimesh.ray.ray_pyembree import RayMeshIntersector
     except ImportError as error:
         raise ImportError(
             f"reading a mesh needs trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
@@ -63,17 +64,15 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         raise ValueError(f"{path} has triangles with a corner that is no point of three numbers. Export it again.")
     with in_float64(camera) as camera:
         rays = [np.asarray(a) for a in _rays(camera)]
-    hits: Any = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)
-    face, ray, p = hits
-    n = mesh.face_normals[face]
+    hits = first_hits(Triangles(corners, faces), rays[0], rays[1])
+    n = mesh.face_normals[hits.face]
     if smooth:
-        corners = trimesh.triangles.points_to_barycentric(mesh.triangles[face], p)
-        n = np.einsum("rc,rcx->rx", corners, mesh.vertex_normals[mesh.faces[face]])
+        n = np.einsum("rc,rcx->rx", hits.weight, mesh.vertex_normals[mesh.faces[hits.face]])
         n /= np.linalg.norm(n, axis=-1, keepdims=True)
     normal, position = np.zeros((2, len(rays[0]), 3))
-    normal[ray], position[ray] = n, p
+    normal[hits.ray], position[hits.ray] = n, hits.point
     mask = np.zeros(len(rays[0]), bool)
-    mask[ray] = True
+    mask[hits.ray] = True
     shape = camera.shape
     return GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape))
 

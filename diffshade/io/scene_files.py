@@ -1,4 +1,7 @@
-"""Scene files: a scene and its camera as TOML that people read and write."""
+"""Scene files: a scene and its camera as TOML that people read and write.
+
+Numbers of every pixel (a G-buffer, maps of a coefficient) are .npy files beside it, which it names.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ from ..core.words import did_you_mean
 from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
 from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
+from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import AbstractReflectance, Blinn, Brushed, Phong
 from ..model.materials import Highlight, Material
@@ -25,13 +29,14 @@ from ..model.named_materials import material_names
 from ..model.patterns import AbstractPattern, Chequer
 from ..model.scenes import Object, Scene
 from ..model.surfaces import AbstractSurface, Box, Plane, Sphere
-from .files import replacing
+from .arrays import read_array, write_array
+from .files import replacing, writable
 
 # The classes of a table by its key; where there is a choice, `type` names one, the first by default.
 _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "camera": (Camera, OrthographicCamera),
     "objects": (Object,),
-    "surface": (Sphere, Plane, Box),
+    "surface": (Sphere, Plane, Box, GBuffer),
     "material": (Material,),
     "lobe": (Phong, Blinn, Brushed),
     "highlights": (Highlight,),
@@ -42,7 +47,8 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
-_MAPPED = ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal")  # may be an array over the pixels
+# may be an array over the pixels
+_MAPPED = ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal", "position", "mask")
 _SEVERAL = ("objects", "lights", "highlights")
 # Users' own classes of these bases can stand there too, once their module is imported.
 _OPEN: dict[str, type[eqx.Module]] = {
@@ -94,33 +100,59 @@ def read_camera(path: str | Path) -> AbstractCamera:
     return _value("camera", document["camera"], f"{path}: camera")
 
 
-def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> None:
+def write_scene(path: str | Path, scene: Scene, *, camera: AbstractCamera | None = None) -> list[Path]:
     """Write a scene, and optionally a camera, as TOML that `read_scene` and `read_camera` read back exactly.
 
     Args:
-        path: The TOML file.
-        scene: The scene, without G-buffers.
+        path: The TOML file. Arrays over the pixels, such as those of a G-buffer, are written beside it, as for example
+            `scene.objects.0.surface.normal.npy`.
+        scene: The scene.
         camera: The camera; none is written by default.
 
+    Returns:
+        The paths of the files.
+
     Raises:
-        ValueError: The scene cannot be written as TOML, for example because it contains a G-buffer.
+        ValueError: The scene cannot be written as TOML, for example because it contains a `Texture`.
         FileNotFoundError: The folder does not exist.
         PermissionError: The folder is not writable.
         IsADirectoryError: `path` is a folder.
     """
     import tomli_w
 
-    document = _table(scene)
-    if camera is not None:
-        document["camera"] = _plain("camera", camera)
-    text = tomli_w.dumps(document)
+    path = Path(path)
+    document, arrays = scene_document(scene, camera, stem=path.stem)
+    writable(path)
+    for name, array in arrays.items():
+        write_array(path.with_name(name), array)
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(tomli_w.dumps(document), encoding="utf-8")
+    return [*(path.with_name(name) for name in arrays), path]
+
+
+def scene_document(
+    scene: Scene, camera: AbstractCamera | None = None, *, stem: str = "scene"
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return a scene as the table that `read_scene` reads, and the arrays that it names by their files.
+
+    Args:
+        scene: The scene.
+        camera: The camera; none by default.
+        stem: What the names of the files begin with.
+
+    Raises:
+        ValueError: The scene cannot be written as TOML.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    document = _table(scene, stem, arrays)
+    if camera is not None:
+        document["camera"] = _plain("camera", camera, stem, arrays)
+    return document, arrays
 
 
 def material_table(material: Material) -> dict[str, Any]:
-    """Return a material as the table that `read_scene` reads it from."""
-    return _table(material)
+    """Return a material as the table that `read_scene` reads it from; refuse arrays over the pixels."""
+    return _table(material, "", None)
 
 
 def _load(path: str | Path) -> dict[str, Any]:
@@ -134,7 +166,24 @@ def _load(path: str | Path) -> dict[str, Any]:
     except ValueError as error:  # invalid TOML, invalid UTF-8, or a number with too many digits
         raise ValueError(f"{path} is no TOML: {error}. Mend that line.") from None
     _check_keys(document, [*(field.name for field in dataclasses.fields(Scene)), "camera"], f"{path}")
-    return document
+    return _with_arrays(document, path)
+
+
+def _with_arrays(value: Any, path: Path) -> Any:
+    """Return a document with the arrays that it names by their files."""
+    if isinstance(value, list):
+        return [_with_arrays(item, path) for item in value]
+    if not isinstance(value, dict):
+        return value
+    found = {}
+    for key, item in value.items():
+        if key in _MAPPED and isinstance(item, str) and item.endswith(".npy"):
+            if Path(item).name != item:
+                raise ValueError(f"{path}: {key} must be the name of a .npy file beside it; got {item!r}. Mend it.")
+            found[key] = read_array(path.with_name(item))
+        else:
+            found[key] = _with_arrays(item, path)
+    return found
 
 
 def _check_keys(table: dict[str, Any], known: Collection[str], where: str) -> None:
@@ -149,7 +198,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
     if not isinstance(table, dict):
         raise ValueError(f"{where} must be a table of {', '.join(fields)}; got {table!r}. Write it as [table].")
     _check_keys(table, fields, where)
-    values = {}
+    values, parameters = {}, inspect.signature(cls).parameters
     for key, field in fields.items():
         if key in table:
             values[key] = _value(key, table[key], f"{where}: {key}" if cls is Scene else f"{where}.{key}")
@@ -157,7 +206,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
                 raise ValueError(f"{where}.{key} must be a word; got {values[key]!r}. Write it in quotes.")
             if field.type in (bool, "bool") and not isinstance(values[key], bool):
                 raise ValueError(f"{where}.{key} must be true or false; got {values[key]!r}. Write one of the two.")
-        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+        elif key in parameters and parameters[key].default is inspect.Parameter.empty:
             raise ValueError(f"{where} needs the key '{key}' of a {cls.__name__}. Add it.")
     try:
         return cls(**values)
@@ -168,7 +217,7 @@ def _build(cls: type, table: Any, where: str) -> Any:
 def _value(key: str, value: Any, where: str) -> Any:
     """Make the value of a key: a module, several, or a plain value."""
     if key not in _TYPES or (key.startswith("k_") and not isinstance(value, dict)):
-        if not isinstance(value, bool | int | float | str | list):
+        if not isinstance(value, bool | int | float | str | list | np.ndarray):
             got = "a table" if isinstance(value, dict) else f"{value}"
             raise ValueError(f"{where} must be a number, a word or a list; got {got}. Write it as {key} = ...")
         return value
@@ -220,33 +269,43 @@ def _check_default(table: dict[str, Any], types: dict[str, type], where: str) ->
         )
 
 
-def _table(module: eqx.Module) -> dict[str, Any]:
+def _table(module: eqx.Module, at: str, arrays: dict[str, np.ndarray] | None) -> dict[str, Any]:
+    """Return a module as a table.
+
+    Args:
+        module: The module.
+        at: Where it is in the document, for the names of files.
+        arrays: Where arrays over the pixels are put, by the names of their files; None refuses them.
+    """
     table: dict[str, Any] = {}
     for field in dataclasses.fields(module):
         value = getattr(module, field.name)
         if value is not None and not (isinstance(value, str | tuple) and not value):  # what is not given is left out
-            table[field.name] = _plain(field.name, value)
+            table[field.name] = _plain(field.name, value, f"{at}.{field.name}", arrays)
     return table
 
 
-def _plain(key: str, value: Any) -> Any:
+def _plain(key: str, value: Any, at: str, arrays: dict[str, np.ndarray] | None) -> Any:
     if isinstance(value, tuple) and key in _TYPES:
-        return [_plain(key, item) for item in value]
+        return [_plain(key, item, f"{at}.{i}", arrays) for i, item in enumerate(value)]
     if isinstance(value, eqx.Module):
         name = type(value).__name__
         if key not in _TYPES or type(value) is not _types_of(key).get(name):
             raise ValueError(
                 f"a {name} has no form in TOML. Write its arrays with numpy.save, and the rest as a scene."
             )
-        fields = _table(value)
+        fields = _table(value, at, arrays)
         if not fields:
             return name
         return {"type": name, **fields} if len(_TYPES[key]) > 1 or key in _OPEN else fields
     if isinstance(value, bool | str):
         return value
     if is_over_pixels(value) and key in _MAPPED:
-        raise ValueError(
-            f"{key} is an array over {np.shape(value)[:2]} pixels, which has no form in TOML. Write it with "
-            "numpy.save, and the rest as a scene."
-        )
+        if arrays is None:
+            raise ValueError(
+                f"{key} is an array over {np.shape(value)[:2]} pixels, which has no form in a table. Write it with "
+                "numpy.save, and the rest as a scene."
+            )
+        arrays[f"{at}.npy"] = np.asarray(value)
+        return f"{at}.npy"
     return np.asarray(value).tolist()

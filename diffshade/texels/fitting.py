@@ -18,6 +18,7 @@ from ..core.progress import showing
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
+from ..io.scene_files import scene_document
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
 from .checks import UnsuitedLights, check_anything_left, checked, checked_light_error
@@ -88,8 +89,9 @@ def fit_texels(
             for each view; or the covariance of the unit vector to each view's light, (views, 3, 3), scene coordinates,
             squared radians. The errors of the normals then contain it, and all texels share a highlight. By default the
             lights are taken to be exact.
-        out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`. The same call
-            resumes from it, whenever it was stopped. By default the maps stay in memory.
+        out: Folder to which the maps are written as they are found, `NAME.npy` and `NAME_error.npy`, with the scene and
+            the camera, so that `read_maps` reads them back. The same call resumes from it, whenever it was stopped. By
+            default the maps stay in memory.
         memory: Bytes that the photographs at work may take, approximately; larger ones are read in bands of rows. A run
             that is resumed keeps the bands of its first call: to use less memory, begin in a new folder.
         mesh: Devices that share the work. Several processes, joined by `jax.distributed.initialize`, each fit their
@@ -110,6 +112,8 @@ def fit_texels(
     free = checked(scene, views, free, regions, loss)
     views = tuple(map(developed, views))
     light_error = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
+    if out is not None:
+        scene_document(scene, views[0].camera)  # refuses what could not be written beside the maps
     check_backend()
     scene = jax.tree.map(as_float64, scene)
     region_of = None if regions is None else np.unique(np.asarray(regions), return_inverse=True)[1].reshape(-1)

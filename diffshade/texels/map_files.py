@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..io.arrays import read_array, write_array
 from ..io.files import replacing
 from ..io.image_formats import save
+from ..io.images import read_image
 
 SUFFIXES = (".npy", ".exr", ".png")
 
@@ -25,12 +27,23 @@ def map_folder(folder: str | os.PathLike[str], suffix: str) -> Path:
 
 def write_numbers(path: Path, numbers: np.ndarray) -> Path:
     """Write numbers unchanged as .npy, or in float32 as .exr, by the suffix of the path."""
-    with replacing(path) as temporary:
-        if path.suffix == ".npy":
-            np.save(temporary, numbers)
-        else:
+    if path.suffix == ".npy":
+        write_array(path, numbers)
+    else:
+        with replacing(path) as temporary:
             save(temporary, np.asarray(numbers if numbers.ndim == 3 else numbers[..., None], np.float32))
     return path
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """Return the numbers that `write_numbers` wrote: .npy mapped from disk, .exr as float32.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged.
+        OSError: The file is damaged.
+    """
+    return read_array(path) if path.suffix == ".npy" else read_image(path, srgb=False).astype(np.float32)
 
 
 def write_about(path: Path, about: Mapping[str, object]) -> Path:

@@ -17,6 +17,7 @@ from ..core.backend import in_float64
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, is_grey
 from ..io.images import write_image
+from ..io.scene_files import scene_document, write_scene
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer, as_mask
 from ..model.lights import AbstractLight
@@ -24,10 +25,12 @@ from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight
 from ..model.rendering import intersect, render, select
 from ..model.scenes import Scene, as_tuple
-from .map_files import map_folder, write_about, write_numbers
+from .map_files import map_folder, read_numbers, write_about, write_numbers
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 from .unexplained import Unexplained
 
+FORMAT = 1  # of the folder; `read_maps` refuses others
+ABOUT, SCENE, STATUS_PICTURE, WEIGHTS = "maps.toml", "scene.toml", "status.png", "highlight_weights.npy"
 PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
@@ -230,12 +233,19 @@ class TexelMaps:
         return {"k_s": weight * k_s, "n_s": n_s, "highlights": further}
 
     def write(self, folder: str | os.PathLike[str], *, suffix: str = ".exr") -> list[Path]:
-        """Write every map to a folder, each file whole or not at all.
+        """Write every map to a folder, each file whole or not at all; `read_maps` reads .npy and .exr back.
 
-        Each map is written with its error, `NAME_error`, and the residuals as `residual`, except as PNGs. Beside them
-        are PNGs of 8 bits: `NAME_preview`, bright enough to look at, and `status`. `maps.toml` names the levels of the
-        status, the units of all maps, and the scales of PNGs. `unexplained.npy` has what photographs show beyond the
-        model, where that is known.
+        The files are:
+
+        - `NAME` and `NAME_error`: each map and its error; as PNG without errors. `NAME_preview.png`, of 8 bits, is
+          bright enough to look at.
+        - `residual`, except as PNG, and `status.png`, of 8 bits.
+        - `scene.toml`: the scene and the camera, as `write_scene` writes them, with the arrays of a G-buffer beside it.
+        - `unexplained.npy`, what photographs show beyond the model, where that is known, and
+          `highlight_weights.npy`, where regions have different highlights.
+        - `maps.toml`, written last: the format, the names of the maps, the levels of the status, the units, the notes,
+          how many errors hold the truth 95 % of the time, the powers of the highlight (`weight` is a number, or names
+          the file that has one for each pixel), how unexplained light is interpolated, and the scales of PNGs.
 
         Args:
             folder: The folder; it is made if it does not exist.
@@ -247,10 +257,13 @@ class TexelMaps:
             The paths of the files.
 
         Raises:
-            ValueError: The suffix is another one.
+            ValueError: The suffix is another one, or the scene has no form in TOML.
             OSError: A file cannot be written.
         """
+        scene_document(self.scene, self.camera)  # refuses what cannot be written
         folder = map_folder(folder, suffix)
+        numbers = suffix if suffix != ".png" else self._numbers_in(folder)
+        (folder / ABOUT).unlink(missing_ok=True)  # until all is written, the folder holds no maps
         written, scales = [], {}
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
@@ -269,41 +282,61 @@ class TexelMaps:
             written.append(write_numbers(folder / f"residual{suffix}", np.asarray(self.residual)[..., None]))
         if self.unexplained is not None:
             written.append(write_numbers(folder / "unexplained.npy", self.unexplained.parts))
-        path = folder / "status.png"
-        write_image(path, self.status[..., None] / 255.0, srgb=False)
-        return [*written, path, self.describe(folder, scales)]
+        return [*written, *self.describe(folder, numbers=numbers, scales=scales)]
 
-    def describe(self, folder: Path, scales: Mapping[str, float] | None = None) -> Path:
-        """Write `maps.toml`: the levels of the status, the units of all maps, the notes, and the scales of PNGs.
+    def _numbers_in(self, folder: Path) -> str | None:
+        """Return the suffix of the numbers of these maps that a folder has already, such as one of a fit, or None."""
+        for suffix in (".npy", ".exr"):
+            files = {name: folder / f"{name}{suffix}" for name in self.values}
+            if all(file.is_file() for file in files.values()) and all(
+                np.array_equal(read_numbers(file), self.values[name]) for name, file in files.items()
+            ):
+                return suffix
+        return None
+
+    def describe(
+        self, folder: Path, *, numbers: str | None = ".npy", scales: Mapping[str, float] | None = None
+    ) -> list[Path]:
+        """Write all but the maps: the status, the scene and the camera, the weights of the highlight, and `maps.toml`.
 
         Args:
             folder: The folder, which exists.
+            numbers: Suffix of the maps in it; None if it holds only PNGs.
             scales: What each map of a PNG was divided by.
 
         Returns:
-            The path of the file.
+            The paths of the files.
         """
+        written = [folder / STATUS_PICTURE]
+        write_image(written[0], self.status[..., None] / 255.0, srgb=False)
+        written += write_scene(folder / SCENE, self.scene, camera=self.camera)
         units = {name: UNITS[name] for name in self.values}
         units |= {f"{name}_error": "degrees" if name == "normal" else f"those of {name}" for name in self.values}
         about: dict[str, object] = {
+            "format": FORMAT,
+            "maps": list(self.values),
+            **({} if numbers is None else {"numbers": numbers}),
             "status": dict(zip(map(str, range(len(STATUS))), STATUS, strict=True)),
             "units": units | {"residual": "those of the photographs, or their noise where that was given"},
+            "errors_95": {name: float(self._times_95(name)) for name in self.values},
         }
-        about["errors_95"] = {name: round(self._times_95(name), 4) for name in self.values}
+        weights = [weight for weight, _ in self.highlights]
+        if differ := any(np.ndim(weight) for weight in weights):
+            of_pixels = [np.broadcast_to(weight, (*self.status.shape, 1)) for weight in weights]
+            written.append(write_numbers(folder / WEIGHTS, np.concatenate(of_pixels, -1)))
         if self.highlights:
-            about["highlight"] = [{"weight": float(np.mean(weight)), "n_s": n_s} for weight, n_s in self.highlights]
+            about["highlight"] = [
+                {"weight": WEIGHTS if differ else float(weight), "n_s": float(n_s)} for weight, n_s in self.highlights
+            ]
         if self.unexplained is not None:
             given = self.unexplained.interpolation
-            about["unexplained"] = {
-                "width": given.width,
-                "toward": given.toward.tolist(),
-                "given": given.given.tolist(),
-            }
+            arrays = {name: np.asarray(getattr(given, name)).tolist() for name in ("toward", "taken", "given")}
+            about["unexplained"] = {"width": float(given.width), **arrays}
         if self.notes:
-            about["notes"] = list(self.notes)
+            about["notes"] = [str(note) for note in self.notes]
         if scales:
             about["scale"] = dict(scales)
-        return write_about(folder / "maps.toml", about)
+        return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:
         """Return a percentile of a map's known values, 0 if none is known."""

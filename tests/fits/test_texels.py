@@ -294,7 +294,7 @@ def test_maps_are_written_and_read_back(turned, tmp_path, suffix):
     ball, maps = turned
     written = maps.write(tmp_path / "maps", suffix=suffix)
     assert sorted(written) == sorted((tmp_path / "maps").iterdir())
-    assert len(written) == (10 if suffix == ".png" else 15)  # 4 of them to look at
+    assert len(written) == (13 if suffix == ".png" else 18)  # 4 of them to look at
     about = tomllib.loads((tmp_path / "maps" / "maps.toml").read_text())
     assert about["status"]["1"] == "determined"
     status = ds.read_image(tmp_path / "maps" / "status.png", srgb=False)[..., 0]

@@ -16,6 +16,7 @@ import pytest
 HERE = Path(__file__).parent
 WIDTH = 24
 THREE = Path(os.environ.get("DIFFSHADE_THREE", HERE.parent / "node_modules" / "three"))
+VALIDATOR = Path(os.environ.get("DIFFSHADE_GLTF_VALIDATOR", HERE.parent / "node_modules" / "gltf-validator"))
 BROWSER = [
     *("--headless", "--no-sandbox", "--no-first-run", "--no-proxy-server", "--remote-debugging-port=0"),
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
@@ -181,16 +182,22 @@ def vtk(folder: Path, file: Path, views: Sequence[View]) -> list[np.ndarray]:
 
 def threejs(folder: Path, files: dict[str, str], views: dict[str, list[View]]) -> dict[str, list[np.ndarray]]:
     """Render several files of a folder, each with the views of its name, in one run of a browser."""
-    browser = needs("chromium")
-    if not (THREE / "build" / "three.module.js").is_file():
-        pytest.skip(f"three.js is not at {THREE}; run npm install three, or set DIFFSHADE_THREE to its folder.")
     height = max(view.height for of in views.values() for view in of)
     lists = {
         name: [{"normals": view.normals[: view.count].tolist(), "light": view.light.tolist()} for view in of]
         for name, of in views.items()
     }
     (folder / "cases.json").write_text(json.dumps({"files": files, "views": lists, "width": WIDTH, "height": height}))
-    shutil.copy(HERE / "exchange_three.js", folder / "main.js")
+    answer = in_browser(folder, HERE / "exchange_three.js")
+    return {file: [np.array(image) for image in images] for file, images in json.loads(answer).items()}
+
+
+def in_browser(folder: Path, script: Path) -> str:
+    """Serve a folder with three.js in it, and return what a script posts, in a browser."""
+    browser = needs("chromium")
+    if not (THREE / "build" / "three.module.js").is_file():
+        pytest.skip(f"three.js is not at {THREE}; run npm install three, or set DIFFSHADE_THREE to its folder.")
+    shutil.copy(script, folder / "main.js")
     imports = {"three": "/three/build/three.module.js", "three/addons/": "/three/examples/jsm/"}
     page = f'<!DOCTYPE html><script type="importmap">{json.dumps({"imports": imports})}</script>'
     (folder / "index.html").write_text(f'{page}<script type="module" src="main.js"></script>')
@@ -223,4 +230,4 @@ def threejs(folder: Path, files: dict[str, str], views: dict[str, list[View]]) -
                 process.wait(30)
                 server.shutdown()
     assert not answers[0].startswith("failed"), answers[0]
-    return {file: [np.array(image) for image in images] for file, images in json.loads(answers[0]).items()}
+    return answers[0]

@@ -82,6 +82,10 @@ OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys(("a.zarr/zarr.json", "b.zarr/.zarray", "b.zarr/0.0"), (lambda path: first_rows(path.parent),)),
     **dict.fromkeys(("ball/filenames.txt", "ball/light_directions.txt", "ball/normal_gt.npy"), (_folder,)),
     **dict.fromkeys(("mat/Normal_gt.mat", "text/normal.txt"), (_folder,)),
+    **dict.fromkeys(("rgb.ptm", "lrgb.ptm", "a.rti", "b.rti"), (ds.read_rti,)),
+    "maps/maps.toml": (lambda path: ds.read_maps(path.parent),),
+    "maps/k_d.npy": (lambda path: ds.read_maps(path.parent),),
+    "maps/scene.toml": (lambda path: ds.read_maps(path.parent),),
     **dict.fromkeys(("a.obj", "a.ply", "b.ply", "a.stl", "a.glb", "a.gltf", "a.off"), (_mesh,)),
 }
 
@@ -127,6 +131,17 @@ def write_good(folder: Path) -> None:
     np.save(folder / "ball" / "normal_gt.npy", normal)
     scipy.io.savemat(folder / "mat" / "Normal_gt.mat", {"Normal_gt": normal}, do_compression=True)
     np.savetxt(folder / "text" / "normal.txt", normal.reshape(-1, 3), "%.1f")
+    for kind, size in {"RGB": 18, "LRGB": 9}.items():
+        head = f"PTM_1.2\nPTM_FORMAT_{kind}\n7\n6\n1 1 1 1 1 1\n9 9 9 9 9 9\n".encode()
+        (folder / f"{kind.lower()}.ptm").write_bytes(head + bytes(range(42)) * size)
+    tail = np.ones(8, "<f4").tobytes() + bytes(12 * 42)
+    (folder / "a.rti").write_bytes(b"#HSH1.2\n" + np.array((7, 6, 3, 2), "<i4").tobytes() + tail)
+    (folder / "b.rti").write_bytes(b"#HSH1.2\n3\n7 6 3\n4 2 1\n" + tail)
+    k_d = {"k_d": image.astype(np.float32)}
+    scene = ds.Scene(ds.Object(ds.GBuffer(normal)), ds.DirectionalLight((0, 0, -1)))
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(6, 7))
+    maps = ds.TexelMaps(k_d, k_d, np.ones((6, 7), np.uint8), image[..., 0].astype(np.float32), scene, camera)
+    maps.write(folder / "maps", suffix=".npy")
     box = trimesh.creation.box((1, 1, 1))
     for kind in ("obj", "ply", "stl", "glb", "off"):
         box.export(folder / f"a.{kind}")

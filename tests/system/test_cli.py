@@ -120,7 +120,7 @@ def test_the_shell_completes():
         *given, begun = words.split()
         return [item.value for item in BashComplete(diffshade, {}, "diffshade", "_D").get_completions(given, begun)]
 
-    assert completed("re") == ["render", "report"]
+    assert completed("re") == ["render", "report", "relight"]
     assert completed("new x.toml --material em") == ["emerald"]
     assert completed("fit ball.toml --loss ge") == ["geman-mcclure"]
     assert completed("figures out --only sn") == ["snell"]
@@ -269,6 +269,23 @@ def test_texels(typed):
     assert Path("maps/k_d.npy").is_file()
     assert Path("maps/k_d.png").is_file()
     assert told["heights"] is None
+    words = ("relight", "maps", "--light", "1,1,2", "--light=-1,0,1=0.5,0.2,0.1", "-o", "lit.npy")
+    assert typed(*words, "--json").told["shape"] == [24, 24, 3]
+    lights = [ds.DirectionalLight((-1, -1, -2)), ds.DirectionalLight((1, 0, -1), (0.5, 0.2, 0.1))]
+    np.testing.assert_array_equal(np.load("lit.npy"), ds.read_maps("maps").shade(lights))
+    assert "relight needs a light" in typed("relight", "maps", "-o", "none.png").refusal
+    assert (
+        "photographs holds no maps.toml" in typed("relight", "photographs", "--light", "0,0,1", "-o", "n.png").refusal
+    )
+    assert "X,Y,Z toward it; got '1,2'" in typed("relight", "maps", "--light", "1,2", "-o", "none.png").err
+    assert not Path("none.png").exists()
+    pytest.importorskip("trimesh")
+    assert "triangles" in typed("convert", "maps", "relief.ply").out
+    assert "HSH of 9 terms" in typed("convert", "maps", "viewer").out
+    assert Path("viewer/info.json").is_file()
+    assert "viewer exists already" in typed("convert", "maps", "viewer").refusal
+    assert "'.stl' is not the suffix of a mesh" in typed("convert", "maps", "relief.stl").refusal
+    assert "--tolerance is for meshes" in typed("convert", "brass.mtl", "b.json", "--tolerance", "1").refusal
 
 
 def test_too_few_photographs_to_leave_one_out(typed):

@@ -64,6 +64,7 @@ ONLY_IN = {
     "matplotlib": "report",
     "pyamg": "texels.heights",
     "trimesh": "io",
+    "fast_simplification": "io",
     "tifffile": "io",
     "zarr": "io",
 }

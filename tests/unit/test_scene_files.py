@@ -257,10 +257,37 @@ def test_what_is_no_file_or_no_toml(tmp_path, read):
             read(tmp_path / "scene.toml")
 
 
-def test_a_gbuffer_has_no_form_in_toml(tmp_path):
+def test_arrays_over_the_pixels_stand_beside_the_file(tmp_path):
+    """Those of a G-buffer and of a map come back exactly, from names in the file's own folder alone."""
+    path, rng = tmp_path / "scene.toml", np.random.default_rng(0)
+    normal = np.broadcast_to((0.0, 0.6, 0.8), (4, 5, 3))
+    mask = rng.random((4, 5)) > 0.3
+    for position in (None, rng.random((4, 5, 3))):
+        surface = ds.GBuffer(normal, position, mask)
+        scene = ds.Scene(ds.Object(surface, ds.Material(k_d=rng.random((4, 5, 3)), n_s=9.0)), ds.PointLight((1, 2, 3)))
+        ds.write_scene(path, scene)
+        assert_same(ds.read_scene(path), scene)
+    names = {file.name for file in tmp_path.iterdir()} - {"scene.toml"}
+    arrays = ("surface.normal", "surface.position", "surface.mask", "material.k_d")
+    assert names == {f"scene.objects.0.{name}.npy" for name in arrays}
+    text = path.read_text()
+    path.write_text(text.replace("scene.objects.0.surface.normal", "../scene.objects.0.surface.normal"))
+    with pytest.raises(ValueError, match=r"normal must be the name of a \.npy file beside it; got '\.\./scene"):
+        ds.read_scene(path)
+    path.write_text(text)
+    cut = tmp_path / "scene.objects.0.surface.normal.npy"
+    cut.write_bytes(cut.read_bytes()[:200])
+    with pytest.raises(ValueError, match=r"surface\.normal\.npy is damaged: .* Write it again\.$"):
+        ds.read_scene(path)
+    cut.unlink()
+    with pytest.raises(FileNotFoundError, match=r"surface\.normal\.npy\. Copy the whole folder"):
+        ds.read_scene(path)
+
+
+def test_a_texture_has_no_form_in_toml(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text("old")
-    scene = ds.Scene(ds.Object(ds.GBuffer(np.full((2, 2, 3), (0, 0, 1)))))
-    with pytest.raises(ValueError, match=r"a GBuffer has no form in TOML\. Write its arrays with numpy\.save"):
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=ds.Texture(np.ones((2, 2))))))
+    with pytest.raises(ValueError, match=r"a Texture has no form in TOML\. Write its arrays with numpy\.save"):
         ds.write_scene(path, scene)
     assert path.read_text() == "old"

@@ -1,0 +1,85 @@
+"""Relighting: photographs that were left out, ten at a time, predicted by texels, PTM, HSH and radial basis functions.
+
+    .venv/bin/python benchmarks/relighting.py FOLDER [--sRGB]
+
+The peak signal-to-noise ratio is over the mask, of the numbers as they are stored, 1 the brightest. PTM and HSH are
+fitted by least squares to each texel and channel, as RTI programs do; radial basis functions are thin plate splines of
+the lights' directions (SciPy).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+
+import diffshade as ds
+from diffshade.io.rti_files import terms
+
+FOLDS = 5
+RING = 0.05  # lights whose z is within so much of the lowest one's are the lowest ring
+
+
+def by_basis(basis: str, count: int, seen: np.ndarray, images: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return photographs under other lights, from a fit of a basis to the ones that were seen."""
+    A, B = (np.stack([terms(basis, count, l) for l in lights]) for lights in (seen, others))
+    return np.tensordot(B @ np.linalg.pinv(A), images, 1)
+
+
+def by_splines(seen: np.ndarray, images: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return photographs under other lights, by interpolation between the ones that were seen."""
+    weights = RBFInterpolator(seen, np.eye(len(seen)))(others)
+    return np.tensordot(weights, images, 1)
+
+
+def psnr(shown: np.ndarray, image: np.ndarray) -> float:
+    """Return the peak signal-to-noise ratio of a picture, dB."""
+    return float(-10.0 * np.log10(np.mean((np.clip(shown, 0.0, 1.0) - image) ** 2)))
+
+
+def main(folder: Path, srgb: bool) -> None:
+    """Print the ratio for each light and method, and their means."""
+    scene, views = ds.read_photographs(folder, normals=False, srgb=srgb)
+    toward = np.stack([-np.asarray(light.direction) for light in scene.lights])
+    mask = np.asarray(views[0].mask)
+    stored = np.stack([np.asarray(view.image)[mask] for view in views])
+    found: dict[str, np.ndarray] = {}
+    for fold in range(FOLDS):
+        out = np.arange(len(views)) % FOLDS == fold
+        seen, images, others = toward[~out], stored[~out], toward[out]
+        maps = ds.fit_texels(
+            scene, [v for v, o in zip(views, out, strict=True) if not o], free=("k_d", "k_s", "n_s", "normal")
+        )
+        shown = {
+            "texels": np.stack([maps.shade(lit=int(i))[mask] for i in np.flatnonzero(out)]),
+            "PTM": by_basis("ptm", 6, seen, images, others),
+            "HSH 9": by_basis("hsh", 9, seen, images, others),
+            "HSH 16": by_basis("hsh", 16, seen, images, others),
+            "RBF": by_splines(seen, images, others),
+        }
+        for name, pictures in shown.items():
+            row = found.setdefault(name, np.zeros(len(views)))
+            row[out] = [psnr(picture, image) for picture, image in zip(pictures, stored[out], strict=True)]
+        print(f"fold {fold}: " + ", ".join(f"{name} {row[out].mean():.2f}" for name, row in found.items()), flush=True)
+    low = toward[:, 2] < toward[:, 2].min() + RING
+    best = np.max([row for name, row in found.items() if name != "texels"], axis=0)
+    print("| light | z | " + " | ".join(found) + " |")
+    for i in np.argsort(toward[:, 2]):
+        print(f"| {i} | {toward[i, 2]:.2f} | " + " | ".join(f"{row[i]:.1f}" for row in found.values()) + " |")
+    for name, row in found.items():
+        wins = int((found["texels"] > row).sum())
+        print(
+            f"{name}: mean {row.mean():.2f}, lowest ring {row[low].mean():.2f}; texels better for {wins} of {len(row)}"
+        )
+    wins = int((found["texels"] > best).sum())
+    print(f"texels better than all others for {wins} of {len(best)} lights; {low.sum()} lights in the lowest ring")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--sRGB", dest="srgb", action="store_true", help="decode the photographs; by default linear")
+    given = parser.parse_args()
+    main(given.folder, given.srgb)

@@ -1,0 +1,92 @@
+"""`relight`: what the maps of `texels` are good for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
+
+
+class TowardLight(click.ParamType):
+    """The direction toward a light, and its intensity."""
+
+    name = "x,y,z=intensity"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        if isinstance(value, tuple):
+            return value
+        words, equals, intensity = value.partition("=")
+        try:
+            toward = tuple(float(word) for word in words.split(","))
+            colour = tuple(float(word) for word in intensity.split(",")) if equals else (1.0,)
+        except ValueError:
+            toward, colour = (), ()
+        if len(toward) != 3 or len(colour) not in (1, 3):
+            self.fail(
+                f"a light must have the form X,Y,Z or X,Y,Z=INTENSITY, X,Y,Z toward it; got '{value}'. Give for "
+                "example 1,1,2 or -1,0,1=0.5.",
+                param,
+                ctx,
+            )
+        return toward, colour
+
+
+@click.command(**SETTINGS, epilog="Example: diffshade relight maps --light 1,1,2 --light=-1,0,1=0.5 -o lit.png")
+@click.argument("maps", type=FOLDER)
+@click.option(
+    "--light",
+    "toward",
+    type=TowardLight(),
+    multiple=True,
+    help="Direction toward a light at infinity; may be repeated",
+)
+@click.option("--lights", type=FILE, help="Scene (.toml) whose lights are on")
+@click.option("-o", "--out", type=FILE, required=True, help=".png .jpg .tif .exr .npy .tga")
+@click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
+@click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
+@as_json
+def relight(
+    maps: Path,
+    toward: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...],
+    lights: Path | None,
+    out: Path,
+    exposure: float,
+    srgb: bool | None,
+    as_json: bool,
+) -> None:
+    """Draw the object of MAPS (see texels) under other lights.
+
+    Directions are in scene coordinates: for a folder of photographs x right, y up, z to the camera.
+    """
+    import diffshade as ds
+
+    from ..core.progress import showing
+    from ..io.files import writable
+    from ..io.images import dtype_to_write
+
+    dtype_to_write(out, None)
+    writable(out)
+    if not 0 < exposure < float("inf"):
+        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
+    on: list[Any] = [
+        ds.DirectionalLight(tuple(-x for x in direction), intensity=intensity) for direction, intensity in toward
+    ]
+    if lights is not None:
+        on += ds.read_scene(lights).lights
+    if not on:
+        raise ValueError("relight needs a light; got none. Give for example --light 1,1,2, the direction toward it.")
+    with showing("relight"):
+        image = ds.read_maps(maps).shade(on) * exposure
+        ds.write_image(out, image, srgb=srgb)
+    height, width = image.shape[:2]
+    least, most = float(image.min()), float(image.max())
+    answer(
+        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
+        {"picture": out, "shape": image.shape, "least": least, "most": most},
+        as_json=as_json,
+    )

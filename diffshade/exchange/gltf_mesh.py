@@ -1,0 +1,192 @@
+"""glTF 2.0 with a mesh and maps: base colour, normals in the mesh's tangent space, roughness and specular reflectance.
+
+A normal map's red is along the tangent (the camera's right), its green along normal x tangent (up), its blue out of the
+mesh. Colours are sRGB. KHR_materials_specular holds the reflectance at normal incidence: its largest channel in alpha,
+its hue in the colours.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..io.files import replacing
+from ..io.image_formats import encode
+from ..model.materials import Material
+from ..texels.heights.mesh import HeightMesh
+from ..texels.maps import TexelMaps
+from .gltf import F0, fitted, ggx, kept
+from .map_textures import GREY, PERCENTILE, Difference, difference, refitted, stored, surface_of
+from .reference import EDGE, Reference
+
+FLOAT, UNSIGNED, ARRAY, ELEMENTS = 5126, 5125, 34962, 34963
+STEPS = 64  # roughnesses for which multiple scattering is computed, where each texel has its own
+Pictures = dict[str, np.ndarray]
+
+
+def textures(maps: TexelMaps, mesh: HeightMesh) -> tuple[Pictures, dict[str, Any], Difference]:
+    """Return the textures of maps, the material that uses them, and how far it is from the maps.
+
+    Args:
+        maps: The maps.
+        mesh: The mesh that they lie on.
+    """
+    surface = surface_of(maps, mesh)
+    numbers, _ = refitted(maps, _numbers)
+    roughness, head_on, base = np.moveaxis(numbers, -1, 0)
+    f0 = np.clip(surface.k_s * head_on[..., None], 0.0, 1.0)
+    most = f0.max(-1, keepdims=True)
+    strength = float(np.clip(np.percentile(most[surface.inside], PERCENTILE), 1e-3, 1.0))
+    hue = np.where(most > 0.0, f0 / np.where(most > 0.0, most, 1.0), 1.0)
+    pictures, back = {}, {}
+    for name, values, srgb in (
+        ("colour", surface.k_d * base[..., None], True),
+        ("normal", 0.5 * (surface.of_mesh + 1.0), False),
+        ("hue", hue, True),
+        ("strength", np.minimum(most / strength, 1.0), False),
+    ):
+        pictures[name], back[name] = stored(values, srgb=srgb)
+    pictures["specular"] = np.concatenate([pictures.pop("hue"), pictures.pop("strength")], -1)
+    alone = np.ndim(roughness) == 0
+    if not alone:
+        filled = np.stack([np.zeros_like(roughness), roughness, np.zeros_like(roughness)], -1)
+        pictures["roughness"], back["roughness"] = stored(filled)
+    rough = np.broadcast_to(roughness if alone else back["roughness"][..., 1], surface.inside.shape)
+    normal = surface.normals_of(back["normal"])
+
+    def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
+        return reflected(normal, l, back["colour"], back["hue"] * back["strength"] * strength, rough)
+
+    factors: dict[str, Any] = (
+        {"roughnessFactor": float(roughness)} if alone else {"metallicRoughnessTexture": "roughness"}
+    )
+    material = {
+        "name": "maps",
+        "pbrMetallicRoughness": {"baseColorTexture": "colour", "metallicFactor": 0.0, **factors},
+        "normalTexture": "normal",
+        "extensions": {
+            "KHR_materials_specular": {
+                "specularFactor": strength,
+                "specularTexture": "specular",
+                "specularColorFactor": [1.0 / F0] * 3,
+                "specularColorTexture": "specular",
+            }
+        },
+    }
+    return pictures, material, difference(maps, surface, shade)
+
+
+def _numbers(material: Material) -> tuple[float, float, float]:
+    """Return roughness, reflectance at normal incidence over k_s, and base colour over k_d, of a grey material."""
+    surface, *_ = fitted(material)
+    return surface.roughness, float(surface.head_on.mean()) / GREY, float(surface.base.mean() / np.mean(material.k_d))
+
+
+def reflected(
+    normal: Float[np.ndarray, "h w 3"],
+    l: Float[np.ndarray, "3"],
+    base: Float[np.ndarray, "h w 3"],
+    head_on: Float[np.ndarray, "h w 3"],
+    roughness: Float[np.ndarray, "h w"],
+) -> Float[np.ndarray, "h w 3"]:
+    """Return the radiance under a light of pi in the direction l, as `gltf.Surface` does, for textures."""
+    n = normal.reshape(-1, 3)
+    points = Reference(np.where(n[:, 2:] > EDGE, n, [0.0, 0.0, 1.0]), np.broadcast_to(l, n.shape))
+    seen = points.n_l > EDGE
+    n_l = np.where(seen, points.n_l, 1.0)
+    points = Reference(np.where(seen[:, None], points.n, l), points.l)
+    alpha, F0_, kd = roughness.ravel() ** 2, head_on.reshape(-1, 3), base.reshape(-1, 3)
+    steps = np.unique(np.rint(alpha * STEPS) / STEPS).clip(0.5 / STEPS) if np.ptp(alpha) else alpha[:1]
+    E = np.stack([kept(points.n_v, a) for a in steps])
+    at = np.abs(alpha[None] - steps[:, None]).argmin(0) if len(steps) > 1 else np.zeros(len(alpha), int)
+    F = F0_ + (F0_.max(-1, keepdims=True) - F0_) * (1.0 - np.clip(points.v_h, 0.0, 1.0))[:, None] ** 5
+    again = 1.0 + F0_ * (1.0 / E[at, np.arange(len(at))] - 1.0)[:, None]
+    radiance = n_l[:, None] * ((1.0 - F) * kd + F * again * ggx(points, alpha)[:, None])
+    return np.where(seen[:, None], radiance, 0.0).reshape(normal.shape)
+
+
+def write(
+    path: Path, mesh: HeightMesh, pictures: Pictures, material: dict[str, Any] | None, notes: list[str]
+) -> list[Path]:
+    """Write a .glb, which contains all, or a .gltf with .bin and pictures beside it; return the paths."""
+    arrays = [
+        ("POSITION", mesh.corner, "VEC3", FLOAT, ARRAY),
+        ("NORMAL", mesh.normal, "VEC3", FLOAT, ARRAY),
+        ("TANGENT", np.concatenate([mesh.tangent, np.ones((len(mesh.corner), 1))], -1), "VEC4", FLOAT, ARRAY),
+        ("TEXCOORD_0", mesh.uv, "VEC2", FLOAT, ARRAY),
+        ("_HEIGHT_ERROR", np.where(np.isfinite(mesh.errors), mesh.errors, -1.0)[:, None], "SCALAR", FLOAT, ARRAY),
+        ("indices", mesh.face.reshape(-1, 1), "SCALAR", UNSIGNED, ELEMENTS),
+    ]
+    binary, views, accessors = b"", [], []
+    for name, array, kind, component, target in arrays:
+        numbers = np.ascontiguousarray(array, np.float32 if component == FLOAT else np.uint32)
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": numbers.nbytes, "target": target})
+        accessor = {"bufferView": len(views) - 1, "componentType": component, "count": len(numbers), "type": kind}
+        if name == "POSITION":  # which the format demands
+            accessor |= {"min": numbers.min(0).tolist(), "max": numbers.max(0).tolist()}
+        accessors.append(accessor)
+        binary += numbers.tobytes()
+    packed, images, written = path.suffix.lower() == ".glb", [], []
+    files = {name: encode(".png", picture) for name, picture in pictures.items()}
+    for name, data in files.items():
+        if packed:
+            views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(data)})
+            images.append({"name": name, "mimeType": "image/png", "bufferView": len(views) - 1})
+            binary += data + bytes(-len(data) % 4)
+        else:
+            images.append({"name": name, "uri": f"{path.stem}_{name}.png"})
+    attributes = {name: i for i, (name, *_) in enumerate(arrays[:-1])}
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": notes}},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": len(arrays) - 1}]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    if material is not None:
+        index = {name: {"index": i} for i, name in enumerate(pictures)}
+        document |= {
+            "extensionsUsed": list(material["extensions"]),
+            "materials": [_with_indices(material, index)],
+            "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
+            "images": images,
+            "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
+        }
+        document["meshes"][0]["primitives"][0]["material"] = 0
+    if not packed:
+        document["buffers"][0]["uri"] = f"{path.stem}.bin"
+        beside = {f"{path.stem}.bin": binary} | {f"{path.stem}_{name}.png": data for name, data in files.items()}
+        for name, data in beside.items():
+            written.append(path.with_name(name))
+            with replacing(written[-1]) as temporary:
+                temporary.write_bytes(data)
+    with replacing(path) as temporary:
+        temporary.write_bytes(_glb(document, binary) if packed else json.dumps(document, indent=1).encode())
+    return [*written, path]
+
+
+def _with_indices(value: Any, index: dict[str, Any]) -> Any:
+    """Return a material whose textures are indices instead of names."""
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: index[item] if key.endswith("Texture") and isinstance(item, str) else _with_indices(item, index)
+        for key, item in value.items()
+    }
+
+
+def _glb(document: dict[str, Any], binary: bytes) -> bytes:
+    """Return a binary glTF: a header, and the JSON and the numbers as chunks."""
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    binary += bytes(-len(binary) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

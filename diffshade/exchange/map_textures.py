@@ -1,0 +1,175 @@
+"""Textures of maps: what every pixel of a mesh shows in another program, and how far that is from the maps.
+
+Highlights are refitted for a few exponents, as for a material without maps, and interpolated between them. The error is
+measured by computing the other program's picture, from the textures as they are stored, under three lights.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ..io.images import srgb_decode, srgb_encode
+from ..io.triangles import Triangles, first_hits
+from ..model.lights import DirectionalLight
+from ..model.materials import Highlight, Material
+from ..texels.heights.differences import rays_of
+from ..texels.heights.mesh import HeightMesh, camera_axes
+from ..texels.maps import TexelMaps
+from ..texels.status import OUTSIDE
+
+LIGHTS = ((0.0, 0.0, 1.0), (-0.6, 0.4, 0.69282), (0.8, 0.0, 0.6))  # toward the light, in the camera's axes
+EXPONENTS = 6  # n_s for which a highlight is refitted, where every texel has its own
+PERCENTILE = 99.5  # of k_s; larger values are clipped, so that 8 bits hold the others
+GREY = 0.1  # k_s at which a highlight is refitted where a program is not linear in it
+
+Image = Float[np.ndarray, "h w c"]
+
+
+class Surface(NamedTuple):
+    """What maps show at each pixel, in the camera's axes: right, up, toward the camera."""
+
+    inside: Bool[np.ndarray, "h w"]
+    k_d: Float[np.ndarray, "h w 3"]
+    k_s: Float[np.ndarray, "h w 3"]
+    normal: Float[np.ndarray, "h w 3"]
+    frame: Float[np.ndarray, "h w 3 3"]
+    """Tangent, bitangent and normal of the mesh."""
+
+    @property
+    def of_mesh(self) -> Float[np.ndarray, "h w 3"]:
+        """The measured normals in the mesh's tangent space."""
+        return np.einsum("hwij,hwj->hwi", self.frame, self.normal)
+
+    def normals_of(self, stored: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+        """Return the normals, in the camera's axes, that a stored normal map has on the mesh."""
+        n = np.einsum("hwij,hwi->hwj", self.frame, 2.0 * stored - 1.0)
+        return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-9)
+
+
+def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
+    """Return what maps show at each pixel of a mesh; outside the object, what its nearest pixel shows."""
+    from scipy.ndimage import distance_transform_edt
+
+    item = maps.scene.objects[0]
+    inside = maps.status != OUTSIDE
+    near = tuple(np.asarray(distance_transform_edt(~inside, return_distances=False, return_indices=True)))
+    shape = inside.shape
+
+    def coefficient(name: str) -> Float[np.ndarray, "h w 3"]:
+        value = maps.values.get(name, np.asarray(getattr(item.material, name)))
+        return np.broadcast_to(np.asarray(value, np.float64), (*shape, 3))[near]
+
+    axes = np.stack(camera_axes(maps.camera))
+    normal = maps.values["normal"] if "normal" in maps.values else np.asarray(item.surface.normal)
+    frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
+    return Surface(
+        inside, coefficient("k_d"), coefficient("k_s"), (np.asarray(normal, np.float64) @ axes.T)[near], frame
+    )
+
+
+def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray, "h w 3"], ...]:
+    """Return tangent, bitangent and normal of the mesh at each pixel, world coordinates, interpolated."""
+    from scipy.spatial import cKDTree
+
+    rays = rays_of(mesh.camera)
+    start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, -rays.toward))
+    hits = first_hits(Triangles(mesh.corner, mesh.face), start, toward)
+    place = (np.indices(shape).reshape(2, -1).T + 0.5) / shape
+    corner = cKDTree(mesh.uv[:, ::-1]).query(place)[1]  # for pixels at the border, whose rays miss
+    found = []
+    for of in (mesh.normal, mesh.tangent):
+        at = of[corner]
+        at[hits.ray] = np.einsum("rc,rcx->rx", hits.weight, of[mesh.face[hits.face]])
+        found.append((at / np.maximum(np.linalg.norm(at, axis=-1, keepdims=True), 1e-12)).reshape(*shape, 3))
+    n, t = found
+    return t, np.cross(n, t), n
+
+
+def refitted(
+    maps: TexelMaps, refit: Callable[[Material], Sequence[float]]
+) -> tuple[Float[np.ndarray, "h w numbers"] | Float[np.ndarray, " numbers"], Float[np.ndarray, "h w"] | None]:
+    """Return the numbers of a refit at each pixel, and the exponents; of one refit where all texels share a highlight.
+
+    Args:
+        maps: The maps.
+        refit: Returns a few numbers of a grey material whose diffuse reflection is typical and whose k_s is `GREY`.
+    """
+    material = maps.scene.objects[0].material
+    k_d = maps.values.get("k_d", np.asarray(material.k_d)[None])
+    known = maps.known if maps.known.any() else maps.status != OUTSIDE
+    plain: dict[str, Any] = {
+        "k_d": float(np.clip(np.median(k_d[known] if k_d.ndim == 3 else k_d), 1e-3, 0.9)),
+        "lobe": material.lobe,
+    }
+    if maps.highlights:
+        (weight, n_s), *others = ((float(np.mean(w)), n) for w, n in maps.highlights)
+        further = tuple(Highlight(k_s=GREY * w, n_s=n, lobe=material.lobe) for w, n in others)
+        return np.array(refit(Material(k_s=GREY * weight, n_s=n_s, highlights=further, **plain))), None
+    if "n_s" not in maps.values:
+        return np.array(refit(Material(k_s=GREY, n_s=float(np.mean(np.asarray(material.n_s))), **plain))), None
+    n_s = np.asarray(maps.values["n_s"][..., 0], np.float64)
+    seen = n_s[maps.determined & (n_s > 0)]
+    if not seen.size:
+        return np.array(refit(Material(k_s=GREY, n_s=10.0, **plain))), None
+    knots = np.unique(np.geomspace(*np.maximum(np.percentile(seen, (0.5, PERCENTILE)), 1.0), EXPONENTS))
+    table = np.array([refit(Material(k_s=GREY, n_s=float(n), **plain)) for n in knots])
+    x = np.log(np.clip(n_s, knots[0], knots[-1]))
+    return np.stack([np.interp(x, np.log(knots), column) for column in table.T], -1), n_s
+
+
+def stored(values: Image, *, srgb: bool = False) -> tuple[UInt8[np.ndarray, "h w c"], Image]:
+    """Return values from 0 to 1 as 8 bits, and what they are read back as."""
+    values = np.clip(values, 0.0, 1.0)
+    bytes_ = np.rint(255.0 * (np.asarray(srgb_encode(values)) if srgb else values)).astype(np.uint8)
+    back = bytes_ / 255.0
+    return bytes_, np.asarray(srgb_decode(back)) if srgb else back
+
+
+class Difference(NamedTuple):
+    """How far another program's pictures are from those of maps, over pixels, channels and three lights."""
+
+    rms: float
+    largest: float
+    radiance: float
+    """Root mean square of the maps' own radiance."""
+    unexplained: float
+    """Root mean square of the light that no material explains."""
+
+    def __str__(self) -> str:
+        """Return the sentence that states it."""
+        beyond = (
+            f" {self.unexplained:.2g} of it is light beyond the model, interpolated, which no material holds."
+            if self.unexplained
+            else ""
+        )
+        return (
+            f"under three lights of intensity 1 the radiance differs from that of the maps by {self.rms:.2g} (rms) and "
+            f"{self.largest:.2g} (at most), where it is {self.radiance:.2g} (rms).{beyond}"
+        )
+
+
+def difference(
+    maps: TexelMaps, surface: Surface, shade: Callable[[Float[np.ndarray, "3"]], Float[np.ndarray, "h w 3"]]
+) -> Difference:
+    """Return how far another program's pictures are from those of maps.
+
+    Args:
+        maps: The maps.
+        surface: What they show.
+        shade: Returns the program's radiance under a light in this direction, in the camera's axes, of intensity 1.
+    """
+    axes, off, own, beyond = np.stack(camera_axes(maps.camera)), [], [], []
+    plain = dataclasses.replace(maps, unexplained=None)
+    for toward in LIGHTS:
+        light = DirectionalLight(-np.asarray(toward) @ axes)
+        given = maps.shade(light)[surface.inside]
+        off.append(shade(np.asarray(toward) / np.linalg.norm(toward))[surface.inside] - given)
+        own.append(given)
+        beyond.append(given - plain.shade(light)[surface.inside] if maps.unexplained is not None else 0.0 * given)
+    rms, size, rest = (float(np.sqrt(np.mean(np.square(of)))) for of in (off, own, beyond))
+    return Difference(rms, float(np.abs(off).max()), size, rest)

@@ -1,0 +1,97 @@
+"""Triangles: a mesh with fewer of them, and what rays meet."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+Points = Float[np.ndarray, "n 3"]
+
+
+class Triangles(NamedTuple):
+    """A mesh: its corners, and the three corners of each triangle, counter-clockwise seen from outside."""
+
+    corner: Points
+    face: Int[np.ndarray, "faces 3"]
+
+    @property
+    def normals(self) -> Points:
+        """Unit normals at the corners: means of those of the triangles around them, weighted by area."""
+        a, b, c = np.moveaxis(self.corner[self.face], 1, 0)
+        across = np.cross(b - a, c - a)
+        total = np.stack(
+            [np.bincount(self.face.ravel(), np.repeat(across[:, k], 3), len(self.corner)) for k in range(3)], -1
+        )
+        return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
+
+    @property
+    def inner(self) -> Bool[np.ndarray, " n"]:
+        """Whether each corner is surrounded by triangles: the others are on the border, whose edges have one alone."""
+        edge = np.sort(self.face[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), -1)
+        edges, times = np.unique(edge, axis=0, return_counts=True)
+        inner = np.ones(len(self.corner), bool)
+        inner[edges[times == 1]] = False
+        return inner
+
+    def used(self) -> tuple[Triangles, Int[np.ndarray, " kept"]]:
+        """Return the mesh without corners of no triangle, and the indices of those that are kept."""
+        kept, face = np.unique(self.face, return_inverse=True)
+        return Triangles(self.corner[kept], face.reshape(-1, 3)), kept
+
+
+class Hits(NamedTuple):
+    """Where rays first meet a mesh."""
+
+    ray: Int[np.ndarray, " hits"]
+    face: Int[np.ndarray, " hits"]
+    weight: Float[np.ndarray, "hits 3"]
+    """Of the three corners of the triangle at the point (barycentric)."""
+    point: Float[np.ndarray, "hits 3"]
+
+
+def simplified(mesh: Triangles, count: int) -> Triangles:
+    """Return the mesh with about so many triangles, its border kept (quadric error metrics; Garland, Heckbert 1997).
+
+    Raises:
+        ImportError: fast-simplification is not installed.
+    """
+    try:
+        import fast_simplification
+    except ImportError as error:
+        raise ImportError(
+            f"a mesh with fewer triangles needs fast-simplification ({error}). pip install 'diffshade[mesh]'."
+        ) from None
+    found: Any = fast_simplification.simplify(
+        np.ascontiguousarray(mesh.corner, np.float64),
+        np.ascontiguousarray(mesh.face, np.int64),
+        target_count=count,
+        preserve_border=True,
+    )
+    return Triangles(np.asarray(found[0], np.float64), np.asarray(found[1], np.int64)).used()[0]
+
+
+def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
+    """Return where rays first meet a mesh, by Embree in float32.
+
+    Args:
+        mesh: The mesh.
+        start: Origins of the rays.
+        toward: Their directions.
+
+    Raises:
+        ImportError: trimesh or embreex is not installed.
+    """
+    try:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
+    except ImportError as error:
+        raise ImportError(
+            f"the rays of a mesh need trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
+        ) from None
+    whole = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
+    hits: Any = RayMeshIntersector(whole).intersects_id(start, toward, return_locations=True, multiple_hits=False)
+    face, ray, point = (np.asarray(of) for of in hits)
+    weight = trimesh.triangles.points_to_barycentric(whole.triangles[face], point)
+    return Hits(ray, face, weight, point)

@@ -1,0 +1,177 @@
+"""Height meshes: a map of heights as triangles, with fewer of them where a stated error allows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.backend import in_float64
+from ...core.fields import check_kind
+from ...io.triangles import Triangles, first_hits, simplified
+from ...model.cameras import AbstractCamera, axes
+from .differences import rays_of
+from .map import HeightMap
+
+FEWEST, TRIALS = 16, 7  # triangles that are left; numbers of triangles that are tried
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMesh:
+    """A surface as triangles, with a standard error of the height at each corner, from `height_mesh`.
+
+    Attributes:
+        corner: Corners, world coordinates, scene units.
+        face: Indices of the three corners of each triangle, counter-clockwise seen from the camera.
+        normal: Unit normals of the mesh at its corners.
+        uv: Place of each corner in the image: u to the right and v down, from 0 to 1.
+        errors: Standard errors of the heights at the corners, scene units, as in `HeightMap.errors`.
+        camera: The camera of the heights.
+        largest: Largest distance from the heights, measured at every pixel but the border's: the difference along the
+            line of sight, across the surface there, scene units; 0 where no triangle was taken away.
+    """
+
+    corner: Float[np.ndarray, "n 3"]
+    face: Int[np.ndarray, "m 3"]
+    normal: Float[np.ndarray, "n 3"]
+    uv: Float[np.ndarray, "n 2"]
+    errors: Float[np.ndarray, " n"]
+    camera: AbstractCamera
+    largest: float
+
+    @property
+    def tangent(self) -> Float[np.ndarray, "n 3"]:
+        """Unit tangents at the corners: the camera's right, along the surface. The bitangent is normal x tangent."""
+        right, *_ = camera_axes(self.camera)
+        along = right - (self.normal @ right)[:, None] * self.normal
+        return along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-12)
+
+    def __str__(self) -> str:
+        """Return the number of triangles and corners, the median error, and what was measured."""
+        finite = self.errors[np.isfinite(self.errors)]
+        error = f"{np.median(finite):.2g}" if finite.size else "infinite"
+        return (
+            f"{len(self.face):,} triangles, {len(self.corner):,} corners, standard error of the heights {error} in the "
+            f"median; {self.largest:.2g} scene units off the heights at most"
+        )
+
+
+def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> HeightMesh:
+    """Return heights as a mesh of triangles between the centres of neighbouring pixels, none of them across a jump.
+
+    With a tolerance, edges are collapsed where the surface changes least (quadric error metrics; Garland and Heckbert
+    1997), those of the border excepted, and the fewest triangles are kept whose distance from the heights, measured at
+    every pixel, is at most the tolerance. Needs fast-simplification, trimesh and embreex (`pip install
+    'diffshade[mesh]'`).
+
+    Args:
+        heights: The heights.
+        tolerance: Largest distance from the heights, scene units, above 0; None, the default, keeps all triangles.
+
+    Returns:
+        The mesh. Its normals are those of the triangles; `write_mesh` adds the measured ones as a map.
+
+    Raises:
+        ValueError: No three neighbouring pixels have heights, or the tolerance is not above 0.
+        TypeError: `heights` is no `HeightMap`.
+        ImportError: A tolerance is given, and fast-simplification, trimesh or embreex is not installed.
+    """
+    check_kind("heights", heights, HeightMap, "integrate_normals(normal, camera)")
+    if tolerance is not None and not 0.0 < tolerance < np.inf:
+        raise ValueError(f"tolerance must be above 0 scene units; got {tolerance}. Leave it out to keep all triangles.")
+    position = heights.position
+    corners = Triangles(position.reshape(-1, 3), _faces(heights))
+    if not len(corners.face):
+        raise ValueError("heights have no three neighbouring pixels, hence no triangle. Give heights of a surface.")
+    whole, pixel = corners.used()
+    mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, pixel, heights, float(tolerance))
+    place = pixels_of(mesh.corner, heights.camera)
+    shape = np.asarray(heights.camera.shape)
+    if mesh is whole:
+        errors = heights.errors.ravel()[pixel]
+    else:
+        row, column = np.clip(place.astype(int), 0, shape - 1).T
+        near = _spread(heights)
+        errors = near[row, column]
+    return HeightMesh(
+        mesh.corner, mesh.face, mesh.normals, place[:, ::-1] / shape[::-1], errors, heights.camera, largest
+    )
+
+
+def _faces(heights: HeightMap) -> Int[np.ndarray, "faces 3"]:
+    """Return the triangles of the image: the halves of each square of four pixels that no jump crosses.
+
+    Where one corner of a square is missing, the half of the other three is taken, along the other diagonal if need be.
+    """
+    index = np.arange(heights.mask.size).reshape(heights.mask.shape)
+    inside = heights.mask
+    right = inside[:, :-1] & inside[:, 1:] & ~heights.jump_right[:, :-1]
+    below = inside[:-1] & inside[1:] & ~heights.jump_below[:-1]
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    top, bottom, left, beside = right[:-1], right[1:], below[:, :-1], below[:, 1:]
+    first, second = top & left, bottom & beside  # a c b, b c d
+    faces = [(first, (a, c, b)), (second, (b, c, d))]
+    faces += [(top & beside & ~first & ~second, (a, d, b)), (bottom & left & ~first & ~second, (a, c, d))]
+    return np.concatenate([np.stack([corner[where] for corner in face], -1) for where, face in faces])
+
+
+def _fewest(
+    whole: Triangles, pixel: Int[np.ndarray, " n"], heights: HeightMap, tolerance: float
+) -> tuple[Triangles, float]:
+    """Return the fewest triangles within the tolerance, and their largest distance from the heights.
+
+    The number of triangles is found by bisection of its logarithm.
+    """
+    low, high = np.log(FEWEST), np.log(max(len(whole.face), FEWEST + 1))
+    best, seen = (whole, 0.0), pixel[whole.inner]
+    for _ in range(TRIALS):
+        middle = 0.5 * (low + high)
+        mesh = simplified(whole, int(np.exp(middle)))
+        largest = _distance(mesh, seen, heights)
+        if largest <= tolerance:
+            best, high = (mesh, largest), middle
+        else:
+            low = middle
+    return best
+
+
+def _distance(mesh: Triangles, pixel: Int[np.ndarray, " n"], heights: HeightMap) -> float:
+    """Return the largest distance of a mesh from heights: across the surface; where a ray misses it, from a corner."""
+    from scipy.spatial import cKDTree
+
+    rays, points = rays_of(heights.camera), heights.position.reshape(-1, 3)
+    start, toward = (np.broadcast_to(of, heights.position.shape).reshape(-1, 3) for of in (rays.start, -rays.toward))
+    hits = first_hits(mesh, start[pixel], toward[pixel])
+    seen = pixel[hits.ray]
+    across = ((hits.point - points[seen]) * heights.normal.reshape(-1, 3)[seen]).sum(-1)
+    nearest = cKDTree(mesh.corner).query(points[np.setdiff1d(pixel, seen)])[0]
+    return float(max(np.abs(across).max(initial=0.0), nearest.max(initial=0.0)))
+
+
+def _spread(heights: HeightMap) -> Float[np.ndarray, "h w"]:
+    """Return the errors, with those of the nearest pixel inside where there is no height."""
+    from scipy.ndimage import distance_transform_edt
+
+    outside: Bool[np.ndarray, "h w"] = ~heights.mask
+    nearest = distance_transform_edt(outside, return_distances=False, return_indices=True)
+    return heights.errors[tuple(np.asarray(nearest))]
+
+
+def pixels_of(points: Float[np.ndarray, "n 3"], camera: AbstractCamera) -> Float[np.ndarray, "n 2"]:
+    """Return row and column of points in the image of a camera, pixel centres at +.5."""
+    with in_float64(camera) as seen_by:
+        p = seen_by.projection()
+        o, o_c, o_r, d, d_c, d_r = (
+            np.array([float(v.x), float(v.y), float(v.z)])
+            for v in (p.origin, p.origin_column, p.origin_row, p.direction, p.direction_column, p.direction_row)
+        )
+    across = np.stack([o_r + d_r, o_c + d_c, d], -1)  # one of origin and direction depends on the pixel
+    found = np.linalg.solve(across, (points - o).T).T
+    return found[:, :2] / found[:, 2:] if d_c.any() or d_r.any() else found[:, :2]
+
+
+def camera_axes(camera: AbstractCamera) -> tuple[Float[np.ndarray, "3"], ...]:
+    """Return the unit axes of a camera: right, up, backward."""
+    with in_float64(camera) as seen_by:
+        return tuple(np.array([float(v.x), float(v.y), float(v.z)]) for v in axes(seen_by))

@@ -1,0 +1,53 @@
+"""Mesh files with maps in three.js: its pictures are those of `TexelMaps.shade`, to the error that is stated."""
+
+import json
+
+import numpy as np
+import pytest
+from exchange_programs import HERE, in_browser
+from handmade_maps import bumpy
+
+import diffshade as ds
+from diffshade.exchange.map_textures import LIGHTS
+
+pytestmark = pytest.mark.thorough
+# Pixels of a picture for each texel, of which the middle one is compared: three.js widens a highlight by how far the
+# mesh's normal turns within a pixel.
+ZOOM = 9
+
+
+def test_three_js_shows_the_maps(tmp_path):
+    """Full meshes and decimated ones, in glTF and OBJ, under the three lights for which the error is stated."""
+    maps, heights = bumpy(64)
+    meshes = {"": ds.height_mesh(heights), "small_": ds.height_mesh(heights, tolerance=0.004)}
+    assert len(meshes["small_"].face) < 0.5 * len(meshes[""].face)
+    stated = {}
+    for start, mesh in meshes.items():
+        for name in ("a.glb", "b.gltf", "c.obj"):
+            stated[f"{start}{name}"] = ds.write_mesh(tmp_path / f"{start}{name}", mesh, maps=maps).difference
+    height, width = maps.status.shape
+    cases = {
+        "files": list(stated),
+        "lights": LIGHTS,
+        "width": ZOOM * width,
+        "height": ZOOM * height,
+        "extent": float(maps.camera.height),
+    }
+    (tmp_path / "cases.json").write_text(json.dumps(cases))
+    answer = json.loads(in_browser(tmp_path, HERE / "mesh_three.js"))
+    assert answer["said"] == []
+    for file, pictures in answer["found"].items():
+        off, size = [], []
+        for light, picture in zip(LIGHTS, pictures, strict=True):
+            seen = np.array(picture).reshape(ZOOM * height, ZOOM * width, 4)[::-1][ZOOM // 2 :: ZOOM, ZOOM // 2 :: ZOOM]
+            inside = (seen[..., 3] > 0) & (maps.status > 0)
+            assert inside.sum() > 0.9 * (maps.status > 0).sum()
+            drawn = maps.shade(ds.DirectionalLight(tuple(-x for x in light)))
+            off.append((seen[..., :3] - drawn)[inside])
+            size.append(drawn[inside])
+        rms, whole = (np.sqrt(np.mean(np.concatenate(of) ** 2)) for of in (off, size))
+        print(f"{file}: {rms:.4f} rms where {stated[file].rms:.4f} is stated, of {whole:.3f}")
+        if file.endswith(".obj"):  # three.js reads an MTL as MeshPhongMaterial, whose highlight is another, without Ns
+            assert rms < 0.1 * whole
+        else:
+            assert rms < 1.1 * stated[file].rms + 0.005 * whole

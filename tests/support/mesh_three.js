@@ -1,0 +1,51 @@
+// Renders mesh files by three.js under each light of cases.json, as float radiance; posts pictures and console messages.
+import * as THREE from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { MTLLoader } from "three/addons/loaders/MTLLoader.js";
+import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
+
+const said = [];
+for (const kind of ["warn", "error", "log"]) console[kind] = (...words) => said.push(words.join(" "));
+
+async function load(file) {
+  if (!file.endsWith(".obj")) return (await new GLTFLoader().loadAsync(file)).scene;
+  const materials = await new MTLLoader().loadAsync(file.replace(".obj", ".mtl"));
+  return new OBJLoader().setMaterials(materials).loadAsync(file);
+}
+
+const textures = (material) => Object.values(material).filter((value) => value && value.isTexture);
+
+async function main() {
+  const { files, lights, width, height, extent } = await (await fetch("cases.json")).json();
+  const renderer = new THREE.WebGLRenderer({ antialias: false });
+  const target = new THREE.WebGLRenderTarget(width, height, { type: THREE.FloatType });
+  const half = extent / 2, camera = new THREE.OrthographicCamera(-half * width / height, half * width / height, half, -half, 0, 10);
+  camera.position.z = 4;
+  const found = {};
+  for (const file of files) {
+    const manager = new Promise((done) => (THREE.DefaultLoadingManager.onLoad = done));
+    const model = await load(file);
+    if (file.endsWith(".obj")) await manager; // the pictures of its materials
+    model.traverse((part) => part.material && textures(part.material).forEach((of) => {
+      of.magFilter = of.minFilter = THREE.NearestFilter; // a pixel shows its own texel
+      of.generateMipmaps = false;
+      of.needsUpdate = true;
+    }));
+    found[file] = [];
+    for (const light of lights) {
+      const scene = new THREE.Scene(), lamp = new THREE.DirectionalLight(0xffffff, Math.PI);
+      lamp.position.set(...light);
+      scene.add(lamp, model);
+      renderer.setRenderTarget(target);
+      renderer.setClearColor(0, 0);
+      renderer.clear();
+      renderer.render(scene, camera);
+      const pixels = new Float32Array(4 * width * height);
+      renderer.readRenderTargetPixels(target, 0, 0, width, height, pixels);
+      found[file].push(Array.from(pixels));
+    }
+  }
+  return JSON.stringify({ found, said });
+}
+
+main().catch((error) => `failed: ${error.stack}`).then((text) => fetch("result", { method: "POST", body: text }));

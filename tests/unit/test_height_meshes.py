@@ -1,0 +1,180 @@
+"""Heights as triangles, in files that independent programs read; what they show is what is stated."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from exchange_programs import VALIDATOR
+from handmade_maps import bumpy
+from measured import measured
+
+import diffshade as ds
+
+trimesh = pytest.importorskip("trimesh")
+pytest.importorskip("embreex")
+pytest.importorskip("fast_simplification")
+
+
+@pytest.fixture(scope="module")
+def given():
+    maps, heights = bumpy(48, shared=True)
+    return maps, heights, ds.height_mesh(heights)
+
+
+@pytest.fixture(scope="module")
+def written(given, tmp_path_factory):
+    """A binary glTF with maps, and what was said of it."""
+    maps, _, mesh = given
+    path = tmp_path_factory.mktemp("written") / "a.glb"
+    return path, ds.write_mesh(path, mesh, maps=maps)
+
+
+def angle(a, b):
+    return np.rad2deg(np.arccos(np.clip((a * b).sum(-1), -1.0, 1.0)))
+
+
+def test_corners_are_the_heights_and_normals_are_theirs(given):
+    _, heights, mesh = given
+    height, width = heights.camera.shape
+    row, column = (mesh.uv[:, ::-1] * (height, width)).astype(int).T
+    np.testing.assert_allclose(mesh.corner, heights.position[row, column], atol=1e-12)
+    np.testing.assert_array_equal(mesh.errors, heights.errors[row, column])
+    off = angle(mesh.normal, heights.normal[row, column])
+    assert np.median(off) < 0.5
+    assert (mesh.normal[:, 2] > 0).all()  # counter-clockwise seen from the camera
+    np.testing.assert_allclose((mesh.tangent * mesh.normal).sum(-1), 0.0, atol=1e-9)
+    assert mesh.largest == 0.0
+    assert "triangles" in f"{mesh}"
+
+
+def test_no_triangle_crosses_a_jump():
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(8, 9), local_viewer=False)
+    flat = np.broadcast_to((0.0, 0.0, 1.0), (8, 9, 3))
+    heights = ds.integrate_normals(flat, camera, errors=np.full((8, 9), 0.1))
+    whole = ds.height_mesh(heights)
+    assert len(whole.face) == 2 * 7 * 8
+    heights.jump_right[:, 3] = True
+    cut = ds.height_mesh(heights)
+    assert len(cut.face) == 2 * 7 * 7
+    column = (cut.uv[:, 0] * 9).astype(int)[cut.face]
+    assert ((column <= 3).all(1) | (column >= 4).all(1)).all()
+
+
+def test_fewer_triangles_keep_to_the_tolerance(given):
+    _, heights, whole = given
+    mesh = ds.height_mesh(heights, tolerance=0.005)
+    assert len(mesh.face) < 0.3 * len(whole.face)
+    assert 0.0 < mesh.largest <= 0.005
+    hits = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
+    assert hits.area == pytest.approx(trimesh.Trimesh(whole.corner, whole.face, process=False).area, rel=0.01)
+    with pytest.raises(ValueError, match=r"tolerance must be above 0 scene units; got -1"):
+        ds.height_mesh(heights, tolerance=-1.0)
+
+
+def validated(path: Path) -> dict:
+    """What Khronos's validator says of a glTF file."""
+    if shutil.which("node") is None or not VALIDATOR.is_dir():
+        pytest.skip(f"gltf-validator is not at {VALIDATOR}; run npm install gltf-validator.")
+    script = (
+        "const v = require(process.argv[1]), fs = require('fs'), path = require('path'), f = process.argv[2];"
+        "const read = (name) => new Uint8Array(fs.readFileSync(name));"
+        "const beside = (uri) => Promise.resolve(read(path.join(path.dirname(f), decodeURIComponent(uri))));"
+        "v.validateBytes(read(f), { externalResourceFunction: beside })"
+        ".then((r) => console.log(JSON.stringify(r.issues)));"
+    )
+    done = subprocess.run(["node", "-e", script, VALIDATOR, path], capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def assert_valid(path):
+    found = validated(path)
+    assert found["numErrors"] == found["numWarnings"] == 0, found["messages"]
+
+
+def test_gltf_is_valid(written):
+    assert_valid(written[0])
+
+
+def test_a_shape_alone_is_valid_gltf(given, tmp_path):
+    ds.write_mesh(tmp_path / "b.gltf", given[2])
+    assert_valid(tmp_path / "b.gltf")
+
+
+@pytest.mark.thorough
+def test_maps_of_own_exponents_are_valid_gltf_with_pictures_beside_it(tmp_path):
+    maps, heights = bumpy(48)
+    done = ds.write_mesh(tmp_path / "a.gltf", ds.height_mesh(heights), maps=maps)
+    assert set(done.paths) == set(tmp_path.iterdir())
+    assert_valid(tmp_path / "a.gltf")
+    (material,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
+    assert "metallicRoughnessTexture" in material["pbrMetallicRoughness"]
+    assert done.difference is not None
+    assert done.difference.rms < 0.06 * done.difference.radiance
+
+
+def test_a_shared_highlight_is_refitted_once(written):
+    path, done = written
+    data = path.read_bytes()
+    (material,) = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["materials"]
+    assert 0.1 < material["pbrMetallicRoughness"]["roughnessFactor"] < 0.9
+    assert "metallicRoughnessTexture" not in material["pbrMetallicRoughness"]
+    assert done.difference.rms < 0.08 * done.difference.radiance
+    assert any("under three lights" in note for note in done.notes)
+
+
+def assert_read(path, mesh):
+    """Assert that trimesh reads the mesh that was written, and return what it read."""
+    read = trimesh.load_mesh(path, process=False)
+    np.testing.assert_allclose(read.vertices, mesh.corner, atol=1e-6)
+    np.testing.assert_array_equal(read.faces, mesh.face)
+    np.testing.assert_allclose(angle(read.vertex_normals, mesh.normal), 0.0, atol=3.0)  # its own are weighted by angle
+    return read
+
+
+def test_trimesh_reads_gltf(given, written):
+    read = assert_read(written[0], given[2])
+    np.testing.assert_allclose(read.visual.uv, np.stack([given[2].uv[:, 0], 1.0 - given[2].uv[:, 1]], -1), atol=1e-6)
+    np.testing.assert_allclose(read.vertex_attributes["_HEIGHT_ERROR"].ravel(), given[2].errors, rtol=1e-6)
+
+
+def test_trimesh_reads_obj(given, tmp_path):
+    maps, _, mesh = given
+    done = ds.write_mesh(tmp_path / "a.obj", mesh, maps=maps)
+    assert set(done.paths) == set(tmp_path.iterdir())
+    read = assert_read(tmp_path / "a.obj", mesh)
+    np.testing.assert_allclose(read.visual.uv, np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1), atol=1e-6)
+    assert {row.split()[0] for row in (tmp_path / "a.mtl").read_text().splitlines()} >= {"map_Kd", "map_Ks", "norm"}
+    assert done.difference is not None
+    assert done.difference.rms < 0.06 * done.difference.radiance
+
+
+def test_trimesh_reads_ply(given, tmp_path):
+    maps, _, mesh = given
+    assert ds.write_mesh(tmp_path / "a.ply", mesh, maps=maps).difference is None
+    read = assert_read(tmp_path / "a.ply", mesh)
+    errors = read.metadata["_ply_raw"]["vertex"]["data"]["height_error"]
+    np.testing.assert_allclose(errors.ravel(), mesh.errors, rtol=1e-6)
+
+
+def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
+    maps, _, mesh = given
+    with pytest.raises(ValueError, match=r"'\.stl' is not the suffix of a mesh\. Use one of \.glb"):
+        ds.write_mesh(tmp_path / "a.stl", mesh, maps=maps)
+    with pytest.raises(ValueError, match=r"maps must have the shape of the mesh's camera"):
+        ds.write_mesh(tmp_path / "a.glb", mesh, maps=bumpy(20)[0])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "most"), [("diligent_ball", 0.1), ("diligent_cat", 0.55)])
+def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
+    """Of the cat's, 0.52 degrees are detail finer than two pixels: that far they are from their own 3 x 3 means."""
+    normal = np.load(measured(name) / "normal_gt.npy").astype(float)
+    mask = np.linalg.norm(normal, axis=-1) > 0.5
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
+    mesh = ds.height_mesh(ds.integrate_normals(normal, camera, mask=mask))
+    row, column = (mesh.uv[:, ::-1] * mask.shape).astype(int).T
+    assert np.median(angle(mesh.normal, normal[row, column])) < most

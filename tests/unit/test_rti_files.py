@@ -1,0 +1,176 @@
+"""Relightable images: files of PTM and HSH as others write them, and folders that viewers show."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from handmade_maps import bumpy
+
+import diffshade as ds
+from diffshade.io.rti_files import terms
+
+TOWARD = ((0.0, 0.0, 1.0), (0.3, -0.2, 0.9), (-0.5, 0.6, 0.6))
+SCALE, BIAS = np.array([0.5, 1.0, 2.0, 0.25, 1.5, 2.0]), np.array([120, 130, 128, 100, 140, 10])
+
+
+def polynomial(l):
+    x, y = (np.array(l) / np.linalg.norm(l))[:2]
+    return np.array([x * x, y * y, x * y, x, y, 1.0])
+
+
+def ptm(kind, body, *, version="PTM_1.2", size="3\n2"):
+    """A PTM of 3 x 2 pixels: a header as HP's fitter writes it, and bytes."""
+    scale, bias = (" ".join(f"{x:g}" for x in of) for of in (SCALE, BIAS))
+    return f"{version}\nPTM_FORMAT_{kind}\n{size}\n{scale} \n{bias} \n".encode() + body
+
+
+def stored(*shape):
+    return np.random.default_rng(3).integers(0, 256, shape).astype(np.uint8)
+
+
+@pytest.mark.parametrize("version", ["PTM_1.1", "PTM_1.2"])
+def test_an_lrgb_ptm_is_brightness_times_colour(tmp_path, version):
+    six, rgb = stored(2, 3, 6), stored(2, 3, 3)
+    body = np.concatenate([six, rgb], -1).tobytes() if version == "PTM_1.1" else six.tobytes() + rgb.tobytes()
+    (tmp_path / "a.ptm").write_bytes(ptm("LRGB", body, version=version))
+    image = ds.read_rti(tmp_path / "a.ptm")
+    assert image.shape == (2, 3)
+    for l in TOWARD:
+        bright = (SCALE * (six.astype(float) - BIAS)) @ polynomial(l) / 255.0
+        expected = np.maximum(bright[..., None] * rgb / 255.0, 0.0)[::-1]  # the bottom row is first
+        np.testing.assert_allclose(image.shade(l), expected, atol=1e-5)
+
+
+def test_an_rgb_ptm_has_a_polynomial_for_each_channel(tmp_path):
+    of = stored(3, 2, 3, 6)
+    (tmp_path / "a.ptm").write_bytes(ptm("RGB", of.tobytes()))
+    image = ds.read_rti(tmp_path / "a.ptm")
+    for l in TOWARD:
+        expected = np.moveaxis((SCALE * (of.astype(float) - BIAS)) @ polynomial(l) / 255.0, 0, -1)
+        np.testing.assert_allclose(image.shade(l), np.maximum(expected, 0.0)[::-1], atol=1e-5)
+    assert "no highlight sharper than its basis" in f"{image}"
+
+
+def harmonics(order, l):
+    """The terms but for signs, from associated Legendre polynomials of 2 cos(theta) - 1 (Gautron et al. 2004)."""
+    from scipy.special import factorial, lpmv
+
+    x, y, z = np.array(l) / np.linalg.norm(l)
+    phi, found = np.arctan2(y, x), []
+    for n in range(order):
+        for m in range(-n, n + 1):
+            k = np.sqrt((2 * n + 1) * factorial(n - abs(m)) / (2 * np.pi * factorial(n + abs(m))))
+            turn = np.sqrt(2) * np.cos(m * phi) if m > 0 else np.sqrt(2) * np.sin(-m * phi) if m < 0 else 1.0
+            found.append(k * turn * lpmv(abs(m), n, 2 * z - 1))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_the_basis_is_hemispherical_harmonics(order):
+    for l in TOWARD:
+        ours, theirs = np.abs(terms("hsh", order**2, l)), np.abs(harmonics(order, l))
+        np.testing.assert_allclose(np.sort(ours), np.sort(theirs), atol=1e-9)
+
+
+@pytest.mark.parametrize("universal", [False, True])
+def test_hsh_of_both_forms(tmp_path, universal):
+    of = stored(2, 3, 3, 9)
+    first, second = np.linspace(0.1, 0.9, 9).astype("<f4"), np.linspace(-0.4, 0.4, 9).astype("<f4")
+    if universal:
+        data = b"#HSH1.2\n3\n3 2 3\n9 2 1\n"
+        coefficients = of / 255.0 * first + second
+    else:
+        data = b"# a comment\n" + struct.pack("<4i", 3, 2, 3, 3)
+        coefficients = first + (second - first) * (of / 255.0)
+    (tmp_path / "a.rti").write_bytes(data + first.tobytes() + second.tobytes() + of.tobytes())
+    image = ds.read_rti(tmp_path / "a.rti")
+    assert image.basis == "hsh"
+    np.testing.assert_allclose(image.coefficients, coefficients, atol=1e-6)
+    flat = np.maximum(
+        coefficients @ [1 / np.sqrt(2 * np.pi), 0, np.sqrt(1.5 / np.pi), 0, 0, 0, np.sqrt(2.5 / np.pi), 0, 0], 0
+    )
+    np.testing.assert_allclose(image.shade((0, 0, 2)), flat, atol=1e-5)
+
+
+BAD = {
+    "short.ptm": (ptm("LRGB", b"x" * 53), "3 x 2 pixels need 54 bytes, and it has 53"),
+    "jpeg.ptm": (ptm("JPEG_LRGB", b""), "has the format 'PTM_FORMAT_JPEG_LRGB'"),
+    "version.ptm": (ptm("LRGB", b"", version="PTM_2"), "begins with 'PTM_2'"),
+    "size.ptm": (ptm("LRGB", b"", size="-3\n2"), "its size is -3 x 2"),
+    "huge.ptm": (ptm("LRGB", b"", size="99999\n99999"), "pixels need"),
+    "word.ptm": (ptm("LRGB", b"", size="3\nx"), "its size must be 2 numbers"),
+    "empty.rti": (b"", "its header ends early"),
+    "order.rti": (b"#\n" + struct.pack("<4i", 1, 1, 3, 7) + bytes(999), "49 terms"),
+    "nan.rti": (struct.pack("<4i", 1, 1, 3, 2) + b"\xff" * 32 + bytes(12), "are not finite"),
+    "ptm.rti": (b"#PTM1.2\n1\n3 2 3\n6 2 1\n", "no HSH of RGB"),
+    "a.png": (b"", "is not the suffix of a relightable image"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_damaged_is_one_sentence(tmp_path, name):
+    data, words = BAD[name]
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(ValueError, match=words) as caught:
+        ds.read_rti(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_light_behind_the_image_is_refused(tmp_path):
+    (tmp_path / "a.ptm").write_bytes(ptm("LRGB", bytes(54)))
+    image = ds.read_rti(tmp_path / "a.ptm")
+    with pytest.raises(ValueError, match=r"toward must be three finite numbers with z above 0.* Give for example"):
+        image.shade((0, 1, -1))
+    with pytest.raises(ValueError, match=r"mask must have the shape of the image, \(2, 3\); got \(3, 2\)"):
+        ds.photographs_of(image, mask=np.ones((3, 2), bool))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Maps without a sharp highlight, and the folders that viewers show."""
+    maps, _ = bumpy(32)
+    folder = tmp_path_factory.mktemp("rti")
+    return maps, {basis: ds.write_rti(folder / basis, maps, basis=basis) for basis in ("hsh", "ptm")}
+
+
+@pytest.mark.parametrize("basis", ["hsh", "ptm"])
+def test_viewers_show_the_maps(folder, basis):
+    """By the formula of OpenLIME's shader, from the files."""
+    maps, written = folder
+    info = json.loads(written[basis].paths[-1].read_text())
+    scale, bias = (np.array(info["materials"][0][name]).reshape(-1, 3) for name in ("scale", "bias"))
+    assert (info["width"], info["height"]) == maps.status.shape[::-1]
+    assert info["nplanes"] == 3 * len(scale)
+    planes = [ds.read_image(written[basis].paths[-1].parent / f"plane_{k}.jpg", srgb=False) for k in range(len(scale))]
+    l = np.array((0.3, 0.2, 0.93)) / np.linalg.norm((0.3, 0.2, 0.93))
+    x, y, _ = l
+    base = (1.0, x, y, x * x, x * y, y * y) if basis == "ptm" else terms("hsh", 9, l)
+    shown = sum(b * (plane - c) * s for b, plane, c, s in zip(base, planes, bias, scale, strict=True))
+    drawn = np.asarray(ds.srgb_encode(np.clip(maps.shade(ds.DirectionalLight(-l)), 0, 1)))
+    off = (np.clip(shown, 0, 1) - drawn)[maps.status > 0]
+    assert np.sqrt(np.mean(off**2)) < 1.5 * written[basis].rms + 0.01
+    assert written[basis].rms < (0.12 if basis == "ptm" else 0.1)
+
+
+def test_a_fit_starts_from_a_relightable_image(tmp_path, caplog):
+    """Pictures of a matte ball, which a polynomial nearly holds: the normals come back to a few degrees."""
+    size = 12
+    camera = ds.OrthographicCamera((0, 0, 1), height=2.4, shape=(size, size), local_viewer=False)
+    surface = ds.intersect(ds.Scene(ds.Object(ds.Sphere())), camera)
+    normal, mask = np.asarray(surface.normal, float), np.asarray(surface.mask)
+    mask = mask & (normal[..., 2] > 0.7)
+    flat = np.zeros((size, size, 6))
+    flat[..., 3:5], flat[..., 5] = (
+        0.5 * normal[..., :2],
+        0.45 * normal[..., 2],
+    )  # k_d n.l with z nearly 1 - (x^2 + y^2)/2
+    flat[..., :2] = -0.22 * normal[..., 2:]
+    image = ds.RelightableImage("ptm", np.repeat(flat[:, :, None], 3, 2))
+    scene, views = ds.photographs_of(image, mask=mask, srgb=False)
+    assert len(views) == 24
+    assert "n_s too small" in caplog.text
+    maps = ds.fit_texels(scene, views, free=("k_d", "normal"), loss="squares")
+    off = np.rad2deg(np.arccos(np.clip((maps.values["normal"] * normal).sum(-1), -1, 1)))[mask & maps.known]
+    assert off.size > 0.5 * mask.sum()
+    assert np.median(off) < 4.0
