@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ intensity = 0.6
 attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0 }}
 """
 
+BETWEEN, PIXELS = 2.5, 96  # scene units and pixels from ball to ball, where a file's materials become a scene
 ALWAYS = ("k_a", "k_d", "k_s", "n_s", "lobe")  # written always; other keys only if they are not the default
 
 
@@ -94,6 +96,39 @@ def put_material(path: Path, material: ds.Material, *, name: str = "", about: st
     text = starter(path, material, about or f"a ball of {word_of(path)}.")
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def put_materials(path: Path, materials: Mapping[str, ds.Material]) -> ds.Exported | Path:
+    """Write materials for another program, or (.toml) on balls in a scene, depending on the suffix."""
+    import diffshade as ds
+
+    if len(materials) == 1:
+        ((name, material),) = materials.items()
+        return put_material(path, material, name=name)
+    return _put_balls(path, materials) if path.suffix.lower() == ".toml" else ds.write_material(path, materials)
+
+
+def _put_balls(path: Path, materials: Mapping[str, ds.Material]) -> Path:
+    """Write a scene with a ball of each material, in rows, under one light; comments keep names that are changed."""
+    import diffshade as ds
+
+    from ..exchange.names import identifiers, printable
+    from ..io.files import replacing
+
+    names, columns = identifiers(materials), math.ceil(math.sqrt(len(materials)))
+    rows = -(-len(materials) // columns)
+    balls = []
+    for i, (name, material) in enumerate(materials.items()):
+        center = (BETWEEN * (i % columns - (columns - 1) / 2), BETWEEN * ((rows - 1) / 2 - i // columns), 0.0)
+        balls.append(ds.Object(ds.Sphere(center, 1.0), material, names[name]))
+    scene = ds.Scene(balls, ds.DirectionalLight((-1.0, -1.5, -2.0)), ambient=0.2)
+    shape = (round(PIXELS * rows), round(PIXELS * columns))
+    camera = ds.OrthographicCamera((0.0, 0.0, 4.0), height=BETWEEN * rows, shape=shape)
+    changed = [f"# {word} is '{printable(name)}'\n" for name, word in names.items() if name != word]
+    with replacing(path) as temporary:
+        ds.write_scene(temporary, scene, camera=camera)
+        temporary.write_text("".join(changed) + temporary.read_text(encoding="utf-8"), encoding="utf-8")
     return path
 
 

@@ -344,6 +344,21 @@ def test_materials_are_converted(typed):
         np.testing.assert_allclose(ds.read_material(name).k_s, ds.material("gold").k_s, rtol=1e-6)
 
 
+def test_all_materials_of_a_file_are_converted(typed):
+    rows = "".join(f"newmtl Material.{i:03}\nKd 0.5 0.5 {i / 4}\nNs 20\nillum 1\n" for i in range(4))
+    Path("four.mtl").write_text(rows)
+    wanted = [f"four{suffix}" for suffix in (".c", ".json", ".js", ".py", ".inc", ".gltf", ".toml")]
+    done = typed("convert", "four.mtl", *wanted)
+    assert done.status == 0
+    for name in wanted:
+        assert f"{name}: 4 materials" in done.out
+        again = ds.read_materials(name)
+        assert [name.replace("_", ".") for name in again] == [f"Material.{i:03}" for i in range(4)]
+        np.testing.assert_allclose([one.k_d[2] for one in again.values()], [0, 0.25, 0.5, 0.75], atol=0.01)
+    assert "# Material_003 is 'Material.003'" in Path("four.toml").read_text()
+    assert ds.read_camera("four.toml").shape == (192, 192)
+
+
 def test_figures(typed, monkeypatch):
     drawn = {}
     monkeypatch.setattr(ds, "write_figures", lambda folder, **given: drawn.update(given, folder=folder) or [folder])
