@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 
 import click
 
-from .exchange import convert
+from .exchange import convert, lamp
 from .fits import compare, fit, plan, report
 from .lights import calibrate, find_lights, mask
 from .maps import texels
@@ -37,7 +37,7 @@ class InOrder(click.Group):
 
 @click.group(
     cls=InOrder,
-    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, figures],
+    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, lamp, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )

@@ -1,4 +1,4 @@
-"""`convert`: materials from one program to another."""
+"""`convert` and `lamp`: materials from one program to another, and what a lamp file holds."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .materials import check_out, put_materials, word_of
-from .terminal import FILE, SETTINGS, answer, as_json
+from .terminal import FILE, SETTINGS, OneOf, answer, as_json
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade convert brass.mtl brass.json --name brass")
@@ -35,3 +35,41 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, as_json: bo
     if len(found) > 1:
         lines += [f"{path}: {len(found)} materials" for path in wanted]
     answer("\n".join(lines), {"materials": list(found), "written": written}, as_json=as_json)
+
+
+@click.command(**SETTINGS, epilog="Example: diffshade lamp floodlight.ies --distance 5")
+@click.argument("file", type=FILE)
+@click.option("-o", "--out", type=FILE, help=".png or .pdf  [default: the file's name, .png]")
+@click.option("--distance", type=float, default=3.0, help="From the lamp to a plane, metres  [default: 3]")
+@click.option("--lamp-set", type=OneOf(("0", "1", "2", "3", "all")), help="The lit lamps of an LDT  [default: 0]")
+@click.option("--tilt", type=FILE, help="The file that TILT names in an IES file")
+@as_json
+def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, tilt: Path | None, as_json: bool) -> None:
+    """Show a lamp (.ies or .ldt): flux, beam and light on a plane.
+
+    The picture has a polar diagram of the intensity, and the lux on a plane across the lamp's axis.
+    """
+    import diffshade as ds
+
+    from ..io.files import writable
+    from ..report.lamp_picture import light_on_plane
+
+    out = out or file.with_suffix(".png")
+    writable(out)
+    chosen = "all" if lamp_set == "all" else None if lamp_set is None else int(lamp_set)
+    found = ds.read_lamp(file, lamp_set=chosen, tilt=tilt)
+    plane = light_on_plane(found, distance, 5)
+    ds.draw_lamp(out, found, distance=distance)
+    unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
+    rows = ["".join(f"{value:10.4g}" for value in row) for row in plane.light]
+    ends = f"{plane.across[0]:g} to {plane.across[-1]:g}"
+    lines = [f"{found}", f"{unit} on a plane at {distance:g}, from {ends} along C0 and across:", *rows, f"{out}"]
+    data = {
+        "summary": str(found).splitlines(),
+        "label": found.label,
+        "distance": distance,
+        "across": plane.across,
+        "light": plane.light,
+        "picture": out,
+    }
+    answer("\n".join(lines), data, as_json=as_json)

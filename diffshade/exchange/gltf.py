@@ -14,12 +14,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
+from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import Material
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
 from .metallic_roughness import F0, ROUGHNESS, Surface, classic, surface_of, what_of
-from .parsing import short
 from .readings import Reading, as_number, as_numbers, as_table, load_json, textures_not_read
 from .reference import differences, radiance, reference_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-from .parsing import NUMBER, number, short
+from ..io.parsing import NUMBER, number, short
 
 _NEW = re.compile(r"(?:\b([\w$]{1,80})\s{0,9}[=:]\s{0,9})?\bnew\s{1,9}(?:THREE\.)?(\w{1,40}Material)\s{0,9}\(\s{0,9}")
 _KEY = re.compile(r"\s*[\"']?([\w$]{1,80})[\"']?\s*:")

@@ -11,13 +11,13 @@ from typing import Any
 from ..core.fields import check_kind, in_short
 from ..core.words import did_you_mean
 from ..io.files import replacing
+from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
 from ..model.lights import AbstractLight
 from ..model.materials import Material
 from .gltf import read_gltf, write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
-from .parsing import read_glb, read_text, short
 from .povray import read_povray, write_povray
 from .readings import Reading
 from .threejs import write_js, write_json

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from ..core.words import listing
+from ..io.parsing import number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
 from .metallic_roughness import classic, surface_of, what_of
 from .names import original, words
-from .parsing import number, numbers, short
 from .readings import Reading, textures_not_read
 
 HIGHEST = 1000.0

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..io.parsing import NUMBER, number, short
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import Blinn
@@ -18,7 +19,6 @@ from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain, together
 from .lobe_refits import with_lobe
 from .names import identifiers, original
-from .parsing import NUMBER, number, short
 from .readings import Reading, read_declared
 
 HIGHEST = 128.0

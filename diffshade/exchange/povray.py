@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
+from ..io.parsing import NUMBER, number, numbers, short
 from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
 from ..model.materials import Highlight, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated, together
 from .lobe_refits import check_plain, named, with_lobe
 from .names import identifiers, original
-from .parsing import NUMBER, number, numbers, short
 from .readings import Reading, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
 

@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.words import listing
+from ..io.parsing import short
 from ..model.materials import Material
-from .parsing import short
 
 MOST_NAMED = 3  # materials that a note names; of more it gives the number
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..io.parsing import short
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .exports import stated
@@ -20,7 +21,6 @@ from .hex_colours import from_hex
 from .javascript import Expression, created
 from .lobe_refits import N_S_RANGE, Shape
 from .metallic_roughness import classic, surface_of, what_of
-from .parsing import short
 from .readings import Reading, as_number, load_json, textures_not_read
 from .reference import differences, reference
 from .threejs import highlights

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from ..core.fields import Array
+from ..io.parsing import NUMBER, number, short
 from ..model.lobes import Phong
 from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated, together
 from .lobe_refits import with_lobe
 from .names import identifiers, original
-from .parsing import NUMBER, number, short
 from .readings import Reading, read_declared
 from .reference import differences, radiance, reference_of
 

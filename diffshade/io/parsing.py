@@ -80,6 +80,12 @@ def numbers(words: Sequence[str], where: str) -> list[float]:
     return [number(word, where) for word in words]
 
 
+def above_0(word: str) -> float | None:
+    """Return a number above 0, and None for anything else: what a file may state, or leave out."""
+    found = float(word) if NUMBER.fullmatch(word) and len(word) < 400 else 0.0
+    return found if 0 < found < math.inf else None
+
+
 def short(word: str) -> str:
     """Return a word for a message: one line, at most 40 characters."""
     shown = repr(word)
