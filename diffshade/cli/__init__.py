@@ -39,7 +39,6 @@ class InOrder(click.Group):
     cls=InOrder,
     commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, lamp, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )
 @click.version_option(package_name="diffshade")
 @click.option(
@@ -50,7 +49,10 @@ class InOrder(click.Group):
     help="Import a module whose classes scene files name.",
 )
 def diffshade(modules: tuple[str, ...] = ()) -> None:
-    """Render pictures; find materials and lamps from photographs, with errors."""
+    """\b
+    Render pictures; find materials and lamps from photographs, with errors.
+    Example: diffshade new ball.toml && diffshade render ball.toml
+    """
     if modules:
         sys.path.insert(0, os.getcwd())  # where an installed command does not look
     for module in modules:

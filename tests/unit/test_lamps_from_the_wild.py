@@ -2,6 +2,7 @@
 
 import json
 import logging
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,11 +104,12 @@ def test_sets_of_lamps_are_chosen_or_added(tmp_path, caplog):
         "it has 2 sets of lamps, of which the first is lit (0 'LED', 1 'LED plus'); choose by lamp_set=." in caplog.text
     )
     assert "what stands after the data is not read: 'printed by a program'." in caplog.text
-    for chosen, flux, watts in ((0, 1, 10), (1, 2.5, 30), ("all", 3.5, 40)):
+    choices: tuple[tuple[Any, float, float], ...] = ((0, 1, 10), (1, 2.5, 30), ("all", 3.5, 40))
+    for chosen, flux, watts in choices:
         lamp = ds.read_lamp(path, lamp_set=chosen)
         np.testing.assert_allclose(np.asarray(lamp.intensity) / first.intensity, flux)
         assert lamp.label.watts == watts
-    with pytest.raises(ValueError, match="has 2 sets of lamps; got lamp_set=2. Give 0 to 1, or 'all'"):
+    with pytest.raises(ValueError, match=r"has 2 sets of lamps; got lamp_set=2\. Give 0 to 1, or 'all'"):
         ds.read_lamp(path, lamp_set=2)
 
 
@@ -120,7 +122,7 @@ def test_text_after_the_data_of_an_ies_file_is_said(tmp_path, caplog):
 
 def test_a_lamp_is_summed_up(tmp_path):
     """A Lambertian disc: its flux is pi times its peak, and it is half as bright at 60 degrees."""
-    gamma = np.arange(0, 91, 0.5)
+    gamma = np.arange(0, 90.5, 0.5)
     text = ies([0], 100 * np.cos(np.deg2rad(gamma))[None], gamma, before="[MANUFAC] Maker\n[LUMINAIRE]  Disc\n")
     said = str(ds.read_lamp(write(tmp_path, "a.ies", text))).splitlines()
     assert said == [
@@ -165,13 +167,14 @@ intensity = 2.0
 def test_a_scene_names_a_lamps_file(tmp_path):
     (tmp_path / "lamps").mkdir()
     path = write(tmp_path / "lamps", "a.ies", ies([0], ROW, before="[MANUFAC] Maker\n"))
+    lamp: Any
     lamp, expected = ds.read_scene(write(tmp_path, "a.toml", SCENE)).lights[0], ds.read_lamp(path)
     np.testing.assert_array_equal(lamp.profile.values, expected.profile.values)
     np.testing.assert_array_equal([*lamp.position, *lamp.intensity], [0, 3, 0, 2, 2, 2])
     assert lamp.label.maker == "Maker"
     assert float(lamp.attenuation.quadratic) == 1
     ds.write_scene(tmp_path / "b.toml", ds.read_scene(tmp_path / "a.toml"))
-    again = ds.read_scene(tmp_path / "b.toml").lights[0]
+    again: Any = ds.read_scene(tmp_path / "b.toml").lights[0]
     assert again.label == lamp.label
     for text, message in (
         (SCENE.replace("a.ies", "no.ies"), "there is no lamp file"),
