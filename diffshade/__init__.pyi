@@ -43,7 +43,9 @@ from .io.images import write_image as write_image
 from .io.lamps.lamp_files import read_lamp as read_lamp
 from .io.lazy_images import LazyImage as LazyImage
 from .io.lazy_images import open_image as open_image
+from .io.meshes import frame_mesh as frame_mesh
 from .io.meshes import read_mesh as read_mesh
+from .io.meshes import read_mesh_parts as read_mesh_parts
 from .io.scene_files import read_camera as read_camera
 from .io.scene_files import read_scene as read_scene
 from .io.scene_files import write_scene as write_scene

@@ -35,8 +35,16 @@ class InOrder(click.Group):
         return list(self.commands)
 
 
+# The example stands beside the first sentence, so that the help fits a screen; \b keeps their lines.
+HELP = """\b
+Render pictures; find materials and lamps from photographs, with errors.
+Example: diffshade new ball.toml && diffshade render ball.toml
+"""
+
+
 @click.group(
     cls=InOrder,
+    help=HELP,
     commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, convert, lamp, figures],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -49,10 +57,7 @@ class InOrder(click.Group):
     help="Import a module whose classes scene files name.",
 )
 def diffshade(modules: tuple[str, ...] = ()) -> None:
-    """\b
-    Render pictures; find materials and lamps from photographs, with errors.
-    Example: diffshade new ball.toml && diffshade render ball.toml
-    """
+    """Render pictures; find materials and lamps from photographs, with errors."""
     if modules:
         sys.path.insert(0, os.getcwd())  # where an installed command does not look
     for module in modules:
