@@ -124,12 +124,15 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         found = numbers(row, f"{where}: {key}")
         return found * 3 if len(found) == 1 else found
 
+    n_s = one("Ns", 10.0)
+    if n_s < 0:
+        reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
     _note_the_rest(rows, name, reading)
     if illum == 0:  # the colour alone, unlit
-        return Material(k_e=given["k_d"], n_s=one("Ns", 10.0), lobe=Blinn(), **glass)
+        return Material(k_e=given["k_d"], n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
     if _is_physical(rows):
         roughness, metallic = one("Pr", 0.5), one("Pm", 0.0)
         coat = {"coat": one("Pc", 0.0), "coat_roughness": one("Pcr", 0.0)}
@@ -143,7 +146,7 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
         if np.any(given["k_s"]):
             reading.note(name, "illum 1 has no highlight; Ks is not read.")
         given["k_s"] = 0.0
-    return Material(**given, n_s=one("Ns", 10.0), lobe=Blinn(), **glass)
+    return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
 
 
 def _is_physical(rows: Mapping[str, list[str]]) -> bool:

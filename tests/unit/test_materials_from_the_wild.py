@@ -38,6 +38,7 @@ SAID = {
     "clear and opaque": ("Tr 1\nillum 2", "Tr 1 with the opaque illum 2 is read as opaque"),
     "a contradiction": ("d 0.5\nTr 0.2", "Tr 0.2 contradicts d 0.5; d is read."),
     "halo": ("d -halo 0.5", "-halo makes the middle of a surface clearer"),
+    "a clamped exponent": ("Ns -1.960784", "Ns -1.96078 is below 0; it is read as 0, as programs clamp it."),
     "no index": ("Ni 0", "Ni 0 is no index of refraction, 0.1 to 10; it is not read."),
 }
 
