@@ -1,4 +1,4 @@
-"""Files of public repositories, none of which is kept here: each is read, or refused, as the documentation's table says.
+"""Files of public repositories, none of which is kept here: each is read, or refused, as the documentation says.
 
 They are looked for as wild/REPOSITORY/FILE among the measured data.
 """
@@ -15,9 +15,8 @@ import diffshade as ds
 pytestmark = pytest.mark.thorough
 
 PAGE = Path(__file__).parents[2] / "docs" / "pages" / "files-in-the-wild.md"
-ROWS = [
-    row for row in re.findall(r"^\| (\S+) \| `([^`]+)` \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
-]
+ROW = re.compile(r"^\| (\S+) \| `([^`]+)` \| (.+) \|$", re.MULTILINE)
+ROWS = ROW.findall(PAGE.read_text(encoding="utf-8"))
 
 
 def found(path: Path, folder: Path) -> str:
