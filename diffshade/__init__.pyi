@@ -72,7 +72,9 @@ from .model.materials import Material as Material
 from .model.measured_lights import LampLabel as LampLabel
 from .model.measured_lights import MeasuredLight as MeasuredLight
 from .model.measured_lights import Profile as Profile
+from .model.named_materials import MaterialError as MaterialError
 from .model.named_materials import material as material
+from .model.named_materials import material_error as material_error
 from .model.named_materials import material_names as material_names
 from .model.patterns import Chequer as Chequer
 from .model.patterns import Texture as Texture

@@ -22,7 +22,7 @@ FILL = 0.2  # light from the viewer and ambient light on a mesh, beside the lamp
 def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     import diffshade as ds
 
-    return completions(ds.material_names(), incomplete)
+    return completions((*ds.material_names(), *ds.material_names(measured=True)), incomplete)
 
 
 def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -37,7 +37,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     "--material",
     metavar="NAME|FILE",
     shell_complete=_named_materials,
-    help="One of the OpenGL teapots' materials, or a file",
+    help="emerald, merl_brass ... (shell completion lists them), or a file",
 )
 @click.option("--force", is_flag=True, help="Overwrite SCENE if it exists")
 @as_json

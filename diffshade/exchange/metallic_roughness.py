@@ -8,6 +8,7 @@ appendix leaves this to programs; three.js does it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,11 @@ ROUNDING = 1e-6  # a radiance below this is none
 Colour3 = Float[np.ndarray, "3"]
 
 
+def schlick(cosine: Cosines) -> Cosines:
+    """Return (1 - cosine)^5 (Schlick 1994)."""
+    return (1.0 - cosine) ** 5
+
+
 class Surface(NamedTuple):
     """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat."""
 
@@ -41,9 +47,12 @@ class Surface(NamedTuple):
     beneath: Colour3 | None = None
     """The head-on reflectance of the dielectric part, beneath which light is diffused; `head_on` if None."""
 
+    grazing: Callable[[Cosines], Cosines] = schlick
+    """How F goes from head-on to grazing angles, by the cosine."""
+
     def reflected(self, points: Reference) -> Radiance:
         """Return the radiance."""
-        grazing = (1.0 - np.clip(points.v_h, 0.0, 1.0))[:, None] ** 5
+        grazing = self.grazing(np.clip(points.v_h, 0.0, 1.0))[:, None]
         F = self.head_on + (self.edge - self.head_on) * grazing
         lost = F if self.beneath is None else self.beneath + (self.edge - self.beneath) * grazing
         again = 1.0 + self.head_on * (1.0 / kept(points.n_v, self.roughness**2) - 1.0)[:, None]
@@ -51,13 +60,13 @@ class Surface(NamedTuple):
         if not self.coat:
             return own
         F_coat = F0 + (1.0 - F0) * grazing
-        through = 1.0 - self.coat * (F0 + (1.0 - F0) * (1.0 - points.n_v[:, None]) ** 5)
+        through = 1.0 - self.coat * (F0 + (1.0 - F0) * self.grazing(points.n_v)[:, None])
         shine = ggx(points, max(self.coat_roughness, ROUGHNESS[0]) ** 2)[:, None]
         return own * through + self.coat * points.n_l[:, None] * F_coat * shine
 
 
 def surface_of(
-    colour: Colour3, metallic: float, roughness: float, dielectric: Any = F0, edge: float = 1.0, **coat: float
+    colour: Colour3, metallic: float, roughness: float, dielectric: Any = F0, edge: float = 1.0, **more: Any
 ) -> Surface:
     """Return a surface between a dielectric, 0, of this base colour and a metal, 1.
 
@@ -67,13 +76,13 @@ def surface_of(
         roughness: 0 to 1.
         dielectric: The dielectric's reflectance at normal incidence; 0.04 by default.
         edge: The dielectric's reflectance at grazing angles; 1 by default.
-        **coat: `coat` and `coat_roughness`.
+        **more: `coat`, `coat_roughness` and `grazing` of the surface.
     """
     beneath = np.minimum(dielectric, 1.0) * np.ones(3)
     head_on = beneath * (1.0 - metallic) + colour * metallic
     edge = edge * (1.0 - metallic) + metallic
     rough = float(np.clip(roughness, *ROUGHNESS))
-    return Surface(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **coat)
+    return Surface(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
 
 
 def classic(surface: Surface, name: str, what: str, reading: Reading, **more: Any) -> Material:

@@ -21,14 +21,14 @@ from .names import identifiers, original
 from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
 
 
-def fresnel(points: Reference) -> Cosines:
-    """Return three.js's approximation of (1 - v.h)^5."""
-    return np.exp2((-5.55473 * points.v_h - 6.98316) * points.v_h)
+def fresnel(cosine: Cosines) -> Cosines:
+    """Return three.js's approximation of (1 - cosine)^5."""
+    return np.exp2((-5.55473 * cosine - 6.98316) * cosine)
 
 
 def highlights(points: Reference) -> Shape:
     """Return the highlights of MeshPhongMaterial, linear in the specular colour."""
-    grazing = fresnel(points)
+    grazing = fresnel(points.v_h)
 
     def lobe(n: float) -> Cosines:
         return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n

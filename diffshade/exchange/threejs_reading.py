@@ -23,7 +23,7 @@ from .lobe_refits import N_S_RANGE, Shape
 from .metallic_roughness import classic, surface_of, what_of
 from .readings import Reading, as_number, load_json, textures_not_read
 from .reference import differences, reference
-from .threejs import highlights
+from .threejs import fresnel, highlights
 
 KINDS = (
     "MeshPhongMaterial",
@@ -134,7 +134,13 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
         return _phong(base, colour("specular", 0x111111), one("shininess", 30.0), name, reading, given)
     roughness, metalness = one("roughness", 1.0, 1.0), one("metalness", 0.0, 1.0)
     if kind == "MeshStandardMaterial":
-        return classic(surface_of(base, metalness, roughness), name, what_of(metalness, roughness), reading, **given)
+        return classic(
+            surface_of(base, metalness, roughness, grazing=fresnel),
+            name,
+            what_of(metalness, roughness),
+            reading,
+            **given,
+        )
     ior, edge = one("ior", 1.5), one("specularIntensity", 1.0, 1.0)
     dielectric = np.minimum(((ior - 1) / (ior + 1)) ** 2 * colour("specularColor", 0xFFFFFF), 1.0) * edge
     coat = {"coat": one("clearcoat", 0.0, 1.0), "coat_roughness": one("clearcoatRoughness", 0.0, 1.0)}
@@ -142,7 +148,7 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
     if through > 0:
         given |= {"k_t": 1.0 - alpha * (1.0 - through * base), "eta": ior}
         reading.note(name, "transmission is read as k_t, its colour times its factor, without blur.")
-    surface = surface_of(base, metalness, roughness, dielectric, edge, **coat)
+    surface = surface_of(base, metalness, roughness, dielectric, edge, grazing=fresnel, **coat)
     return classic(surface, name, what_of(metalness, roughness), reading, **given)
 
 

@@ -111,7 +111,7 @@ def test_three_js_renders_the_same(tmp_path):
 
 SURFACES = {
     "metal": {"color": 0xD0A060, "metalness": 1.0, "roughness": 0.5},
-    "plastic": {"color": "#3366cc", "metalness": 0.0, "roughness": 0.35},
+    "plastic": {"color": 0x3366CC, "metalness": 0.0, "roughness": 0.35},
     "mixed": {"color": 0x808080, "metalness": 0.4, "roughness": 0.7},
     "tinted": {"color": 0x40A040, "roughness": 0.5, "specularIntensity": 0.6, "specularColor": 0xFF8040, "ior": 1.7},
     "coated": {"color": 0x803020, "roughness": 0.6, "clearcoat": 0.7, "clearcoatRoughness": 0.6},
@@ -125,7 +125,7 @@ def test_what_is_read_of_three_js_and_gltf_is_what_they_render(tmp_path, caplog)
         kind = "MeshStandardMaterial" if len(settings) == 3 else "MeshPhysicalMaterial"
         json_, gltf = f"{name}.json", f"{name}.gltf"
         (tmp_path / json_).write_text(json.dumps({"type": kind, "uuid": name, **settings}))
-        base = [*map(float, from_hex(int(str(settings["color"]).strip("#"), 16 if name == "plastic" else 10))), 1.0]
+        base = [*map(float, from_hex(settings["color"])), 1.0]
         pbr = {"baseColorFactor": base, "metallicFactor": settings.get("metalness", 0.0)}
         row = {"pbrMetallicRoughness": {**pbr, "roughnessFactor": settings["roughness"]}}
         (tmp_path / gltf).write_text(json.dumps({"asset": {"version": "2.0"}, "materials": [row]}))
@@ -139,7 +139,9 @@ def test_what_is_read_of_three_js_and_gltf_is_what_they_render(tmp_path, caplog)
     images = threejs(tmp_path, files, views)
     for file, (found, rms, largest) in read.items():
         stated = SimpleNamespace(rms=rms, largest=largest)
-        compare("three.js", file, found, stated, images[file], views[files[file]], slack=0.05)
+        # three.js approximates (1 - v.h)^5, which glTF's specification has as it is
+        slack = 0.03 if file.endswith(".json") else 0.25
+        compare("three.js", file, found, stated, images[file], views[files[file]], slack=slack)
 
 
 def test_opengl_lights_are_the_librarys(tmp_path):
