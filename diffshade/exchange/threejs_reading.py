@@ -141,7 +141,9 @@ def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> M
             reading,
             **given,
         )
-    ior, edge = one("ior", 1.5), one("specularIntensity", 1.0, 1.0)
+    reflectivity = one("reflectivity", 0.5, 1.0)  # by which three.js's own JSON gives the index of refraction
+    ior = one("ior", (1.0 + 0.4 * reflectivity) / (1.0 - 0.4 * reflectivity))
+    edge = one("specularIntensity", 1.0, 1.0)
     dielectric = np.minimum(((ior - 1) / (ior + 1)) ** 2 * colour("specularColor", 0xFFFFFF), 1.0) * edge
     coat = {"coat": one("clearcoat", 0.0, 1.0), "coat_roughness": one("clearcoatRoughness", 0.0, 1.0)}
     through = one("transmission", 0.0, 1.0)

@@ -23,8 +23,8 @@ def material(name: str, *, lobe: AbstractPowerLobe | None = None, highlights: in
 
     The 100 whose names begin with "merl_" are fitted to measurements: to the ABC model (Löw et al. 2012) of the MERL
     database (Matusik et al. 2003), whose parameters are in dj_brdf.h (Dupuy, public domain). What is fitted is
-    f (n.l) pi, by k_d (n.l) and one or two highlights, which carry no n.l, where light and viewer are at most 75 degrees
-    from the normal and 0 to 80 degrees apart. They have no k_a. `material_error` states what the fit leaves.
+    f (n.l) pi, by k_d (n.l) and one or two highlights, which carry no n.l, where light and viewer are at most 75
+    degrees from the normal and 0 to 80 degrees apart. They have no k_a. `material_error` states what the fit leaves.
 
     Args:
         name: Name of the material; `material_names()` and `material_names(measured=True)` list them.
@@ -80,8 +80,8 @@ class MaterialError(NamedTuple):
     def __str__(self) -> str:
         return (
             f"the radiance differs from the measured one by {self.rms:.2g} (rms) and {self.largest:.2g} (at most), "
-            f"relative where it exceeds 1 (it reaches {self.peak:.3g}), with light and viewer at most 75 degrees from the "
-            "normal."
+            f"relative where it exceeds 1 (it reaches {self.peak:.3g}), with light and viewer at most 75 degrees from "
+            "the normal."
         )
 
 

@@ -113,7 +113,13 @@ SURFACES = {
     "metal": {"color": 0xD0A060, "metalness": 1.0, "roughness": 0.5},
     "plastic": {"color": 0x3366CC, "metalness": 0.0, "roughness": 0.35},
     "mixed": {"color": 0x808080, "metalness": 0.4, "roughness": 0.7},
-    "tinted": {"color": 0x40A040, "roughness": 0.5, "specularIntensity": 0.6, "specularColor": 0xFF8040, "ior": 1.7},
+    "tinted": {
+        "color": 0x40A040,
+        "roughness": 0.5,
+        "specularIntensity": 0.6,
+        "specularColor": 0xFF8040,
+        "reflectivity": 0.8,
+    },
     "coated": {"color": 0x803020, "roughness": 0.6, "clearcoat": 0.7, "clearcoatRoughness": 0.6},
 }
 
