@@ -18,19 +18,19 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Scenes
 
-`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `GBuffer`, `read_mesh`, `normal_map`, `height_map`, `Camera`,
-`OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
+`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `GBuffer`, `read_mesh`, `read_mesh_parts`, `frame_mesh`, `normal_map`,
+`height_map`, `Camera`, `OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
 
 ## Materials
 
 `Material`, `Highlight`, `Phong`, `Blinn`, `Brushed`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `Texture`,
-`material`, `material_names`, `with_lobe`, `Refit`
+`material`, `material_names`, `material_error`, `MaterialError`, `with_lobe`, `Refit`
 
 ## Lights
 
-`PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `RadialAttenuation`,
-`read_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`, `Calibration`,
-`apply_lights`, `AppliedLights`, `draw_calibration`
+`PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `LampLabel`,
+`RadialAttenuation`, `read_lamp`, `draw_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`,
+`Calibration`, `apply_lights`, `AppliedLights`, `draw_calibration`
 
 ## Pictures
 

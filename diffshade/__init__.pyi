@@ -18,9 +18,8 @@ from .diagnosis.sensitivity import sensitivity as sensitivity
 from .diagnosis.shots import Shot as Shot
 from .exchange.lamps.falloff import Falloff as Falloff
 from .exchange.lamps.falloff import fit_falloff as fit_falloff
-from .exchange.lamps.lamp_files import SpotFit as SpotFit
-from .exchange.lamps.lamp_files import as_spot as as_spot
-from .exchange.lamps.lamp_files import read_lamp as read_lamp
+from .exchange.lamps.spots import SpotFit as SpotFit
+from .exchange.lamps.spots import as_spot as as_spot
 from .exchange.lobe_refits import Refit as Refit
 from .exchange.lobe_refits import with_lobe as with_lobe
 from .exchange.material_files import Exported as Exported
@@ -48,9 +47,12 @@ from .io.images import read_mask as read_mask
 from .io.images import srgb_decode as srgb_decode
 from .io.images import srgb_encode as srgb_encode
 from .io.images import write_image as write_image
+from .io.lamps.lamp_files import read_lamp as read_lamp
 from .io.lazy_images import LazyImage as LazyImage
 from .io.lazy_images import open_image as open_image
+from .io.meshes import frame_mesh as frame_mesh
 from .io.meshes import read_mesh as read_mesh
+from .io.meshes import read_mesh_parts as read_mesh_parts
 from .io.rti_files import RelightableImage as RelightableImage
 from .io.rti_files import read_rti as read_rti
 from .io.scene_files import read_camera as read_camera
@@ -76,9 +78,12 @@ from .model.lobes import Brushed as Brushed
 from .model.lobes import Phong as Phong
 from .model.materials import Highlight as Highlight
 from .model.materials import Material as Material
+from .model.measured_lights import LampLabel as LampLabel
 from .model.measured_lights import MeasuredLight as MeasuredLight
 from .model.measured_lights import Profile as Profile
+from .model.named_materials import MaterialError as MaterialError
 from .model.named_materials import material as material
+from .model.named_materials import material_error as material_error
 from .model.named_materials import material_names as material_names
 from .model.patterns import Chequer as Chequer
 from .model.patterns import Texture as Texture
@@ -94,6 +99,7 @@ from .parallel.devices import LostProcess as LostProcess
 from .report.calibration_picture import draw_calibration as draw_calibration
 from .report.comparison import draw_comparison as draw_comparison
 from .report.comparison import write_comparison as write_comparison
+from .report.lamp_picture import draw_lamp as draw_lamp
 from .report.lecture import write_figures as write_figures
 from .report.page.writing import write_report as write_report
 from .texels.fitting import fit_texels as fit_texels

@@ -43,6 +43,7 @@ TEXTS = (
     ("docs/pages/calibration.md", "calibration.html", "Calibrating lights"),
     ("docs/pages/texels.md", "texels.html", "Texels"),
     ("docs/pages/exchange.md", "exchange.html", "Other programs"),
+    ("docs/pages/files-in-the-wild.md", "files-in-the-wild.html", "Files of other programs, tried"),
     ("docs/pages/objective.md", "objective.html", "An objective of your own"),
     ("docs/pages/extend.md", "extend.html", "Your own lobe or light"),
     ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 
 import click
 
-from .exchange import convert
+from .exchange import convert, lamp
 from .fits import compare, fit, plan, report
 from .lights import calibrate, find_lights, mask
 from .map_uses import relight
@@ -42,11 +42,33 @@ class InOrder(click.Group):
         return option
 
 
+# The example stands beside the first sentence, so that the help fits a screen; \b keeps their lines.
+HELP = """\b
+Render pictures; find materials and lamps from photographs, with errors.
+Example: diffshade new ball.toml && diffshade render ball.toml
+"""
+
+
 @click.group(
     cls=InOrder,
-    commands=[new, render, calibrate, mask, find_lights, fit, report, compare, plan, texels, relight, convert, figures],
+    help=HELP,
+    commands=[
+        new,
+        render,
+        calibrate,
+        mask,
+        find_lights,
+        fit,
+        report,
+        compare,
+        plan,
+        texels,
+        relight,
+        convert,
+        lamp,
+        figures,
+    ],
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Example: diffshade new ball.toml && diffshade render ball.toml",
 )
 @click.version_option(package_name="diffshade")
 @click.option(

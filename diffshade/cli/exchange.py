@@ -1,4 +1,4 @@
-"""`convert`: a material from one program to another, and maps to a mesh or an RTI folder."""
+"""`convert` and `lamp`: materials and maps for other programs, and what a lamp file holds."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from .maps import integrated
-from .materials import check_out, put_material, word_of
-from .terminal import SETTINGS, answer, as_json
+from .materials import check_out, put_materials, word_of
+from .terminal import FILE, SETTINGS, OneOf, answer, as_json
 
 PATH = click.Path(path_type=Path)
 
@@ -17,30 +17,43 @@ PATH = click.Path(path_type=Path)
 @click.command(**SETTINGS, epilog="Example: diffshade convert brass.mtl brass.json --name brass")
 @click.argument("given", metavar="FROM", type=PATH)
 @click.argument("wanted", metavar="TO...", nargs=-1, required=True, type=PATH)
-@click.option("--name", metavar="NAME", help="The material to convert, if FROM has several")
+@click.option("--name", metavar="NAME", help="One material of FROM  [default: all]")
 @click.option("--tolerance", type=float, help="Of a mesh: merge triangles within so many scene units")
 @as_json
 def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: float | None, as_json: bool) -> None:
-    """Write a material, or maps, for other programs.
+    """Write materials, or maps, for other programs.
 
-    .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf glTF 2.0 (only
-    written), .toml a diffshade scene. From a folder of maps: a mesh as .glb, .gltf,
-    .obj, .ply, or (no suffix) a folder for the viewers Relight and OpenLIME.
+    .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
+    glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name. From a folder of maps: a
+    mesh as .glb, .gltf, .obj, .ply, or (no suffix) a folder for the viewers Relight and OpenLIME.
 
-    It looks the same there: if that program shades differently, the material is refitted, and the remaining error is
+    They look the same there: if that program shades differently, a material is refitted, and the remaining error is
     printed and written to the file.
     """
+    if given.is_dir():
+        if name is not None:
+            raise ValueError(f"--name is for files of materials; {given} is a folder of maps. Leave it out.")
+        written: list[Any] = _of_maps(given, wanted, tolerance)
+        answer("\n".join(map(str, written)), {"written": written}, as_json=as_json)
+        return
+    if tolerance is not None:
+        raise ValueError(f"--tolerance is for meshes; {given} is no folder of maps. Leave it out.")
+    found, written = _of_materials(given, wanted, name)
+    lines = [str(one) for one in written]
+    if len(found) > 1:
+        lines += [f"{path}: {len(found)} materials" for path in wanted]
+    answer("\n".join(lines), {"materials": list(found), "written": written}, as_json=as_json)
+
+
+def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tuple[dict[str, Any], list[Any]]:
+    """Write the materials of a file, or the one of a name; return them, and what was written."""
     import diffshade as ds
 
-    if given.is_dir():
-        written: list[Any] = _of_maps(given, wanted, tolerance)
-    else:
-        if tolerance is not None:
-            raise ValueError(f"--tolerance is for meshes; {given} is no folder of maps. Leave it out.")
-        check_out(wanted, [given])
-        material = ds.read_material(given, name=name)
-        written = [put_material(path, material, name=name or word_of(given)) for path in wanted]
-    answer("\n".join(map(str, written)), {"written": written}, as_json=as_json)
+    check_out(wanted, [given])
+    found = ds.read_materials(given) if name is None else {name: ds.read_material(given, name=name)}
+    if list(found) == ["material"]:  # a name that no one gave
+        found = {word_of(given): found["material"]}
+    return found, [put_materials(path, found) for path in wanted]
 
 
 def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) -> list[Any]:
@@ -63,3 +76,41 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
         ds.write_rti(path, maps) if mesh is None or not path.suffix else ds.write_mesh(path, mesh, maps=maps)
         for path in wanted
     ]
+
+
+@click.command(**SETTINGS, epilog="Example: diffshade lamp floodlight.ies --distance 5")
+@click.argument("file", type=FILE)
+@click.option("-o", "--out", type=FILE, help=".png or .pdf  [default: the file's name, .png]")
+@click.option("--distance", type=float, default=3.0, help="From the lamp to a plane, metres  [default: 3]")
+@click.option("--lamp-set", type=OneOf(("0", "1", "2", "3", "all")), help="The lit lamps of an LDT  [default: 0]")
+@click.option("--tilt", type=FILE, help="The file that TILT names in an IES file")
+@as_json
+def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, tilt: Path | None, as_json: bool) -> None:
+    """Show a lamp (.ies or .ldt): flux, beam and light on a plane.
+
+    The picture has a polar diagram of the intensity, and the lux on a plane across the lamp's axis.
+    """
+    import diffshade as ds
+
+    from ..io.files import writable
+    from ..report.lamp_picture import light_on_plane
+
+    out = out or file.with_suffix(".png")
+    writable(out)
+    chosen = "all" if lamp_set == "all" else None if lamp_set is None else int(lamp_set)
+    found = ds.read_lamp(file, lamp_set=chosen, tilt=tilt)
+    plane = light_on_plane(found, distance, 5)
+    ds.draw_lamp(out, found, distance=distance)
+    unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
+    rows = ["".join(f"{value:10.4g}" for value in row) for row in plane.light]
+    ends = f"{plane.across[0]:g} to {plane.across[-1]:g}"
+    lines = [f"{found}", f"{unit} on a plane at {distance:g}, from {ends} along C0 and across:", *rows, f"{out}"]
+    data = {
+        "summary": str(found).splitlines(),
+        "label": found.label,
+        "distance": distance,
+        "across": plane.across,
+        "light": plane.light,
+        "picture": out,
+    }
+    answer("\n".join(lines), data, as_json=as_json)

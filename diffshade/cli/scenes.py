@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
 
-from .materials import find_material, put_material
+from .materials import find_material, find_materials, put_material
 from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, as_json, completions
+
+if TYPE_CHECKING:
+    import diffshade as ds
+
+
+FILL = 0.2  # light from the viewer and ambient light on a mesh, beside the lamp of 1
 
 
 def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     import diffshade as ds
 
-    return completions(ds.material_names(), incomplete)
+    return completions((*ds.material_names(), *ds.material_names(measured=True)), incomplete)
 
 
 def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -30,7 +37,7 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     "--material",
     metavar="NAME|FILE",
     shell_complete=_named_materials,
-    help="One of the OpenGL teapots' materials, or a file",
+    help="emerald, merl_brass ... (shell completion lists them), or a file",
 )
 @click.option("--force", is_flag=True, help="Overwrite SCENE if it exists")
 @as_json
@@ -52,6 +59,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
 
 @click.command(**SETTINGS, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
 @click.argument("scene", type=FILE)
+@click.option("--material", metavar="NAME|FILE", shell_complete=_named_materials, help="Of a mesh  [default: grey]")
 @click.option("-o", "--out", type=FILE, help=".png .jpg .tif .exr .npy .tga  [default: .png]")
 @click.option("--size", type=Size(), metavar="WxH", help="In pixels  [default: the camera's shape]")
 @click.option("--lit", type=Names(), metavar="LIGHTS", help="Lights that are on, as in 0,2  [default: all]")
@@ -61,6 +69,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
 @as_json
 def render(
     scene: Path,
+    material: str | None,
     out: Path | None,
     size: tuple[int, int] | None,
     lit: tuple[str, ...] | None,
@@ -69,7 +78,7 @@ def render(
     bits: int | None,
     as_json: bool,
 ) -> None:
-    """Render SCENE (.toml) to a picture."""
+    """Render SCENE (.toml), or a mesh (.obj .ply .glb), to a picture."""
     import dataclasses
 
     import numpy as np
@@ -86,10 +95,15 @@ def render(
     if not 0 < exposure < float("inf"):
         raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
     on = None if lit is None else [_index(word) for word in lit]
+    if material is not None and scene.suffix.lower() == ".toml":
+        raise ValueError(f"--material is for a mesh; {scene} is a scene, which has its own. Leave it out.")
     with showing("render"):
-        world, camera = ds.read_scene(scene), ds.read_camera(scene)
-        if size is not None:
-            camera = dataclasses.replace(camera, shape=(size[1], size[0]))
+        if scene.suffix.lower() == ".toml":
+            world, camera = ds.read_scene(scene), ds.read_camera(scene)
+            if size is not None:
+                camera = dataclasses.replace(camera, shape=(size[1], size[0]))
+        else:
+            world, camera = _of_mesh(scene, material, size or (512, 512))
         image = np.asarray(ds.render(world, camera, lit=on), np.float64) * exposure
         ds.write_image(out, image, srgb=srgb, bits=bits)
     height, width = image.shape[:2]
@@ -99,6 +113,28 @@ def render(
         {"picture": out, "shape": image.shape, "least": least, "most": most},
         as_json=as_json,
     )
+
+
+def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[ds.Scene, ds.Camera]:
+    """Return a mesh in its material, or in those that its faces name, under one light, and a camera that frames it."""
+    import numpy as np
+
+    import diffshade as ds
+
+    found = {"": ds.Material(0.7, 0.7)} if material is None else find_materials(material)
+    camera = ds.frame_mesh(mesh, shape=(size[1], size[0]))
+    if len(found) == 1:
+        objects = [ds.Object(ds.read_mesh(mesh, camera), next(iter(found.values())))]
+    else:
+        parts = ds.read_mesh_parts(mesh, camera)
+        for name in parts:
+            if name not in found:
+                told = f"'{name}'" if name else "none"
+                raise ValueError(f"a face of {mesh} names the material {told}, which {material} lacks. Add it.")
+        objects = [ds.Object(part, found[name]) for name, part in parts.items()]
+    towards = np.asarray(camera.target) - np.asarray(camera.eye)
+    lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))
+    return ds.Scene(objects, lights, ambient=FILL), camera
 
 
 def _index(word: str) -> int:

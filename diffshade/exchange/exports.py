@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..core.fields import in_short
+from ..core.words import listing
 from ..model.lights import AbstractLight
 from ..model.materials import Material
 from .lobe_refits import Refit
@@ -20,6 +21,17 @@ class Draft(NamedTuple):
     rms: float
     largest: float
     notes: tuple[str, ...]
+
+
+def together(drafts: Mapping[str, Draft], between: str) -> Draft:
+    """Return several materials in one file: the errors of the worst, and the notes with the names of the materials."""
+    texts, rms, largest, _ = zip(*drafts.values(), strict=True)
+    whom: dict[str, list[str]] = {}
+    for name, draft in drafts.items():
+        for note in draft.notes:
+            whom.setdefault(note, []).append(name)
+    notes = (note if len(of) == len(drafts) else f"{listing(of)}: {note}" for note, of in whom.items())
+    return Draft(between.join(texts), max(rms), max(largest), tuple(notes))
 
 
 def stated(rms: float, largest: float) -> str:

@@ -1,76 +1,38 @@
-"""glTF 2.0, metallic-roughness with KHR_materials_specular: written only, since this library has no GGX lobe.
+"""glTF 2.0, and its binary form: metallic-roughness surfaces, with extensions (glTF 2.0; the KHR_materials_* family).
 
-Under a light of pi I it reflects I (n.l) ((1 - F) base + pi F V D): D and V are GGX and its Smith term with alpha =
-roughness^2, F = f0 + (f90 - f0)(1 - v.h)^5, f0 = min(.04 specularColor, 1) specular and f90 = specular (glTF 2.0,
-appendix B; KHR_materials_specular). The highlight is multiplied by 1 + f0 (1/E - 1) for multiple scattering (Turquin
-2019), with E the fraction of the light that GGX reflects. The appendix leaves this to programs; three.js does it.
+f0 = min(.04 specularColor, 1) specular and f90 = specular (KHR_materials_specular). This library has no GGX lobe, so
+materials are refitted both ways.
 """
 
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
+from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import Material
-from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated
-from .lobe_refits import check_plain, named
-from .reference import Cosines, Radiance, Reference, differences, radiance, reference_of
+from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
+from .lobe_refits import check_plain, is_matte, named
+from .metallic_roughness import F0, ROUGHNESS, Surface, classic, surface_of, what_of
+from .readings import Reading, as_number, as_numbers, as_table, load_json, textures_not_read
+from .reference import differences, radiance, reference_of
 
-F0 = 0.04  # for the refractive index 1.5 that glTF gives a dielectric
-ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
-
-
-class Surface(NamedTuple):
-    """A surface in glTF: roughness, base colour, and the reflectance of each channel at normal incidence."""
-
-    roughness: float
-    base: Float[np.ndarray, "3"]
-    head_on: Float[np.ndarray, "3"]
-
-    def reflected(self, points: Reference) -> Radiance:
-        """Return the radiance."""
-        grazing = 1.0 - np.clip(points.v_h, 0.0, 1.0)
-        F = self.head_on + (self.head_on.max() - self.head_on) * grazing[:, None] ** 5
-        again = 1.0 + self.head_on * (1.0 / kept(points.n_v, self.roughness**2) - 1.0)[:, None]
-        return points.n_l[:, None] * ((1.0 - F) * self.base + F * again * ggx(points, self.roughness**2)[:, None])
-
-
-def ggx(points: Reference, alpha: float) -> Cosines:
-    """Return pi V D (Walter et al. 2007; Heitz 2014)."""
-    D = alpha**2 / (points.n_h**2 * (alpha**2 - 1.0) + 1.0) ** 2
-    return D * smith(points.n_l, points.n_v, alpha)
-
-
-def smith(n_l: Any, n_v: Any, alpha: float) -> Any:
-    """Return V, the fraction that is neither shadowed nor masked, over 4 (n.l)(n.v) (Heitz 2014)."""
-    a2 = alpha * alpha
-    return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))
-
-
-def kept(n_v: Cosines, alpha: float) -> Cosines:
-    """Return E(n.v), the integral of V D (n.l) over all l: the fraction of the light that GGX with F = 1 reflects.
-
-    It is the mean of 4 V (n.l)(v.h)/(n.h) over h distributed as D (n.h), at 32 cosines, interpolated linearly.
-    """
-    u, turn = (np.arange(48) + 0.5) / 48, 2 * np.pi * (np.arange(48) + 0.5) / 48
-    n_h = np.sqrt((1 - u) / (1 + (alpha**2 - 1) * u))[:, None]
-    mu = (np.linspace(0.0, 1.0, 32) ** 2).clip(1e-3)[:, None, None]
-    v_h = mu * n_h + np.sqrt(1 - mu**2) * np.sqrt(1 - n_h**2) * np.cos(turn)
-    n_l = 2 * v_h * n_h - mu
-    some = (n_l > 0) & (v_h > 0)
-    weight = np.where(some, 4 * smith(np.where(some, n_l, 1.0), mu, alpha) * n_l * v_h / n_h, 0.0)
-    return np.interp(n_v, mu.ravel(), weight.mean((1, 2)))
+PREFIX = "KHR_materials_"
+READ = ("specular", "ior", "emissive_strength", "transmission", "unlit", "clearcoat", "pbrSpecularGlossiness")
+MOST_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
 def fitted(material: Material) -> tuple[Surface, float, float]:
     """Return the surface nearest to a material by least squares, and the error."""
     check_plain(material)
+    if is_matte(material) and np.max(material.k_d) <= 1:
+        return Surface(ROUGHNESS[1], np.asarray(material.k_d), np.zeros(3), 0.0), 0.0, 0.0
     points = reference_of(material)
     target = radiance(material, points)
     blinn = np.min(material.n_s) * (4.0 if isinstance(material.lobe, Phong) else 1.0)
@@ -79,7 +41,7 @@ def fitted(material: Material) -> tuple[Surface, float, float]:
     start = [np.log(np.clip(np.sqrt(alpha), 0.05, 0.99)), *np.clip(np.asarray(material.k_d), 1e-3, 0.99), *head_on]
 
     def surface(x: np.ndarray) -> Surface:
-        return Surface(float(np.exp(x[0])), x[1:4], x[4:])
+        return Surface(float(np.exp(x[0])), x[1:4], x[4:], float(np.max(x[4:])))
 
     bounds = ([np.log(ROUGHNESS[0]), *np.zeros(6)], [np.log(ROUGHNESS[1]), *np.ones(6)])
     found = least_squares(lambda x: (surface(x).reflected(points) - target).ravel(), start, bounds=bounds, xtol=1e-12)
@@ -87,11 +49,26 @@ def fitted(material: Material) -> tuple[Surface, float, float]:
     return best, *differences(target, best.reflected(points))
 
 
-def write_gltf(name: str, material: Material, lights: Any) -> Draft:
-    """Return a glTF file with the material only."""
+def write_gltf(materials: Mapping[str, Material], lights: Any) -> Draft:
+    """Return a glTF file with materials only."""
+    drafts, rows, extensions = {}, [], set()
+    for name, material in materials.items():
+        row, drafts[name] = _written(name, material, lights)
+        rows.append(row)
+        extensions |= set(row["extensions"])
+    draft = together(drafts, "")
+    asset = {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": draft.notes}}
+    document = {"asset": asset, "extensionsUsed": sorted(extensions), "materials": rows}
+    return draft._replace(text=json.dumps(document, indent=2, ensure_ascii=False) + "\n")
+
+
+def _written(name: str, material: Material, lights: Any) -> tuple[dict[str, Any], Draft]:
+    """Return a material of a glTF file, and its error and notes."""
     surface, rms, largest = fitted(material)
-    notes = [f"the highlight, {named(material)}, is refitted as GGX with roughness {surface.roughness:.3g}:"]
-    notes[0] += f" {stated(rms, largest)}"
+    notes = []
+    if largest > 0:
+        notes.append(f"the highlight, {named(material)}, is refitted as GGX with roughness {surface.roughness:.3g}:")
+        notes[0] += f" {stated(rms, largest)}"
     if np.any(material.k_a):
         notes.append(f"glTF has no ambient reflection: k_a {in_short(material.k_a)} is not written.")
     if lights:
@@ -100,8 +77,7 @@ def write_gltf(name: str, material: Material, lights: Any) -> Draft:
     notes += notes_on_glass(material, "glTF", colour=False, eta=False)
     notes.append("multiply the intensity of each light by pi: glTF divides the diffuse term by pi.")
     k_e, strength = np.asarray(material.k_e), max(1.0, float(np.max(material.k_e)))
-    specular = float(surface.head_on.max())
-    alpha = opacity(material)
+    specular, alpha = surface.edge, opacity(material)
     extensions: dict[str, Any] = {"KHR_materials_specular": {"specularFactor": specular}}
     if specular > 0:
         extensions["KHR_materials_specular"]["specularColorFactor"] = [
@@ -109,21 +85,101 @@ def write_gltf(name: str, material: Material, lights: Any) -> Draft:
         ]
     if strength > 1:
         extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
-    document = {
-        "asset": {"version": "2.0", "generator": "diffshade", "extras": {"diffshade": notes}},
-        "extensionsUsed": list(extensions),
-        "materials": [
-            {
-                "name": name,
-                "pbrMetallicRoughness": {
-                    "baseColorFactor": [*map(float, surface.base), alpha],
-                    "metallicFactor": 0.0,
-                    "roughnessFactor": surface.roughness,
-                },
-                "emissiveFactor": [float(k) for k in k_e / strength],
-                "alphaMode": "BLEND" if alpha < 1 else "OPAQUE",
-                "extensions": extensions,
-            }
-        ],
+    row = {
+        "name": name,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [*map(float, surface.base), alpha],
+            "metallicFactor": 0.0,
+            "roughnessFactor": surface.roughness,
+        },
+        "emissiveFactor": [float(k) for k in k_e / strength],
+        "alphaMode": "BLEND" if alpha < 1 else "OPAQUE",
+        "extensions": extensions,
     }
-    return Draft(json.dumps(document, indent=2) + "\n", rms, largest, tuple(notes))
+    return row, Draft("", rms, largest, tuple(notes))
+
+
+def read_gltf(text: str, where: str) -> Reading:
+    """Read the materials of a glTF 2.0 file. Textures are named in a note and never opened."""
+    document = as_table(load_json(text, where))
+    version = as_table(document.get("asset")).get("version")
+    if not isinstance(version, str) or not version.startswith("2"):
+        raise ValueError(f"{where} is not glTF 2.0; its asset has the version {short(repr(version))}. Convert it.")
+    rows = document.get("materials", [])
+    if not isinstance(rows, list) or not rows:
+        raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
+    reading = Reading(where)
+    for i, row in enumerate(rows):
+        row = as_table(row)
+        name = row.get("name")
+        name = reading.unused(name if isinstance(name, str) and name else f"material_{i}")
+        reading.add(name, lambda row=row, name=name: _read(row, name, reading))
+    return reading
+
+
+def _read(row: dict[str, Any], name: str, reading: Reading) -> Material:
+    at, more = reading.at(name), as_table(row.get("extensions"))
+    pbr = as_table(row.get("pbrMetallicRoughness"))
+    found: dict[str, dict[str, Any]] = {key.removeprefix(PREFIX): as_table(value) for key, value in more.items()}
+    _note_textures(row, name, reading)
+    for key in more:
+        if key.removeprefix(PREFIX) not in READ:
+            reading.note(name, f"the extension {short(key)} is not read.")
+    glow = as_numbers(row, "emissiveFactor", (0, 0, 0), 3, at)
+    given: dict[str, Any] = {"k_e": glow * as_number(found.get("emissive_strength", {}), "emissiveStrength", 1.0, at)}
+    glossy = found.get("pbrSpecularGlossiness")
+    colour = as_numbers(pbr, "baseColorFactor", (1, 1, 1, 1), 4, at)
+    if glossy is not None:
+        colour = as_numbers(glossy, "diffuseFactor", (1, 1, 1, 1), 4, at)
+    alpha = _alpha(row, float(colour[3]), name, reading)
+    through = as_number(found.get("transmission", {}), "transmissionFactor", 0.0, at, most=1.0)
+    if through > 0:
+        given["k_t"] = 1.0 - alpha * (1.0 - through * np.minimum(colour[:3], 1.0))
+        given["eta"] = as_number(found.get("ior", {}), "ior", 1.5, at)
+        reading.note(name, "transmission is read as k_t, its base colour times its factor, without blur.")
+    elif alpha < 1:
+        given["k_t"] = 1.0 - alpha
+    if "unlit" in found:
+        return Material(k_e=colour[:3] + given.pop("k_e"), **given)
+    coat = found.get("clearcoat", {})
+    weight = as_number(coat, "clearcoatFactor", 0.0, at, most=1.0)
+    width = as_number(coat, "clearcoatRoughnessFactor", 0.0, at, most=1.0)
+    if glossy is not None:
+        specular = as_numbers(glossy, "specularFactor", (1, 1, 1), 3, at)
+        rough = 1.0 - as_number(glossy, "glossinessFactor", 1.0, at, most=1.0)
+        diffuse = colour[:3] * max(0.0, 1.0 - float(specular.max()))
+        head_on = np.minimum(specular, 1.0)
+        surface = Surface(float(np.clip(rough, *ROUGHNESS)), diffuse, head_on, 1.0, weight, width)
+        return classic(surface, name, f"specular-glossiness surface of roughness {rough:.3g}", reading, **given)
+    metallic = as_number(pbr, "metallicFactor", 1.0, at, most=1.0)
+    rough = as_number(pbr, "roughnessFactor", 1.0, at, most=1.0)
+    specular, ior = found.get("specular", {}), as_number(found.get("ior", {}), "ior", 1.5, at)
+    f0 = 1.0 if ior == 0 else ((ior - 1.0) / (ior + 1.0)) ** 2  # KHR_materials_ior: 0 stands for no refraction, F = 1
+    edge = as_number(specular, "specularFactor", 1.0, at, most=1.0)
+    dielectric = np.minimum(f0 * as_numbers(specular, "specularColorFactor", (1, 1, 1), 3, at), 1.0) * edge
+    surface = surface_of(colour[:3], metallic, rough, dielectric, edge, coat=weight, coat_roughness=width)
+    return classic(surface, name, what_of(metallic, rough), reading, **given)
+
+
+def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> float:
+    """Return the opacity that the alpha mode makes of the base colour's fourth number."""
+    mode = row.get("alphaMode", "OPAQUE")
+    if mode == "BLEND":
+        return min(alpha, 1.0)
+    if mode == "MASK":
+        return float(alpha >= as_number(row, "alphaCutoff", 0.5, reading.at(name)))
+    if alpha < 1:
+        reading.note(name, f"the alpha {alpha:.3g} has no effect in glTF while alphaMode is OPAQUE; it is not read.")
+    return 1.0
+
+
+def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
+    """Note the names of all textures of a material, which are not read."""
+    tables, found = [row], []
+    for table in tables:  # grows: a material's tables are nested a few deep
+        for key, value in table.items():
+            if isinstance(value, dict) and len(tables) < MOST_TABLES:
+                found += [key] if key.endswith("Texture") else []
+                tables.append(value)
+    if found:
+        reading.note(name, textures_not_read(found))

@@ -13,8 +13,8 @@ from scipy.optimize import minimize_scalar
 
 from ..core.fields import check, check_kind
 from ..core.words import count, listing
-from ..model.fresnel import NoFresnel
-from ..model.lobes import AbstractPowerLobe
+from ..model.fresnel import Dielectric, NoFresnel
+from ..model.lobes import AbstractLobe, AbstractPowerLobe
 from ..model.materials import Material
 from .reference import Cosines, Radiance, differences, radiance, reference_of
 
@@ -141,6 +141,12 @@ def lowest(cost: Callable[[float], float], lower: float, upper: float) -> float:
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     found: Any = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9})
     return min((float(found.x), float(low), float(high)), key=cost)
+
+
+def is_matte(material: Material) -> bool:
+    """Return whether a material has no highlight."""
+    shines = np.any(material.k_s) or any(np.any(of.k_s) for of in material.highlights)
+    return isinstance(material.lobe, AbstractLobe) and not shines and not isinstance(material.fresnel, Dielectric)
 
 
 def check_plain(material: Material) -> None:

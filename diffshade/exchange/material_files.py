@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +11,17 @@ from typing import Any
 from ..core.fields import check_kind, in_short
 from ..core.words import did_you_mean
 from ..io.files import replacing
+from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
 from ..model.lights import AbstractLight
 from ..model.materials import Material
-from .gltf import write_gltf
+from .gltf import read_gltf, write_gltf
 from .mtl import read_mtl, write_mtl
 from .opengl import read_opengl, read_opengl_lights, write_opengl
-from .parsing import read_text, short
 from .povray import read_povray, write_povray
-from .threejs import read_js, read_json, write_js, write_json
+from .readings import Reading
+from .threejs import write_js, write_json
+from .threejs_reading import read_js, read_json
 from .vtk import read_vtk, write_vtk
 
 READERS = {
@@ -29,8 +31,11 @@ READERS = {
     ".js": read_js,
     ".py": read_vtk,
     ".inc": read_povray,
+    ".gltf": read_gltf,
+    ".glb": read_gltf,
 }
 WRITERS = {
+    ".mtl": write_mtl,
     ".c": write_opengl,
     ".json": write_json,
     ".js": write_js,
@@ -38,6 +43,7 @@ WRITERS = {
     ".inc": write_povray,
     ".gltf": write_gltf,
 }
+_LOGGER = logging.getLogger("diffshade")
 
 
 @dataclass(frozen=True)
@@ -66,24 +72,24 @@ def write_material(
     name: str = "material",
     lights: Sequence[AbstractLight] | AbstractLight = (),
 ) -> Exported:
-    """Write a material for another program, chosen by the suffix, so that it looks the same there.
+    """Write a material, or several, for another program, chosen by the suffix, so that they look the same there.
 
     If the other program computes something else, the material is refitted. The remaining error is returned, and written
     to the file as a comment.
 
     Args:
-        path: The file: `.mtl` Wavefront, `.c` OpenGL's fixed function, `.json` or `.js` three.js's MeshPhongMaterial,
-            `.py` VTK and PyVista, `.inc` POV-Ray, `.gltf` glTF 2.0.
-        material: The material; for `.mtl` also several, as a mapping from name to material.
-        name: The material's name in the file.
+        path: The file: `.mtl` Wavefront, `.c` OpenGL's fixed function, `.json` or `.js` three.js's MeshPhongMaterial
+            and MeshLambertMaterial, `.py` VTK and PyVista, `.inc` POV-Ray, `.gltf` glTF 2.0.
+        material: The material; or several, as a mapping from name to material.
+        name: The material's name in the file. Any name is possible: where a language needs an identifier, or MTL one
+            word, the name is changed to one, and a comment keeps the original.
         lights: Lights to write with it, for OpenGL only; by default none.
 
     Returns:
-        The path, the error and the notes.
+        The path, the error and the notes; of several materials, the largest error.
 
     Raises:
-        ValueError: If the suffix, the name, a coefficient or a light is not possible in this format; nothing is written
-            then.
+        ValueError: If the suffix, a coefficient or a light is not possible in this format; nothing is written then.
         TypeError: If an argument has another type.
         OSError: If the file cannot be written.
     """
@@ -91,20 +97,14 @@ def write_material(
     suffix = check_format(path)
     for i, light in enumerate(lights):
         check_kind(f"lights[{i}]", light, AbstractLight, "PointLight((2, 3, 4))")
-    if isinstance(material, Mapping) and suffix != ".mtl":
-        raise ValueError(f"a {suffix} file holds one material; got {len(material)}. Write one file for each.")
     named = dict(material) if isinstance(material, Mapping) else {name: material}
-    for word in named:
-        _check_name(word, suffix)
     if not named:
         raise ValueError("a material file needs at least one material; got none. Give a Material.")
     for word, one in named.items():
+        if not isinstance(word, str) or not word.strip():
+            raise ValueError(f"a material's name must be a word; got {in_short(word)}. Give for example 'gold'.")
         check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
-    if suffix == ".mtl":
-        draft = write_mtl(named, lights)
-    else:
-        ((word, one),) = named.items()
-        draft = WRITERS[suffix](word, one, lights)
+    draft = WRITERS[suffix](named, lights)
     with replacing(path) as temporary:
         temporary.write_text(draft.text, encoding="utf-8")
     return Exported(path, draft.rms, draft.largest, draft.notes)
@@ -113,10 +113,9 @@ def write_material(
 def check_format(path: Path, *, also: tuple[str, ...] = ()) -> str:
     """Return the suffix of a material file in lower case; refuse one that is neither written nor in `also`."""
     suffix = path.suffix.lower()
-    if suffix not in (".mtl", *WRITERS):
+    if suffix not in WRITERS:
         raise ValueError(
-            f"'{path.suffix}' is not the suffix of a material format. Use one of "
-            f"{', '.join(['.mtl', *WRITERS, *also])}."
+            f"'{path.suffix}' is not the suffix of a material format. Use one of {', '.join([*WRITERS, *also])}."
         )
     return suffix
 
@@ -135,45 +134,73 @@ def read_material(path: str | Path, *, name: str | None = None) -> Material:
         ValueError: If the file is malformed, holds several materials and no name is given, or holds none of this name.
         FileNotFoundError: If the file does not exist.
     """
-    found = read_materials(path)
+    reading = _read(Path(path))
+    found = reading.materials
     if name is None:
-        if len(found) > 1:
+        if len(found) + len(reading.refused) > 1:
             raise ValueError(
-                f"{path} holds {len(found)} materials. Name one, for example name={short(next(iter(found)))}."
+                f"{path} holds {len(found) + len(reading.refused)} materials. Name one, for example "
+                f"name={short(next(iter({**found, **reading.refused})))}."
             )
+        _warn(reading)
         return next(iter(found.values()))
+    if name in reading.refused:
+        raise ValueError(reading.refused[name])
     if name not in found:
         raise ValueError(f"{path} has no material {in_short(name)}. {did_you_mean(str(name), found)}")
+    _warn(reading, name)
     return found[name]
 
 
 def read_materials(path: str | Path) -> dict[str, Material]:
     """Read the materials of a file by name.
 
-    Formats with Phong's or Blinn's lobe are read exactly. three.js's MeshPhongMaterial is refitted, and the logger
-    "diffshade" warns of the error. It also warns of texture maps, which are never opened. Reading needs at most 64
-    times the file's size of memory.
+    Formats with Phong's or Blinn's lobe are read exactly. Metallic-roughness surfaces (glTF, MeshStandardMaterial,
+    MeshPhysicalMaterial, PBR keys of MTL) and MeshPhongMaterial are refitted, with two highlights where one does not
+    look the same. The logger "diffshade" warns, in one line each, of the error, of what is not read (texture maps,
+    unknown keys), and of a material that cannot be read while others can. A map is never opened. Reading needs at most
+    64 times the file's size of memory.
 
     Args:
-        path: The file: `.mtl`, `.c`, `.json`, `.js`, `.py` or `.inc`, as for `write_material`, or a scene (`.toml`, as
-            for `write_scene`), whose objects' materials are named as the objects, or else object_0 and so on.
+        path: The file: `.mtl`, `.c`, `.json`, `.js`, `.py`, `.inc` or `.gltf`, as for `write_material`, also `.glb`, a
+            scene of three.js (`.json`), or a scene (`.toml`, as for `write_scene`), whose objects' materials are named
+            as the objects, or else object_0 and so on.
 
     Returns:
-        The materials by name.
+        The materials by name; one without a name is named material, or material_0 and so on.
 
     Raises:
-        ValueError: If the suffix is unknown, or the file is malformed.
+        ValueError: If the suffix is unknown, the file is malformed, or none of its materials can be read.
         FileNotFoundError: If the file does not exist.
     """
-    path = Path(path)
-    if path.suffix.lower() == ".toml":
-        return {item.name or f"object_{i}": item.material for i, item in enumerate(read_scene(path).objects)}
-    if path.suffix.lower() not in READERS:
-        also = " (glTF is only written)" if path.suffix.lower() == ".gltf" else ""
-        raise ValueError(
-            f"no material can be read from '{path.suffix}'{also}. Use one of {', '.join([*READERS, '.toml'])}."
-        )
-    return READERS[path.suffix.lower()](read_text(path, "material file"), f"{path}")
+    reading = _read(Path(path))
+    _warn(reading)
+    return reading.materials
+
+
+def _read(path: Path) -> Reading:
+    """Read all materials of a file; refuse a file of which none can be read."""
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        reading = Reading(f"{path}")
+        for i, item in enumerate(read_scene(path).objects):
+            reading.materials[item.name or f"object_{i}"] = item.material
+        return reading
+    if suffix not in READERS:
+        raise ValueError(f"no material can be read from '{path.suffix}'. Use one of {', '.join([*READERS, '.toml'])}.")
+    text = read_glb(path) if suffix == ".glb" else read_text(path, "material file")
+    reading = READERS[suffix](text, f"{path}")
+    if not reading.materials:
+        raise ValueError(next(iter(reading.refused.values())))
+    return reading
+
+
+def _warn(reading: Reading, name: str | None = None) -> None:
+    """Log what was lost in reading all materials, or one, and which of them could not be read."""
+    for note in reading.notes_on(name):
+        _LOGGER.warning("%s", note)
+    for sentence in reading.refused.values() if name is None else ():
+        _LOGGER.warning("%s This material is left out.", sentence)
 
 
 def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
@@ -192,12 +219,3 @@ def read_lights(path: str | Path) -> tuple[AbstractLight, ...]:
     if Path(path).suffix.lower() != ".c":
         raise ValueError(f"lights are read from C code; got '{Path(path).suffix}'. Give a .c file, or use read_scene.")
     return read_opengl_lights(read_text(path, "C file"), f"{path}")
-
-
-def _check_name(name: str, suffix: str) -> None:
-    good = re.fullmatch(
-        r"\S+" if suffix == ".mtl" else r"[A-Za-z_]\w*", name if isinstance(name, str) else "", re.ASCII
-    )
-    if not good or len(name) > 60 or "#" in name:
-        what = "one word" if suffix == ".mtl" else "a name of letters, digits and _"
-        raise ValueError(f"a material's name must be {what}; got {short(str(name))}. Rename it.")

@@ -1,101 +1,207 @@
 """Wavefront MTL: Ka Kd Ks Ke Ns Ni d Tf illum, several named materials in a file (Alias|Wavefront 1995; Blinn's lobe).
 
-illum 2 is Ka Ia + sum Ij (Kd (n.l) + Ks (n.h)^Ns), which is E1, E4 and E6. Ns is 0 to 1000.
+illum 2 is Ka Ia + sum Ij (Kd (n.l) + Ks (n.h)^Ns), which is E1, E4 and E6. Ns is 0 to 1000. The keys Pr Pm Pc Pcr are
+those of PBR programs (tinyobjloader, Blender). Keys are read in any case of letters, as most programs do.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..core.words import count
+from ..core.words import listing
+from ..io.parsing import number, numbers, short
 from ..model.lobes import Blinn
 from ..model.materials import Material
-from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain
+from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
-from .parsing import number, numbers, short
+from .metallic_roughness import classic, surface_of, what_of
+from .names import original, words
+from .readings import Reading, textures_not_read
 
 HIGHEST = 1000.0
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
-_LOGGER = logging.getLogger("diffshade")
+MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
+# What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
+ILLUM = {
+    3: "mirrors what surrounds it",
+    4: "is glass that mirrors what surrounds it",
+    5: "mirrors what surrounds it by Fresnel's law",
+    6: "refracts, and mirrors what surrounds it",
+    7: "refracts, and mirrors what surrounds it by Fresnel's law",
+    8: "mirrors what surrounds it",
+    9: "is glass that mirrors what surrounds it",
+    10: "catches shadows only",
+}
+OPAQUE = (0, 1, 2, 3, 5, 8)
+UNUSED = {
+    "Ps": "sheen",
+    "aniso": "brushing",
+    "anisor": "the direction of brushing",
+    "Km": "the share of a mirror",
+    "sharpness": "that of mirror images",
+}
+READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
+SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
+INDEX = (0.1, 10.0)  # of refraction, as Material has it
 
 
 def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
     """Return the text of an MTL file; the error is that of the worst material."""
-    text, notes, errors = "", notes_on_lights(lights, "MTL"), [(0.0, 0.0)]
-    for name, material in materials.items():
-        refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
-        own = notes_on_refit(refit)
-        m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
-        if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
-            own.append("coefficients above 1 are written unchanged; many programs clamp them to 1.")
-        most = float(k_t.max())
-        rows = {key: plain(getattr(m, field), " ") for key, field in COLOURS.items()}
-        rows |= {"Ns": plain(m.n_s, " "), "d": plain(1.0 - most, " ")}
-        if most > 0 and np.ptp(k_t) > 0:
-            rows["Tf"] = plain(k_t / most, " ")  # k_t = (1 - d) Tf
-        if m.eta is not None:
-            rows["Ni"] = plain(m.eta, " ")
-        rows["illum"] = "2" if np.any(m.k_s) else "1"
-        text += comment(own, "#") + f"newmtl {name}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
-        notes += [f"{name}: {note}" for note in own] if len(materials) > 1 else own
-        errors.append((refit.rms, refit.largest))
-    rms, largest = (max(of) for of in zip(*errors, strict=True))
-    return Draft(text, rms, largest, tuple(notes))
+    named = words(materials)
+    drafts = {name: _written(name, named[name], material, lights) for name, material in materials.items()}
+    return together(drafts, "")
 
 
-def read_mtl(text: str, where: str) -> dict[str, Material]:
-    """Read the materials of an MTL file by name. Maps are named in a warning and never opened."""
-    found: dict[str, dict[str, list[str]]] = {}
+def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
+    refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
+    notes = [*original(name, word), *notes_on_refit(refit)]
+    m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
+    if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
+        notes.append("coefficients above 1 are written unchanged; many programs clamp them to 1.")
+    most = float(k_t.max())
+    rows = {key: plain(getattr(m, field), " ") for key, field in COLOURS.items()}
+    rows |= {"Ns": plain(m.n_s, " "), "d": plain(1.0 - most, " ")}
+    if most > 0 and np.ptp(k_t) > 0:
+        rows["Tf"] = plain(k_t / most, " ")  # k_t = (1 - d) Tf
+    if m.eta is not None:
+        rows["Ni"] = plain(m.eta, " ")
+    rows["illum"] = "2" if np.any(m.k_s) else "1"
+    text = comment(notes, "#") + f"newmtl {word}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
+    return Draft(text, refit.rms, refit.largest, (*notes_on_lights(lights, "MTL"), *notes))
+
+
+def read_mtl(text: str, where: str) -> Reading:
+    """Read the materials of an MTL file by name. Maps are named in a note and never opened."""
+    reading, found = Reading(where), dict[str, dict[str, list[str]]]()
     rows: dict[str, list[str]] | None = None
-    maps = 0  # texture maps
-    for i, line in enumerate(text.replace("\\\n", " ").splitlines(), 1):
+    before: list[str] = []
+    for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
         key, _, rest = line.partition("#")[0].strip().replace("\t", " ").partition(" ")
-        if key == "newmtl":
-            name = rest.strip()
-            if not name or name in found:
-                raise ValueError(f"{where}: line {i} must name a new material; got {short(name)}. Name each once.")
+        if key.lower() == "newmtl":
+            name = rest.strip() or "material"
+            if not rest.strip():
+                reading.note(name, "its newmtl line has no name; it is named 'material'.")
+            if key != "newmtl":
+                reading.note(name, f"{short(key)} is read as newmtl, as most programs do.")
+            if name in found:
+                reading.note(name, "it is defined more than once; the last definition is read, as most programs do.")
             rows = found[name] = {}
         elif key and rows is not None:
-            maps += key.startswith(("map_", "bump", "disp", "decal", "refl", "norm"))
-            rows[key] = rest.split()
+            rows[SPELLING.get(key.lower(), key)] = rest.split()
+        elif key:
+            before.append(key)
     if not found:
         raise ValueError(f"{where} has no newmtl line, hence no material. Give an MTL file.")
-    if maps:
-        _LOGGER.warning("%s: %s ignored; only colours are read.", where, count(maps, "texture map"))
-    return {name: _material(rows, f"{where}: {short(name)}") for name, rows in found.items()}
+    if before:
+        reading.note("", f"what stands before the first newmtl line is not read: {_some(before)}.")
+    for name, rows in found.items():
+        reading.add(name, lambda rows=rows, name=name: _read(rows, name, reading))
+    return reading
 
 
-def _material(rows: Mapping[str, list[str]], where: str) -> Material:
+def _some(keys: list[str]) -> str:
+    names = [short(key) for key in dict.fromkeys(keys)]
+    return listing(names[:8]) + (" and more" if len(names) > 8 else "")
+
+
+def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Material:
+    where = reading.at(name)
+
     def one(key: str, default: float) -> float:
-        words = [word for word in rows.get(key, []) if word != "-halo"]
-        return number(" ".join(words), f"{where}: {key}") if key in rows else default
+        row = [word for word in rows.get(key, []) if word != "-halo"]
+        return number(" ".join(row), f"{where}: {key}") if key in rows else default
 
     def colour(key: str, default: float) -> list[float]:
-        words = rows.get(key, [repr(default)] * 3)
-        if len(words) not in (1, 3) or words[0] in ("spectral", "xyz"):
+        row = rows.get(key, [repr(default)] * 3)
+        if len(row) not in (1, 3) or row[0] in ("spectral", "xyz"):
             raise ValueError(
-                f"{where}: {key} must be one number or three; got {short(' '.join(words))}. Spectral files and CIE XYZ "
+                f"{where}: {key} must be one number or three; got {short(' '.join(row))}. Spectral files and CIE XYZ "
                 "are not read; write RGB."
             )
-        found = numbers(words, f"{where}: {key}")
+        found = numbers(row, f"{where}: {key}")
         return found * 3 if len(found) == 1 else found
 
+    n_s = one("Ns", 10.0)
+    if n_s < 0:
+        reading.note(name, f"Ns {n_s:g} is below 0; it is read as 0, as programs clamp it.")
+    illum = _illum(rows, one, name, reading)
+    glass = _glass(rows, one, colour, illum, name, reading)
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
-    illum = one("illum", 2.0)
+    _note_the_rest(rows, name, reading)
     if illum == 0:  # the colour alone, unlit
-        given = {"k_e": given["k_d"]}
-    elif illum == 1:
+        return Material(k_e=given["k_d"], n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
+    if _is_physical(rows):
+        roughness, metallic = one("Pr", 0.5), one("Pm", 0.0)
+        coat = {"coat": one("Pc", 0.0), "coat_roughness": one("Pcr", 0.0)}
+        for key, value in {"Pr": roughness, "Pm": metallic, "Pc": coat["coat"], "Pcr": coat["coat_roughness"]}.items():
+            if not 0 <= value <= 1:
+                raise ValueError(f"{where}: {key} must be 0 to 1; got {value:g}. Correct the file.")
+        surface = surface_of(np.asarray(given["k_d"]), metallic, roughness, **coat)
+        more = {"k_a": given["k_a"], "k_e": given["k_e"], **glass}
+        return classic(surface, name, what_of(metallic, roughness), reading, **more)
+    if illum == 1:
+        if np.any(given["k_s"]):
+            reading.note(name, "illum 1 has no highlight; Ks is not read.")
         given["k_s"] = 0.0
+    return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
+
+
+def _is_physical(rows: Mapping[str, list[str]]) -> bool:
+    """Return whether only PBR keys describe the highlight."""
+    return bool(rows.keys() & {"Pr", "Pm"}) and not rows.keys() & {"Ks", "Ns"}
+
+
+def _illum(rows: Mapping[str, list[str]], one: Any, name: str, reading: Reading) -> float:
+    """Return the illumination model, and note what it does beyond this one."""
+    illum = one("illum", 2.0)
+    if illum in ILLUM:
+        reading.note(name, f"illum {illum:g} {ILLUM[int(illum)]}, which is not modelled; its other terms are read.")
+    elif illum not in (0, 1, 2):
+        reading.note(name, f"illum {illum:g} is no illumination model, 0 to 10; it is read as 2.")
+    return illum
+
+
+def _glass(
+    rows: Mapping[str, list[str]], one: Any, colour: Any, illum: float, name: str, reading: Reading
+) -> dict[str, Any]:
+    """Return k_t and eta."""
     through = 1.0 - one("d", 1.0) if "d" in rows else one("Tr", 0.0)
+    if "-halo" in rows.get("d", []):
+        reading.note(name, "-halo makes the middle of a surface clearer; its d is read as that of all angles.")
+    if "d" in rows and "Tr" in rows and abs(one("Tr", 0.0) - through) > 1e-3:
+        reading.note(name, f"Tr {one('Tr', 0.0):g} contradicts d {1.0 - through:g}; d is read.")
+    if "d" not in rows and through == 1 and illum in OPAQUE:
+        reading.note(
+            name, f"Tr 1 with the opaque illum {illum:g} is read as opaque, as the programs mean that write it."
+        )
+        through = 0.0
+    found: dict[str, Any] = {}
     if through != 0:
-        given["k_t"] = [through * filtered for filtered in colour("Tf", 1.0)]
-    if "Ni" in rows:
-        given["eta"] = one("Ni", 1.0)
-    try:
-        return Material(**given, n_s=one("Ns", 10.0), lobe=Blinn())
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+        found["k_t"] = [through * filtered for filtered in colour("Tf", 1.0)]
+    elif "Tf" in rows and min(colour("Tf", 1.0)) != max(colour("Tf", 1.0)):
+        reading.note(name, "Tf colours what passes through, and nothing does; it is not read.")
+    eta = one("Ni", 1.0)
+    if not INDEX[0] <= eta <= INDEX[1]:
+        reading.note(name, f"Ni {eta:g} is no index of refraction, {INDEX[0]:g} to {INDEX[1]:g}; it is not read.")
+    elif "Ni" in rows:
+        found["eta"] = eta
+    return found
+
+
+def _note_the_rest(rows: Mapping[str, list[str]], name: str, reading: Reading) -> None:
+    """Note the keys that are not read."""
+    maps = [key for key in rows if key.lower().startswith(MAPS)]
+    if maps:
+        reading.note(name, textures_not_read(maps))
+    for key, meaning in UNUSED.items():
+        if set("".join(rows.get(key, []))) - set("0.+-"):
+            reading.note(name, f"{key}, {meaning}, is not modelled.")
+    physical = [key for key in ("Pr", "Pm", "Pc", "Pcr") if key in rows]
+    if physical and not _is_physical(rows):
+        reading.note(name, f"{listing(physical)} describe the surface for PBR programs; Ks and Ns are read instead.")
+    unknown = [key for key in rows if key not in (*READ, *UNUSED, *maps)]
+    if unknown:
+        reading.note(name, f"unknown keys are not read: {_some(unknown)}.")

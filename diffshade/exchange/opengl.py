@@ -6,31 +6,46 @@ It computes exactly E1 to E6 and E9, at the vertices of the mesh.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from ..io.parsing import NUMBER, number, short
 from ..model.attenuation import RadialAttenuation
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import Blinn
 from ..model.materials import Material
-from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain
+from .exports import Draft, comment, notes_on_glass, notes_on_refit, opacity, plain, together
 from .lobe_refits import with_lobe
-from .parsing import NUMBER, number, short
+from .names import identifiers, original
+from .readings import Reading, read_declared
 
 HIGHEST = 128.0
 LIGHTS = 8
 _ARRAY = re.compile(r"\b(\w{1,80})\s*\[\s*\d*\s*\]\s*=\s*\{([^{}]*)\}", re.ASCII)
 _CALL = re.compile(r"\bgl(Material|Light)f(v?)\s*\(\s*(\w{1,80})\s*,\s*(\w{1,80})\s*,\s*([^;]{1,400})\)\s*;", re.ASCII)
+_FUNCTION = re.compile(r"\bvoid\s{1,9}(\w{1,80})_material\s{0,9}\(", re.ASCII)
 _COLOURS = {"GL_AMBIENT": "k_a", "GL_DIFFUSE": "k_d", "GL_SPECULAR": "k_s", "GL_EMISSION": "k_e"}
 
 
-def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight]) -> Draft:
-    """Return the C functions `NAME_material` and, with lights, `NAME_lights`."""
+def write_opengl(materials: Mapping[str, Material], lights: Sequence[AbstractLight]) -> Draft:
+    """Return the C functions `NAME_material` of each material and, with lights, `NAME_lights` of the first name."""
+    names = identifiers(materials)
+    draft = together({name: _written(name, names[name], material) for name, material in materials.items()}, "\n")
+    if lights:
+        calls, notes = _lights(lights)
+        text = comment(notes, "//") if notes else ""
+        text = f"{draft.text}\n{text}{_function(f'{next(iter(names.values()))}_lights', calls)}\n"
+        draft = draft._replace(text=text, notes=(*draft.notes, *notes))
+    return draft
+
+
+def _written(name: str, word: str, material: Material) -> Draft:
     refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
     m, alpha = refit.material, opacity(material)
-    notes = [*notes_on_refit(refit), *notes_on_glass(material, "OpenGL", colour=False, eta=False)]
+    notes = [*original(name, word), *notes_on_refit(refit)]
+    notes += notes_on_glass(material, "OpenGL", colour=False, eta=False)
     if alpha < 1:
         notes.append("k_t is the alpha of GL_DIFFUSE: enable GL_BLEND, and draw transparent objects last.")
     calls = [
@@ -38,13 +53,9 @@ def write_opengl(name: str, material: Material, lights: Sequence[AbstractLight])
         for key, field in _COLOURS.items()
     ]
     calls.append(f"    glMaterialf(GL_FRONT_AND_BACK, GL_SHININESS, {_floats(m.n_s)});")
-    functions = [_function(f"{name}_material", calls)]
-    if lights:
-        written, more = _lights(lights)
-        notes += more
-        functions.append(_function(f"{name}_lights", written))
     notes.append("k_a is for an ambient light of 1. OpenGL shades per vertex: use a fine mesh.")
-    return Draft(comment(notes, "//") + "\n" + "\n\n".join(functions) + "\n", refit.rms, refit.largest, tuple(notes))
+    text = f"{comment(notes, '//')}\n{_function(f'{word}_material', calls)}\n"
+    return Draft(text, refit.rms, refit.largest, tuple(notes))
 
 
 def _function(name: str, body: list[str]) -> str:
@@ -97,8 +108,15 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
     return calls, notes
 
 
-def read_opengl(text: str, where: str) -> dict[str, Material]:
-    """Read the material that calls of glMaterial set; other parameters have OpenGL's defaults."""
+def read_opengl(text: str, where: str) -> Reading:
+    """Read the material that each function NAME_material sets by glMaterial, or else the one that all calls set.
+
+    Other parameters have OpenGL's defaults.
+    """
+    return read_declared(text, _FUNCTION, where, _read)
+
+
+def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     set_ = _calls(text, "Material", where)
     if not set_:
         raise ValueError(f"{where} has no call of glMaterial. Give C code with glMaterialfv(face, GL_DIFFUSE, ...).")
@@ -117,7 +135,7 @@ def read_opengl(text: str, where: str) -> dict[str, Material]:
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
         given = {field: values[key][:3] for key, field in _COLOURS.items()}
-        return {"material": Material(**given, n_s=n_s, lobe=Blinn(), **glass)}
+        return Material(**given, n_s=n_s, lobe=Blinn(), **glass)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 

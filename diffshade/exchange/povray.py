@@ -8,31 +8,32 @@ over 90 degrees.
 from __future__ import annotations
 
 import dataclasses
-import logging
 import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
+from ..io.parsing import NUMBER, number, numbers, short
 from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
 from ..model.materials import Highlight, Material
-from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated
+from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, stated, together
 from .lobe_refits import check_plain, named, with_lobe
-from .parsing import NUMBER, number, numbers, short
+from .names import identifiers, original
+from .readings import Reading, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
 
 LEAST = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
+_DECLARED = re.compile(r"#declare\s{1,9}(\w{1,80})\s{0,9}=\s{0,9}texture\b", re.ASCII)
 _PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
 _COLOUR = re.compile(r"\b(ambient|emission)\s+" + _VECTOR, re.ASCII)
 _NUMBER = re.compile(
     r"\b(ambient|emission|diffuse|phong|phong_size|specular|roughness|metallic|ior)[ \t]+([\w.+-]{1,40})", re.ASCII
 )
-
-_LOGGER = logging.getLogger("diffshade")
 
 
 def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Float[np.ndarray, "n 3"]:
@@ -42,8 +43,13 @@ def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Floa
     return 1.0 + metallic * (1.0 - F)[:, None] * (pigment - 1.0)
 
 
-def write_povray(name: str, material: Material, lights: Any) -> Draft:
-    """Return `#declare NAME = texture {...}` and, with eta, `#declare NAME_interior`."""
+def write_povray(materials: Mapping[str, Material], lights: Any) -> Draft:
+    """Return `#declare NAME = texture {...}` of each material and, with eta, `#declare NAME_interior`."""
+    names = identifiers(materials)
+    return together({name: _written(name, names[name], m, lights) for name, m in materials.items()}, "\n")
+
+
+def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     check_plain(material)
     second = _second(material)  # a finish holds one highlight of each lobe
     if second:
@@ -55,7 +61,7 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
     diffuse = float(k_d.max())
     hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
     pigment = np.maximum(hue / hue.max(), LEAST)
-    notes, rms, largest = notes_on_refit(refit), refit.rms, refit.largest
+    notes, rms, largest = [*original(name, word), *notes_on_refit(refit)], refit.rms, refit.largest
     strength, metallic = float(k_s.max()), 0.0
     if np.ptp(k_s) > 0:
         strength, metallic = _metallic(points, lobe, float(m.n_s), pigment, k_s)
@@ -82,9 +88,9 @@ def write_povray(name: str, material: Material, lights: Any) -> Draft:
     ]
     notes.append("set global_settings { assumed_gamma 1 ambient_light rgb 1 }: k_a is for an ambient light of 1.")
     notes += notes_on_lights(lights, "POV-Ray")
-    text = "\n".join([f"#declare {name} = texture {{", *rows, "}"]) + "\n"
+    text = "\n".join([f"#declare {word} = texture {{", *rows, "}"]) + "\n"
     if m.eta is not None:
-        text += f"#declare {name}_interior = interior {{ ior {plain(m.eta)} }}\n"
+        text += f"#declare {word}_interior = interior {{ ior {plain(m.eta)} }}\n"
     return Draft(f"{comment(notes, '//')}{text}", rms, largest, tuple(notes))
 
 
@@ -130,9 +136,12 @@ def _metallic(
     return strength(metallic), metallic
 
 
-def read_povray(text: str, where: str) -> dict[str, Material]:
-    """Read the first texture: one pigment and one finish, in the form that `write_material` writes."""
-    text = re.sub(r"//[^\n]*", "", text)
+def read_povray(text: str, where: str) -> Reading:
+    """Read each declared texture, or else the first: one pigment and one finish, as `write_material` writes them."""
+    return read_declared(re.sub(r"//[^\n]*", "", text), _DECLARED, where, _read)
+
+
+def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     texture = text[: end + 2] if (end := text.find("\n}")) > 0 else text
     found = _PIGMENT.search(texture)
     if found is None:
@@ -156,9 +165,7 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
     if one["metallic"]:
-        _LOGGER.warning(
-            "%s: the tint of a metallic highlight varies with the angle; its value at normal incidence is read.", where
-        )
+        note("the tint of a metallic highlight varies with the angle; its value at normal incidence is read.")
     hue = 1.0 + one["metallic"] * (pigment - 1.0)
     given: dict[str, Any] = {"k_e": colours["emission"] * pigment}
     given |= {"k_t": transmit} if transmit else {}
@@ -169,7 +176,7 @@ def read_povray(text: str, where: str) -> dict[str, Material]:
             found.insert(0, Highlight(one["phong"] * hue, one["phong_size"], Phong()))
         first, given["highlights"] = found[0], tuple(found[1:])
         k_a, k_d = colours["ambient"] * pigment, one["diffuse"] * pigment
-        return {"material": Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)}
+        return Material(k_a, k_d, first.k_s, first.n_s, first.lobe, **given)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 

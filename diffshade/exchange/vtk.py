@@ -6,27 +6,37 @@ vtkProperty clamps its exponent and its coefficients silently; a term is a coeff
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..core.fields import Array
+from ..io.parsing import NUMBER, number, short
 from ..model.lobes import Phong
 from ..model.materials import Material
-from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated
+from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated, together
 from .lobe_refits import with_lobe
-from .parsing import NUMBER, number, short
+from .names import identifiers, original
+from .readings import Reading, read_declared
 from .reference import differences, radiance, reference_of
 
 HIGHEST_N, HIGHEST_K = 128.0, 1.0
+_FUNCTION = re.compile(r"^def set_(\w{1,80})\(", re.ASCII | re.MULTILINE)
 _SET = re.compile(r"\bSet([A-Za-z]{1,40})\(([^()\n]{0,400})\)", re.ASCII)
 
 
-def write_vtk(name: str, material: Material, lights: Any) -> Draft:
-    """Return a Python function `set_NAME(property)`, for a vtkProperty or PyVista's `actor.prop`."""
+def write_vtk(materials: Mapping[str, Material], lights: Any) -> Draft:
+    """Return Python functions `set_NAME(property)`, for a vtkProperty or PyVista's `actor.prop`."""
+    names = identifiers(materials)
+    return together({name: _written(name, names[name], m, lights) for name, m in materials.items()}, "\n\n")
+
+
+def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     refit = with_lobe(material, Phong(), highest_n_s=HIGHEST_N, highest_k=HIGHEST_K)
     m, rms, largest = refit.material, refit.rms, refit.largest
     notes = [
+        *original(name, word),
         *notes_on_refit(refit),
         *notes_on_glass(material, "VTK", colour=False, eta=False),
         *notes_on_lights(lights, "VTK"),
@@ -46,11 +56,18 @@ def write_vtk(name: str, material: Material, lights: Any) -> Draft:
         lines += [f"property.Set{term}({strength!r})", f"property.Set{term}Color({plain(colour)})"]
     lines += [f"property.SetSpecularPower({float(m.n_s)!r})", f"property.SetOpacity({opacity(material)!r})"]
     body = "\n".join(f"    {line}" for line in lines)
-    return Draft(f"{comment(notes, '#')}\n\ndef set_{name}(property):\n{body}\n", rms, largest, tuple(notes))
+    return Draft(f"{comment(notes, '#')}\n\ndef set_{word}(property):\n{body}\n", rms, largest, tuple(notes))
 
 
-def read_vtk(text: str, where: str) -> dict[str, Material]:
-    """Read the material that calls of a vtkProperty set; other parameters have VTK's defaults."""
+def read_vtk(text: str, where: str) -> Reading:
+    """Read the material that each function set_NAME sets, or else the one that all calls of a vtkProperty set.
+
+    Other parameters have VTK's defaults.
+    """
+    return read_declared(text, _FUNCTION, where, _read)
+
+
+def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     values = {"Ambient": [0.0], "Diffuse": [1.0], "Specular": [0.0], "SpecularPower": [1.0], "Opacity": [1.0]}
     colours = {"AmbientColor": [1.0] * 3, "DiffuseColor": [1.0] * 3, "SpecularColor": [1.0] * 3}
     known, found = values | colours, False
@@ -72,6 +89,6 @@ def read_vtk(text: str, where: str) -> dict[str, Material]:
     n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, HIGHEST_N)), known["Opacity"][0]
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
-        return {"material": Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)}
+        return Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None

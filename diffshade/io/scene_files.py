@@ -24,13 +24,14 @@ from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import AbstractReflectance, Blinn, Brushed, Phong
 from ..model.materials import Highlight, Material
-from ..model.measured_lights import MeasuredLight, Profile
+from ..model.measured_lights import LampLabel, MeasuredLight, Profile
 from ..model.named_materials import material_names
 from ..model.patterns import AbstractPattern, Chequer
 from ..model.scenes import Object, Scene
 from ..model.surfaces import AbstractSurface, Box, Plane, Sphere
 from .arrays import read_array, write_array
 from .files import replacing, writable
+from .lamps.lamp_files import read_lamp
 
 # The classes of a table by its key; where there is a choice, `type` names one, the first by default.
 _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
@@ -44,6 +45,7 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
     "attenuation": (RadialAttenuation,),
     "profile": (Profile,),
+    "label": (LampLabel,),
     "atmosphere": (DepthCueing, Fog),
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), (Chequer,)),
 }
@@ -64,7 +66,9 @@ _OPEN: dict[str, type[eqx.Module]] = {
 def read_scene(path: str | Path) -> Scene:
     """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
 
-    Names are those of the classes and their fields; where there is a choice of classes, `type` names one.
+    Names are those of the classes and their fields; where there is a choice of classes, `type` names one. A light with
+    `file = "lamp.ies"`, a path from the scene's folder, is that lamp (`read_lamp`); its table's other keys replace the
+    lamp's fields.
 
     Args:
         path: The TOML file; its table `[camera]` is ignored.
@@ -78,6 +82,8 @@ def read_scene(path: str | Path) -> Scene:
     """
     document = _load(path)
     document.pop("camera", None)
+    if isinstance(document.get("lights"), list):
+        document["lights"] = [_with_lamp(light, Path(path), i) for i, light in enumerate(document["lights"])]
     return _build(Scene, document, f"{path}")
 
 
@@ -184,6 +190,23 @@ def _with_arrays(value: Any, path: Path) -> Any:
         else:
             found[key] = _with_arrays(item, path)
     return found
+
+
+def _with_lamp(light: Any, path: Path, i: int) -> Any:
+    """Return a light's table, with the fields of the lamp file that it names."""
+    if not isinstance(light, dict) or "file" not in light:
+        return light
+    where, own = f"{path}: lights[{i}]", {key: value for key, value in light.items() if key != "file"}
+    if own.get("type", "MeasuredLight") != "MeasuredLight" or "profile" in own:
+        raise ValueError(f"{where} has a file, which is a MeasuredLight with its profile. Leave out type and profile.")
+    if not isinstance(light["file"], str):
+        raise ValueError(f"{where}.file must be the name of a file; got {light['file']!r}. Write it in quotes.")
+    given = {key: own[key] for key in ("direction",) if key in own}  # a lamp with TILT depends on it
+    try:
+        lamp = read_lamp(path.parent / light["file"], **given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    return {"type": "MeasuredLight", **_table(lamp), **own}
 
 
 def _check_keys(table: dict[str, Any], known: Collection[str], where: str) -> None:

@@ -25,8 +25,10 @@ from ..core.fields import (
 )
 from .attenuation import RadialAttenuation
 from .lights import AbstractLamp, Path, along_one_line, check_direction
+from .photometry import beam_angle, flux, symmetry
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
+CONTRADICTS = 0.01  # of the flux: more is no rounding
 BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
 
 
@@ -120,6 +122,28 @@ class Profile(Checked):
         return jnp.where(pole[None], jnp.mean(once, 0, keepdims=True), values)
 
 
+class LampLabel(eqx.Module):
+    """Who made a lamp, what it is, and what its file states of it.
+
+    Args:
+        maker: The maker.
+        name: The luminaire.
+        source: The lamps in it.
+        watts: Power, None if it is not stated.
+        lumens: Flux of the luminaire as stated, None if it is not.
+        source_lumens: Flux of its lamps as stated, None if it is not.
+        unit: Unit of the intensity; cd by default.
+    """
+
+    maker: str = eqx.field(static=True, default="")
+    name: str = eqx.field(static=True, default="")
+    source: str = eqx.field(static=True, default="")
+    watts: float | None = eqx.field(static=True, default=None)
+    lumens: float | None = eqx.field(static=True, default=None)
+    source_lumens: float | None = eqx.field(static=True, default=None)
+    unit: str = eqx.field(static=True, default="cd")
+
+
 class MeasuredLight(AbstractLamp):
     r"""A point light with a measured beam, `profile`, around `direction`, attenuated with distance (E2).
 
@@ -137,6 +161,7 @@ class MeasuredLight(AbstractLamp):
         attenuation: Radial attenuation f_rad; none by default.
         side: Vector on the side of C = 0, not along `direction`; its component along `direction` is ignored; (1, 0, 0)
             by default.
+        label: Who made it and what its file states; nothing by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range; the direction is the zero vector;
@@ -152,10 +177,50 @@ class MeasuredLight(AbstractLamp):
     side: Vector = eqx.field(
         converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction", by_own_name=True)
     )
+    label: LampLabel = eqx.field(default_factory=LampLabel)
+
+    def __str__(self) -> str:
+        """Return a summary: name, flux, peak, beam, efficacy and symmetry, and where the file contradicts itself."""
+        profile = self.profile
+        if not is_concrete(self.intensity, profile.vertical, profile.horizontal, profile.values):
+            return repr(self)
+        about, unit = self.label, self.label.unit
+        whole = "lm" if unit == "cd" else unit.removesuffix("/sr")
+        vertical, horizontal = (np.asarray(a, np.float64) for a in (profile.vertical, profile.horizontal))
+        values = np.asarray(profile.values, np.float64) * float(np.mean(self.intensity))
+        lumens, highest = flux(vertical, horizontal, values), np.unravel_index(values.argmax(), values.shape)
+        lines = [", ".join(word for word in (about.maker, about.name, about.source) if word) or "a lamp"]
+        stated = [f"{about.lumens:.4g} {whole} stated"] if about.lumens else []
+        stated += [f"{about.source_lumens:.4g} {whole} of its lamps"] if about.source_lumens else []
+        lines.append(f"flux        {lumens:.4g} {whole} integrated" + "".join(f", {of}" for of in stated))
+        at = f"gamma {vertical[highest[1]]:g}" + (f", C {horizontal[highest[0]]:g}" if len(horizontal) > 1 else "")
+        lines.append(f"peak        {values.max():.4g} {unit} at {at}")
+        beams = [beam_angle(vertical, horizontal, values, C) for C in ((0.0,) if len(horizontal) == 1 else (0.0, 90.0))]
+        across = " across C0 and " if len(beams) > 1 else ""
+        lines.append(
+            f"beam angle  {across.join(f'{beam:.3g}' for beam in beams)}{' across C90' if across else ''} degrees"
+        )
+        if about.watts:
+            lines.append(f"power       {about.watts:.4g} W, {lumens / about.watts:.3g} {whole}/W")
+        lines.append(f"symmetry    {symmetry(horizontal, values)}")
+        return "\n".join([*lines, *self._contradictions(lumens, whole)])
+
+    def _contradictions(self, lumens: float, whole: str) -> list[str]:
+        """Return where the flux is other than stated."""
+        stated, lamps = self.label.lumens, self.label.source_lumens
+        if stated and abs(lumens / stated - 1.0) > CONTRADICTS:
+            share = 100 * (lumens / stated - 1.0)
+            return [
+                f"The file contradicts itself: its table is {share:+.2g} % off the {stated:.4g} {whole} that it states."
+            ]
+        if lamps and lumens > (1.0 + CONTRADICTS) * lamps:
+            return [f"The file contradicts itself: its table has more than the {lamps:.4g} {whole} of its lamps."]
+        return []
 
     def check_together(self) -> None:
         check_direction("MeasuredLight.direction", self.direction)
         check_kind("MeasuredLight.profile", self.profile, Profile, "Profile([0, 90], [0], [[1, 0]])")
+        check_kind("MeasuredLight.label", self.label, LampLabel, "LampLabel()")
         check_kind("MeasuredLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
         if is_concrete(self.side, self.direction) and along_one_line(self.side, self.direction):
             raise ValueError(

@@ -4,12 +4,17 @@ Needs gcc and OSMesa (Debian: libosmesa6-dev), povray and chromium, vtk (PyPI) a
 format is skipped. Prints the errors of each format with -s.
 """
 
+import json
+import re
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
 from exchange_programs import WIDTH, View, opengl, opengl_draw, opengl_program, povray, threejs, vtk
 
 import diffshade as ds
+from diffshade.exchange.hex_colours import from_hex
 from diffshade.exchange.reference import reference_of
 
 pytestmark = pytest.mark.slow
@@ -102,6 +107,47 @@ def test_three_js_renders_the_same(tmp_path):
             ambient,
             slack=0.01 * glb,
         )
+
+
+SURFACES = {
+    "metal": {"color": 0xD0A060, "metalness": 1.0, "roughness": 0.5},
+    "plastic": {"color": 0x3366CC, "metalness": 0.0, "roughness": 0.35},
+    "mixed": {"color": 0x808080, "metalness": 0.4, "roughness": 0.7},
+    "tinted": {
+        "color": 0x40A040,
+        "roughness": 0.5,
+        "specularIntensity": 0.6,
+        "specularColor": 0xFF8040,
+        "reflectivity": 0.8,
+    },
+    "coated": {"color": 0x803020, "roughness": 0.6, "clearcoat": 0.7, "clearcoatRoughness": 0.6},
+}
+
+
+def test_what_is_read_of_three_js_and_gltf_is_what_they_render(tmp_path, caplog):
+    """The error that reading states is the difference between three.js's picture and this library's."""
+    files, views, read = {}, {}, {}
+    for name, settings in SURFACES.items():
+        kind = "MeshStandardMaterial" if len(settings) == 3 else "MeshPhysicalMaterial"
+        json_, gltf = f"{name}.json", f"{name}.gltf"
+        (tmp_path / json_).write_text(json.dumps({"type": kind, "uuid": name, **settings}))
+        base = [*map(float, from_hex(settings["color"])), 1.0]
+        pbr = {"baseColorFactor": base, "metallicFactor": settings.get("metalness", 0.0)}
+        row = {"pbrMetallicRoughness": {**pbr, "roughnessFactor": settings["roughness"]}}
+        (tmp_path / gltf).write_text(json.dumps({"asset": {"version": "2.0"}, "materials": [row]}))
+        wide = ds.Material(n_s=2.0 / settings["roughness"] ** 4, lobe=ds.Blinn())
+        views[name] = views_of(wide)
+        for file in (json_, gltf):
+            caplog.clear()
+            found = ds.read_material(tmp_path / file)
+            read[file] = found, *map(float, re.findall(r"by ([\d.e+-]+) \(rms\) and ([\d.e+-]+)", caplog.text)[0])
+            files[file] = name
+    images = threejs(tmp_path, files, views)
+    for file, (found, rms, largest) in read.items():
+        stated = SimpleNamespace(rms=rms, largest=largest)
+        # three.js approximates (1 - v.h)^5, which glTF's specification has as it is
+        slack = 0.03 if file.endswith(".json") else 0.25
+        compare("three.js", file, found, stated, images[file], views[files[file]], slack=slack)
 
 
 def test_opengl_lights_are_the_librarys(tmp_path):

@@ -69,7 +69,7 @@ def _mesh(path: Path) -> None:
 
 
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
-    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js"), (ds.read_material,)),
+    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf"), (ds.read_materials,)),
     ".c": (ds.read_material, ds.read_lights),
     **dict.fromkeys((".ies", ".ldt"), (ds.read_lamp,)),
     ".toml": (ds.read_scene, ds.read_camera),
@@ -94,7 +94,7 @@ def good_texts(folder: Path) -> dict[str, bytes]:
     """Return a file of each text format that is read."""
     row, C = beam(0, VERTICAL)[None], np.arange(0, 91, 22.5)
     files = {".toml": SCENE, ".ies": ies([0], row), ".ldt": ldt(4, 16, beam(C[:, None], VERTICAL, about=(0, 90)))}
-    for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js"):
+    for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js", ".gltf"):
         lights = ds.SpotLight((0, 0, 1), (0, 0, -1)) if suffix == ".c" else ()
         files[suffix] = ds.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
     return {suffix: text.encode() for suffix, text in files.items()}

@@ -44,8 +44,8 @@ GROUPS = {
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (
-        "exchange/gltf exchange/lamps/eulumdat exchange/lamps/ies exchange/lamps/lamp_files exchange/lamps/c_planes "
-        "exchange/material_files exchange/mtl exchange/opengl exchange/parsing exchange/threejs "
+        "exchange/gltf io/lamps/eulumdat io/lamps/ies io/lamps/lamp_files io/lamps/c_planes "
+        "exchange/material_files exchange/mtl exchange/opengl io/parsing exchange/threejs "
         "inverse/data/photographs io/image_formats io/image_headers io/images io/lazy_images io/meshes "
         "io/scene_files"
     ),

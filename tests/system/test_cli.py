@@ -1,5 +1,6 @@
 """The command `diffshade`, typed as a user types it, in this process; what needs one of its own is in studies."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -16,6 +17,7 @@ from folders import ball_under_distant_lights
 import diffshade as ds
 from diffshade.cli import diffshade, main
 from diffshade.cli.domes import dome
+from diffshade.io import scene_files
 
 COMMANDS = tuple(diffshade.commands)
 PHOTOS = tuple(f"{i}.exr" for i in range(synthetic.COUNT))
@@ -135,6 +137,59 @@ def test_a_new_scene_renders(typed):
     assert ds.read_image("new.png").shape == (16, 24, 3)
     assert typed("new", "new.toml", "--material", "gold", "--force").status == 0
     assert ds.read_scene("new.toml").objects[0].material.n_s == ds.material("gold").n_s
+
+
+def test_a_new_scene_names_every_key_and_each_can_be_uncommented(typed):
+    typed("new", "all.toml")
+    lines = Path("all.toml").read_text().splitlines()
+    types = {cls for of in scene_files._TYPES.values() for cls in of}
+    for cls in types:
+        for field in dataclasses.fields(cls):
+            assert re.search(rf"\b{field.name}\b", "\n".join(lines)), (cls, field.name)
+        silent = ("Scene", "Material", "Object", "Camera", "Highlight", "Profile", "RadialAttenuation", "LampLabel")
+        assert cls.__name__ in silent or cls.__name__ in "\n".join(lines)
+    tried = 0
+    for i, line in enumerate(lines):
+        key = re.match(r"# (\w+) = ", line)
+        if not key or key.group(1) in ("type", "height"):
+            continue
+        start = max(k for k in range(i + 1) if k == 0 or re.match(r"(# )?\[", lines[k]))
+        end = next((k for k in range(i, len(lines)) if lines[k].startswith("[")), len(lines))
+        text = [row for k, row in enumerate(lines) if not (start <= k < end and row.startswith(f"{key.group(1)} = "))]
+        table = [row for k, row in enumerate(lines[start:end]) if lines[start].startswith("# [")]
+        if table:  # a light as a whole
+            block = lines[start : next(k for k in range(i, len(lines) + 1) if k == len(lines) or not lines[k])]
+            text = [*lines, *(row[2:] for row in block)]
+        else:
+            text.insert(text.index(line), line[2:])
+        Path("one.toml").write_text("\n".join(text))
+        ds.read_scene("one.toml")
+        ds.read_camera("one.toml")
+        tried += 1
+    assert tried > 40
+
+
+def test_a_mesh_is_rendered_in_its_materials(typed):
+    pytest.importorskip("embreex")
+    quad = "v {0} -1 0\nv {1} -1 0\nv {1} 1 0\nv {0} 1 0\n"
+    faces = "usemtl red one\nf 1 2 3 4\nusemtl blue\nf 5 6 7 8\n"
+    Path("two.obj").write_text("mtllib no.mtl\n" + quad.format(-2, 0) + quad.format(0, 2) + faces)
+    Path("two.mtl").write_text("newmtl red one\nKd 1 0 0\nillum 1\nnewmtl blue\nKd 0 0 1\nillum 1\n")
+    assert typed("render", "two.obj", "--material", "two.mtl", "--size", "32x24", "-o", "two.exr").status == 0
+    image = ds.read_image("two.exr")
+    assert image.shape == (24, 32, 3)
+    left, right = image[12, 8], image[12, 24]
+    assert left[0] > 0.3 > 1e-6 > left[2]
+    assert right[2] > 0.3 > 1e-6 > right[0]
+    assert not image[[0, -1]].any()  # framed
+    assert not image[:, [0, -1]].any()
+    assert typed("render", "two.obj", "--material", "emerald", "--size", "8x8", "-o", "one.exr").status == 0
+    Path("less.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+    assert (
+        "names the material 'red one', which less.mtl lacks"
+        in typed("render", "two.obj", "--material", "less.mtl", "-o", "no.exr").refusal
+    )
+    assert "--material is for a mesh" in typed("render", "ball.toml", "--material", "gold").refusal
 
 
 def test_a_render_is_the_librarys(typed):
@@ -359,6 +414,21 @@ def test_materials_are_converted(typed):
     assert "gold.gltf: the highlight" in done.out
     for name in ("gold.toml", "gold.c"):
         np.testing.assert_allclose(ds.read_material(name).k_s, ds.material("gold").k_s, rtol=1e-6)
+
+
+def test_all_materials_of_a_file_are_converted(typed):
+    rows = "".join(f"newmtl Material.{i:03}\nKd 0.5 0.5 {i / 4}\nNs 20\nillum 1\n" for i in range(4))
+    Path("four.mtl").write_text(rows)
+    wanted = [f"four{suffix}" for suffix in (".c", ".json", ".js", ".py", ".inc", ".gltf", ".toml")]
+    done = typed("convert", "four.mtl", *wanted)
+    assert done.status == 0
+    for name in wanted:
+        assert f"{name}: 4 materials" in done.out
+        again = ds.read_materials(name)
+        assert [name.replace("_", ".") for name in again] == [f"Material.{i:03}" for i in range(4)]
+        np.testing.assert_allclose([one.k_d[2] for one in again.values()], [0, 0.25, 0.5, 0.75], atol=0.01)
+    assert "# Material_003 is 'Material.003'" in Path("four.toml").read_text()
+    assert ds.read_camera("four.toml").shape == (192, 192)
 
 
 def test_figures(typed, monkeypatch):

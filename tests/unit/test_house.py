@@ -19,6 +19,7 @@ LAYERS = (
     "model.vectors",
     "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.gbuffers",
     "model.lobes",
+    "model.photometry",
     "model.lights model.measured_lights model.materials model.named_materials",
     "model.reflection model.transmission",
     "model.scenes",

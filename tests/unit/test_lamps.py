@@ -171,8 +171,10 @@ BAD = [
     ("a.ies", "IESNA\n1 2 3", "is not an IES file: it has no line TILT=. Give"),
     ("a.ies", IES[:-20], "must have 26 numbers after TILT, for 6 vertical and 1 horizontal angles; got 2"),
     ("a.ies", "TILT=NONE\n1 2 3", "ends after TILT at '1 2 3'. It is cut off"),
-    ("a.ies", ies([0], ROW, kind=2), "is of photometric type B; only C is read. Convert it."),
-    ("a.ies", ies([0], ROW, kind=3), "is of photometric type A;"),
+    ("a.ies", ies([0], ROW, kind=2), "type B must have two vertical and two horizontal angles or more."),
+    ("a.ies", ies([0], ROW, kind=4), "must be of photometric type 1 (C), 2 (B) or 3 (A); got 4."),
+    ("a.ies", ies([10, 90], [ROW[0]] * 2, kind=3), "angles of type A must increase from 0 or less"),
+    ("a.ies", ies([0], ROW, tilt="TILT=INCLUDE\n1\n3\n0 90 45\n1 0.9 0.8"), "3 tilt angles must increase"),
     (
         "a.ies",
         IES.replace("45", "4_5"),
@@ -209,9 +211,9 @@ def test_a_bad_file_is_refused_in_one_sentence(tmp_path, file, text, message):
 def test_a_missing_or_huge_file_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FileNotFoundError, match="there is no lamp file"):
         ds.read_lamp(tmp_path / "none.ies")
-    monkeypatch.setattr("diffshade.exchange.parsing.LARGEST", len(IES))
+    monkeypatch.setattr("diffshade.io.parsing.LARGEST", len(IES))
     assert ds.read_lamp(write(tmp_path, "a.ies", IES)).profile.values.shape == (1, 6)
-    monkeypatch.setattr("diffshade.exchange.parsing.LARGEST", len(IES) - 1)
+    monkeypatch.setattr("diffshade.io.parsing.LARGEST", len(IES) - 1)
     with pytest.raises(ValueError, match=f"too many for a lamp file; at most {len(IES) - 1} are read"):
         ds.read_lamp(tmp_path / "a.ies")
 

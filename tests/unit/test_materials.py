@@ -1,6 +1,8 @@
 """Materials, those with a name among them, and the cosine of each highlight."""
 
+import re
 from re import escape
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -139,3 +141,65 @@ def test_materials_by_name():
     ):
         with pytest.raises(ValueError, match=rf"^no material is named '{name}'\. {said}$"):
             ds.material(name)
+
+
+def test_measured_materials_are_near_their_measurements():
+    """The stated error is that of the ABC model, over points that the fit did not see."""
+    names = ds.material_names(measured=True)
+    assert len(names) == len(set(names)) == 100
+    assert not set(names) & set(ds.material_names())
+    for name in names[::4]:
+        given = [(lobe, number) for lobe in (ds.Phong(), ds.Blinn(), None) for number in (1, 2)]
+        found = {
+            (of, n): (ds.material(name, lobe=of, highlights=n), ds.material_error(name, lobe=of, highlights=n))
+            for of, n in given
+        }
+        for (lobe, number), (material, error) in found.items():
+            assert type(material.lobe) in ((type(lobe),) if lobe else (ds.Phong, ds.Blinn))
+            assert len(material.highlights) < number
+            assert 0 < error.rms < error.largest
+            assert error.rms <= found[lobe, 1][1].rms
+        assert found[None, 1][1].rms == min(found[ds.Phong(), 1][1].rms, found[ds.Blinn(), 1][1].rms)
+    assert ds.material_error("merl_teflon").rms < 0.02
+    assert "at most 75 degrees from the normal" in str(ds.material_error("merl_brass"))
+
+
+# teflon in the ABC model: diffuse k, A, B, C and the index of refraction (Löw et al. 2012; dj_brdf.h)
+K, A = np.array([0.321152, 0.313597, 0.305526]), np.array([1.787717, 1.816174, 1.846979])
+B, C, IOR = 41.644257, 2.066234, 1.611215
+
+
+def test_a_measured_material_is_its_f_times_cosine_times_pi():
+    rng, error = np.random.default_rng(0), ds.material_error("merl_teflon", highlights=2)
+    n = rng.normal(size=(4000, 3))
+    n /= np.linalg.norm(n, axis=-1, keepdims=True)
+    l = np.array([np.sin(0.7), 0, np.cos(0.7)])
+    v = np.array([0.0, 0, 1])
+    h = (l + v) / np.linalg.norm(l + v)
+    n_l, n_v, n_h, v_h = n @ l, n @ v, n @ h, float(v @ h)
+    seen = (n_l > np.cos(np.deg2rad(75))) & (n_v > np.cos(np.deg2rad(75)))
+    n, n_l, n_v, n_h = n[seen], n_l[seen], n_v[seen], n_h[seen]
+    g = np.sqrt(IOR**2 - 1 + v_h**2)
+    F = 0.5 * ((g - v_h) / (g + v_h)) ** 2 * (1 + ((v_h * (g + v_h) - 1) / (v_h * (g - v_h) + 1)) ** 2)
+    G = np.minimum(1, 2 * n_h * np.minimum(n_l, n_v) / v_h)
+    f = (K + (F * A * (1 + B * (1 - n_h[:, None])) ** -C * (G / (n_l * n_v))[:, None])) / np.pi
+    scene = ds.Scene(
+        ds.Object(ds.GBuffer(n[None]), ds.material("merl_teflon", highlights=2)), ds.DirectionalLight(-l), 0
+    )
+    camera = ds.OrthographicCamera((0, 0, 4), shape=(1, len(n)), height=2, local_viewer=False)
+    off = np.asarray(ds.render(scene, camera))[0] - f * n_l[:, None] * np.pi
+    assert np.sqrt(np.mean(off**2)) < 2 * error.rms
+    assert np.abs(off).max() < 1.3 * error.largest
+
+
+def test_measured_materials_that_are_none():
+    brushed: Any = ds.Brushed()
+    for call, message in (
+        (lambda: ds.material("merl_bras"), "no measured material is named 'merl_bras'. Did you mean 'merl_brass'"),
+        (lambda: ds.material("merl_brass", highlights=3), "a measured material has 1 or 2 highlights; got 3"),
+        (lambda: ds.material("merl_brass", lobe=brushed), "the lobe must be Phong() or Blinn()"),
+        (lambda: ds.material("gold", highlights=2), "'gold' has one highlight, Blinn's"),
+        (lambda: ds.material_error("gold"), "no measured material is named 'gold'"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            call()

@@ -1,1 +1,1 @@
-"""Lamps: IES and EULUMDAT files, and attenuation fitted to measured falloff."""
+"""Lamps: the spot light nearest to one, and attenuation fitted to measured falloff."""

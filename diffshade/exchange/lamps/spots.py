@@ -1,65 +1,19 @@
-"""Lamps: measured photometry as lights, and the spot light nearest to a lamp."""
+"""Spots: the spot light nearest to a measured lamp."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from ...core.fields import Numbers, check_kind
-from ...model.attenuation import RadialAttenuation
+from ...core.fields import check_kind
 from ...model.lights import SpotLight
 from ...model.measured_lights import MeasuredLight, Profile
-from ..parsing import read_text
-from .eulumdat import read_eulumdat
-from .ies import read_ies
 
-READERS = {".ies": read_ies, ".ldt": read_eulumdat}
 POOR = 0.05  # rms over peak: above it cos^a does not fit the lamp
 EXPONENT_RANGE = (1e-3, 1e4)
-
-
-def read_lamp(
-    path: str | Path,
-    *,
-    position: Numbers = (0.0, 0.0, 0.0),
-    direction: Numbers = (0.0, -1.0, 0.0),
-    side: Numbers = (1.0, 0.0, 0.0),
-) -> MeasuredLight:
-    """Read a lamp from an IES (LM-63, type C) or EULUMDAT file.
-
-    The profile is relative to the peak, the intensity is the peak in candela, and the attenuation is 1/d^2. With
-    lengths in metres, the light arriving at a surface is in lux. Use `dataclasses.replace(lamp, intensity=1)` for the
-    units of other lights. Reading needs at most 64 times the file's size of memory.
-
-    Args:
-        path: The file, .ies or .ldt.
-        position: The lamp's position, scene units.
-        direction: The direction of the lamp's axis; by default downwards.
-        side: The direction of the plane C = 0, across the axis; by default +x.
-
-    Returns:
-        The lamp as a light.
-
-    Raises:
-        ValueError: If the suffix is unknown, or the file is malformed.
-        FileNotFoundError: If the file does not exist.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in READERS:
-        raise ValueError(f"a lamp file must end in .ies or .ldt; got '{path.suffix}'. Rename or convert {path}.")
-    table = READERS[path.suffix.lower()](read_text(path, "lamp file"), f"{path}")
-    peak = float(table.candela.max())
-    if not (np.isfinite(table.candela).all() and table.candela.min() >= 0 and peak > 0):
-        raise ValueError(f"{path}: the intensities must be finite, at least 0 and not all 0. Correct the file.")
-    try:
-        profile = Profile(table.vertical, table.horizontal, table.candela / peak)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    return MeasuredLight(position, direction, profile, peak, RadialAttenuation(0, 0, 1), side)
 
 
 @dataclass(frozen=True)

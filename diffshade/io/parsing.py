@@ -38,6 +38,27 @@ def read_text(path: str | Path, noun: str) -> str:
         return data.decode("latin-1")
 
 
+def read_glb(path: Path) -> str:
+    """Return the JSON of a binary glTF file, without its other parts, which may be large (glTF 2.0, 4.4).
+
+    Raises:
+        ValueError: If the file is not binary glTF 2.0, or its JSON is too large.
+        FileNotFoundError: If the file does not exist.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no material file {path}. Give the path of a file.")
+    with open(path, "rb") as file:
+        head = file.read(20)
+        size = int.from_bytes(head[12:16], "little")
+        if len(head) < 20 or head[:4] != b"glTF" or head[4] != 2 or head[16:] != b"JSON":
+            raise ValueError(
+                f"{path} is not binary glTF 2.0: its first bytes are others. Give a .glb file, or convert it."
+            )
+        if size > LARGEST:
+            raise ValueError(f"{path} has {size} bytes of JSON; at most {LARGEST} are read. Give a smaller file.")
+        return file.read(size).decode("utf-8", "replace")
+
+
 def number(word: str, where: str) -> float:
     """Parse a finite number; unlike Python, refuse `nan`, `inf`, `1_000` and numbers that overflow."""
     found = float(word) if NUMBER.fullmatch(word) and len(word) < 400 else math.nan
@@ -57,6 +78,12 @@ def count(word: str, where: str, *, least: int = 1) -> int:
 def numbers(words: Sequence[str], where: str) -> list[float]:
     """Parse several numbers."""
     return [number(word, where) for word in words]
+
+
+def above_0(word: str) -> float | None:
+    """Return a number above 0, and None for anything else: what a file may state, or leave out."""
+    found = float(word) if NUMBER.fullmatch(word) and len(word) < 400 else 0.0
+    return found if 0 < found < math.inf else None
 
 
 def short(word: str) -> str:

@@ -1,0 +1,140 @@
+"""Metallic-roughness surfaces, of glTF, three.js and PBR keys of MTL: GGX, diffuse reflection and a clear coat.
+
+Under a light of pi I such a surface reflects I (n.l) ((1 - F) base + pi F V D): D and V are GGX and its Smith term with
+alpha = roughness^2, F = f0 + (f90 - f0)(1 - v.h)^5 (glTF 2.0, appendix B). The highlight is multiplied by
+1 + f0 (1/E - 1) for multiple scattering (Turquin 2019), with E the fraction of the light that GGX reflects. The
+appendix leaves this to programs; three.js does it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..model.lobes import Blinn
+from ..model.materials import Material
+from .classic_fits import nearest
+from .exports import stated
+from .lobe_refits import N_S_RANGE, named
+from .readings import Reading
+from .reference import Cosines, Radiance, Reference, reference
+
+F0 = 0.04  # for the refractive index 1.5 of a dielectric
+ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
+
+ROUNDING = 1e-6  # a radiance below this is none
+
+Colour3 = Float[np.ndarray, "3"]
+
+
+def schlick(cosine: Cosines) -> Cosines:
+    """Return (1 - cosine)^5 (Schlick 1994)."""
+    return (1.0 - cosine) ** 5
+
+
+class Surface(NamedTuple):
+    """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat."""
+
+    roughness: float
+    base: Colour3
+    head_on: Colour3
+    edge: float = 1.0
+    coat: float = 0.0
+    coat_roughness: float = 0.0
+    beneath: Colour3 | None = None
+    """The head-on reflectance of the dielectric part, beneath which light is diffused; `head_on` if None."""
+
+    grazing: Callable[[Cosines], Cosines] = schlick
+    """How F goes from head-on to grazing angles, by the cosine."""
+
+    def reflected(self, points: Reference) -> Radiance:
+        """Return the radiance."""
+        grazing = self.grazing(np.clip(points.v_h, 0.0, 1.0))[:, None]
+        F = self.head_on + (self.edge - self.head_on) * grazing
+        lost = F if self.beneath is None else self.beneath + (self.edge - self.beneath) * grazing
+        again = 1.0 + self.head_on * (1.0 / kept(points.n_v, self.roughness**2) - 1.0)[:, None]
+        own = points.n_l[:, None] * ((1.0 - lost) * self.base + F * again * ggx(points, self.roughness**2)[:, None])
+        if not self.coat:
+            return own
+        F_coat = F0 + (1.0 - F0) * grazing
+        through = 1.0 - self.coat * (F0 + (1.0 - F0) * self.grazing(points.n_v)[:, None])
+        shine = ggx(points, max(self.coat_roughness, ROUGHNESS[0]) ** 2)[:, None]
+        return own * through + self.coat * points.n_l[:, None] * F_coat * shine
+
+
+def surface_of(
+    colour: Colour3, metallic: float, roughness: float, dielectric: Any = F0, edge: float = 1.0, **more: Any
+) -> Surface:
+    """Return a surface between a dielectric, 0, of this base colour and a metal, 1.
+
+    Args:
+        colour: Base colour.
+        metallic: 0 to 1.
+        roughness: 0 to 1.
+        dielectric: The dielectric's reflectance at normal incidence; 0.04 by default.
+        edge: The dielectric's reflectance at grazing angles; 1 by default.
+        **more: `coat`, `coat_roughness` and `grazing` of the surface.
+    """
+    beneath = np.minimum(dielectric, 1.0) * np.ones(3)
+    head_on = beneath * (1.0 - metallic) + colour * metallic
+    edge = edge * (1.0 - metallic) + metallic
+    rough = float(np.clip(roughness, *ROUGHNESS))
+    return Surface(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
+
+
+def classic(surface: Surface, name: str, what: str, reading: Reading, **more: Any) -> Material:
+    """Return the Phong or Blinn material nearest to a surface, and note the remaining error.
+
+    Args:
+        surface: The surface.
+        name: The material's name.
+        what: What it is in its program, for the note.
+        reading: The reading that keeps the note.
+        **more: Other fields of the material.
+    """
+    widths = [surface.roughness] + ([surface.coat_roughness] if surface.coat else [])
+    parts = [reference(min(2.0 / max(width, ROUGHNESS[0]) ** 4, N_S_RANGE[1])) for width in widths]
+    points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))
+    target = surface.reflected(points)
+    fit = nearest(target, points)
+    if fit.largest < ROUNDING and not any(np.any(np.asarray(of.k_s) > ROUNDING) for of in fit.highlights):
+        return Material(k_d=fit.k_d, lobe=Blinn(), **more)
+    found = fit.material(**more)
+    peak = "" if target.max() <= 1 else f" Its highlight reaches {target.max():.2g}."
+    reading.note(name, f"the {what} becomes {named(found)}: {stated(fit.rms, fit.largest)}{peak}")
+    return found
+
+
+def what_of(metallic: float, roughness: float) -> str:
+    """Return a surface in words."""
+    return f"surface of roughness {roughness:.3g} and metalness {metallic:.3g}"
+
+
+def ggx(points: Reference, alpha: float) -> Cosines:
+    """Return pi V D (Walter et al. 2007; Heitz 2014)."""
+    D = alpha**2 / (points.n_h**2 * (alpha**2 - 1.0) + 1.0) ** 2
+    return D * smith(points.n_l, points.n_v, alpha)
+
+
+def smith(n_l: Any, n_v: Any, alpha: float) -> Any:
+    """Return V, the fraction that is neither shadowed nor masked, over 4 (n.l)(n.v) (Heitz 2014)."""
+    a2 = alpha * alpha
+    return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))
+
+
+def kept(n_v: Cosines, alpha: float) -> Cosines:
+    """Return E(n.v), the integral of V D (n.l) over all l: the fraction of the light that GGX with F = 1 reflects.
+
+    It is the mean of 4 V (n.l)(v.h)/(n.h) over h distributed as D (n.h), at 32 cosines, interpolated linearly.
+    """
+    u, turn = (np.arange(48) + 0.5) / 48, 2 * np.pi * (np.arange(48) + 0.5) / 48
+    n_h = np.sqrt((1 - u) / (1 + (alpha**2 - 1) * u))[:, None]
+    mu = (np.linspace(0.0, 1.0, 32) ** 2).clip(1e-3)[:, None, None]
+    v_h = mu * n_h + np.sqrt(1 - mu**2) * np.sqrt(1 - n_h**2) * np.cos(turn)
+    n_l = 2 * v_h * n_h - mu
+    some = (n_l > 0) & (v_h > 0)
+    weight = np.where(some, 4 * smith(np.where(some, n_l, 1.0), mu, alpha) * n_l * v_h / n_h, 0.0)
+    return np.interp(n_v, mu.ravel(), weight.mean((1, 2)))

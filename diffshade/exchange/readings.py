@@ -1,0 +1,124 @@
+"""Readings: the materials that a file holds, why others could not be read, and what was lost of those that were."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.words import listing
+from ..io.parsing import short
+from ..model.materials import Material
+
+MOST_NAMED = 3  # materials that a note names; of more it gives the number
+
+
+class Reading:
+    """What was read from a file. One material that cannot be read does not stop the others."""
+
+    def __init__(self, where: str):
+        self.where = where
+        self.materials: dict[str, Material] = {}
+        self.refused: dict[str, str] = {}
+        """Why a material could not be read, by its name."""
+        self._notes: dict[str, list[str]] = {}
+
+    def add(self, name: str, read: Callable[[], Material]) -> None:
+        """Read a material, or keep the sentence that says why it cannot be read."""
+        try:
+            self.materials[name] = read()
+        except ValueError as error:
+            said = str(error)
+            self.refused[name] = said if said.startswith(self.where) else f"{self.at(name)}: {said}"
+
+    def at(self, name: str) -> str:
+        """Return where a material is, for messages."""
+        return f"{self.where}: {short(name)}"
+
+    def note(self, name: str, sentence: str) -> None:
+        """Keep a sentence about a material; the same sentence about several is said once."""
+        self._notes.setdefault(sentence, []).append(name)
+
+    def notes_on(self, name: str | None = None) -> Iterator[str]:
+        """Yield what was lost or translated, in one line each: of all materials, or of one."""
+        several = len(self.materials) + len(self.refused) > 1
+        for sentence, names in self._notes.items():
+            names = list(dict.fromkeys(of for of in names if of))
+            if names and name not in (None, *names):
+                continue
+            whom = listing([short(of) for of in names]) if len(names) <= MOST_NAMED else f"{len(names)} materials"
+            yield f"{self.where}: {f'{whom}: ' if several and names else ''}{sentence}"
+
+    def unused(self, name: str) -> str:
+        """Return a name that no material has yet: with a number after it if need be."""
+        taken, i, found = self.materials.keys() | self.refused.keys(), 2, name
+        while found in taken:
+            found, i = f"{name}_{i}", i + 1
+        return found
+
+
+def read_declared(
+    text: str, declared: re.Pattern[str], where: str, read: Callable[[str, str, Callable[[str], None]], Material]
+) -> Reading:
+    """Read the material of each declaration in a program's code; code with fewer than two is one material.
+
+    Args:
+        text: The code.
+        declared: What a declaration begins with; its first group is the name.
+        where: The file.
+        read: Reads one material from its part of the code, where it is, and what takes notes.
+    """
+    reading, starts = Reading(where), list(declared.finditer(text))
+    if len(starts) < 2:
+        name = starts[0].group(1) if starts else "material"
+        reading.materials[name] = read(text, where, partial(reading.note, name))
+        return reading
+    ends = [*(start.start() for start in starts[1:]), len(text)]
+    for start, end in zip(starts, ends, strict=True):
+        name, part = reading.unused(start.group(1)), text[start.start() : end]
+        reading.add(name, partial(read, part, reading.at(name), partial(reading.note, name)))
+    return reading
+
+
+def textures_not_read(names: Sequence[str]) -> str:
+    """Return the note on texture maps, which are never opened."""
+    names = list(dict.fromkeys(names))
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return f"texture maps are not read, only colours: {', '.join(short(name) for name in names[:8])}{more}."
+
+
+def load_json(text: str, where: str) -> Any:
+    """Return what a JSON text holds."""
+    try:
+        return json.loads(text)
+    except (json.JSONDecodeError, RecursionError, ValueError) as error:
+        raise ValueError(f"{where} is not JSON: {short(str(error))}. Correct the file.") from None
+
+
+def as_number(table: Mapping[str, Any], key: str, default: float, where: str, *, most: float = 1e300) -> float:
+    """Return a number of a JSON table, from 0 to `most`."""
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise ValueError(f"{where}: {key} must be a finite number; got {short(repr(value)[:80])}. Correct the file.")
+    if not 0 <= value <= most:
+        limit = f"0 to {most:g}" if most < 1e300 else "at least 0"
+        raise ValueError(f"{where}: {key} must be {limit}; got {value:g}. Correct the file.")
+    return float(value)
+
+
+def as_numbers(table: Mapping[str, Any], key: str, default: Any, count: int, where: str) -> Float[np.ndarray, " n"]:
+    """Return a list of numbers of a JSON table, each at least 0."""
+    value = table.get(key, default)
+    if not isinstance(value, list | tuple) or len(value) != count:
+        raise ValueError(f"{where}: {key} must be {count} numbers; got {short(repr(value)[:80])}. Correct the file.")
+    return np.array([as_number({key: x}, key, 0.0, where) for x in value])
+
+
+def as_table(value: Any) -> dict[str, Any]:
+    """Return a JSON table; anything else is an empty one."""
+    return value if isinstance(value, dict) else {}

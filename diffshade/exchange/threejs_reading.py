@@ -1,0 +1,209 @@
+"""three.js, read: the materials of its JSON, of scenes and of JavaScript, as the classic ones nearest to them.
+
+MeshLambertMaterial is a matte material and MeshBasicMaterial an unlit one, exactly; MeshPhongMaterial,
+MeshStandardMaterial and MeshPhysicalMaterial are refitted. Numbers and words of a colour are on the sRGB curve.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..io.parsing import short
+from ..model.lobes import Blinn
+from ..model.materials import Material
+from .exports import stated
+from .hex_colours import from_hex
+from .javascript import Expression, created
+from .lobe_refits import N_S_RANGE, Shape
+from .metallic_roughness import classic, surface_of, what_of
+from .readings import Reading, as_number, load_json, textures_not_read
+from .reference import differences, reference
+from .threejs import fresnel, highlights
+
+KINDS = (
+    "MeshPhongMaterial",
+    "MeshStandardMaterial",
+    "MeshPhysicalMaterial",
+    "MeshLambertMaterial",
+    "MeshBasicMaterial",
+)
+_WORD = re.compile(r"(?:#|0[xX])([0-9a-fA-F]{6}|[0-9a-fA-F]{3})", re.ASCII)
+# What the reading uses; what a program keeps for itself; and what has an effect unless it has this value.
+_READ = re.compile(
+    "type|name|uuid|color|emissive|emissiveIntensity|specular|shininess|opacity|transparent|"
+    "roughness|metalness|ior|specularIntensity|specularColor|clearcoat|clearcoatRoughness|transmission"
+)
+_OWN = re.compile(
+    "metadata|userData|version|side|shadowSide|depth\\w*|stencil\\w*|blend\\w*|color(Write|Space)|dithering|fog|toneMapped|"
+    "precision|polygonOffset\\w*|premultipliedAlpha|forceSinglePass|alpha(Test|Hash|ToCoverage)|flatShading|shading|"
+    "wireframeLine\\w*|skinning|morph\\w*|visible|overdraw|envMapIntensity|envMapRotation|normalMapType|\\w*Scale|lights|"
+    "refractionRatio|reflectivity|combine|aoMapIntensity|lightMapIntensity|displacementBias|attenuation\\w*|"
+    "iridescence(IOR|ThicknessRange)|anisotropyRotation|sheenColor|sheenRoughness|images|textures|vertexTangents"
+)
+_NEUTRAL = {
+    "sheen": 0,
+    "iridescence": 0,
+    "anisotropy": 0,
+    "dispersion": 0,
+    "thickness": 0,
+    "wireframe": False,
+    "vertexColors": False,
+}
+
+
+def read_json(text: str, where: str) -> Reading:
+    """Read all materials in the JSON of a material, an object, a scene or the editor."""
+    reading = Reading(where)
+    for key, table in _materials_in(load_json(text, where)):
+        _add(reading, table.get("name") or key or table.get("uuid"), str(table.get("type", "")), table)
+    if not reading.materials and not reading.refused:
+        raise ValueError(f"{where} holds no material of three.js. Give the JSON of its toJSON().")
+    return reading
+
+
+def _materials_in(document: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every table whose type is a material, in its order, with the key that it stands at."""
+    stack: list[tuple[str, Any]] = [("", document)]
+    while stack:
+        key, value = stack.pop()
+        if isinstance(value, list):
+            stack += [("", item) for item in reversed(value) if isinstance(item, dict | list)]
+        elif isinstance(value, dict):
+            kind, inside = value.get("type"), value.get("parameters")
+            if (
+                isinstance(kind, str)
+                and kind.endswith("Material")
+                and kind not in ("MultiMaterial", "MeshFaceMaterial")
+            ):
+                yield key, {**value, **inside} if isinstance(inside, dict) else value
+            elif "DbgName" in value:
+                yield "", {"type": "legacy", "name": value["DbgName"]}
+            else:
+                stack += [(key, item) for key, item in reversed(value.items()) if isinstance(item, dict | list)]
+
+
+def read_js(text: str, where: str) -> Reading:
+    """Read the materials that JavaScript creates with values written out."""
+    reading = Reading(where)
+    for variable, kind, settings in created(text, where):
+        if kind.startswith("Mesh") or kind in ("ShaderMaterial", "RawShaderMaterial"):
+            _add(reading, settings.get("name") or variable, kind, settings)
+    if not reading.materials and not reading.refused:
+        raise ValueError(f"{where} creates no material of three.js. Give code with new THREE.MeshPhongMaterial(...).")
+    return reading
+
+
+def _add(reading: Reading, name: Any, kind: str, settings: dict[str, Any]) -> None:
+    name = name if isinstance(name, str) and name and not isinstance(name, Expression) else "material"
+    name = reading.unused(name)
+    reading.add(name, lambda: _read(kind, settings, name, reading))
+
+
+def _read(kind: str, settings: dict[str, Any], name: str, reading: Reading) -> Material:
+    where = reading.at(name)
+    if kind == "legacy":
+        raise ValueError(f"{where} is of three.js's JSON of before 2014 (DbgName). Load and save it with three.js r70.")
+    if kind not in KINDS:
+        raise ValueError(f"{where}: a {short(kind)[1:-1]} is not read. Use one of {', '.join(KINDS)}.")
+
+    def one(key: str, default: float, most: float = 1e300) -> float:
+        return as_number(settings, key, default, where, most=most)
+
+    def colour(key: str, default: int) -> Float[np.ndarray, "3"]:
+        return _colour(settings.get(key, default), f"{where}: {key}")
+
+    _note_the_rest(settings, name, reading)
+    given: dict[str, Any] = {}
+    alpha = one("opacity", 1.0, 1.0)
+    if alpha < 1 and settings.get("transparent") is not True:
+        reading.note(name, f"opacity {alpha:.3g} has no effect in three.js unless transparent is true; it is not read.")
+    elif alpha < 1:
+        given["k_t"] = 1.0 - alpha
+    base = colour("color", 0xFFFFFF)
+    if kind == "MeshBasicMaterial":
+        return Material(k_e=base, **given)
+    given["k_e"] = colour("emissive", 0) * one("emissiveIntensity", 1.0)
+    if kind == "MeshLambertMaterial":
+        return Material(k_d=base, lobe=Blinn(), **given)
+    if kind == "MeshPhongMaterial":
+        return _phong(base, colour("specular", 0x111111), one("shininess", 30.0), name, reading, given)
+    roughness, metalness = one("roughness", 1.0, 1.0), one("metalness", 0.0, 1.0)
+    if kind == "MeshStandardMaterial":
+        return classic(
+            surface_of(base, metalness, roughness, grazing=fresnel),
+            name,
+            what_of(metalness, roughness),
+            reading,
+            **given,
+        )
+    reflectivity = one("reflectivity", 0.5, 1.0)  # by which three.js's own JSON gives the index of refraction
+    ior = one("ior", (1.0 + 0.4 * reflectivity) / (1.0 - 0.4 * reflectivity))
+    edge = one("specularIntensity", 1.0, 1.0)
+    dielectric = np.minimum(((ior - 1) / (ior + 1)) ** 2 * colour("specularColor", 0xFFFFFF), 1.0) * edge
+    coat = {"coat": one("clearcoat", 0.0, 1.0), "coat_roughness": one("clearcoatRoughness", 0.0, 1.0)}
+    through = one("transmission", 0.0, 1.0)
+    if through > 0:
+        given |= {"k_t": 1.0 - alpha * (1.0 - through * base), "eta": ior}
+        reading.note(name, "transmission is read as k_t, its colour times its factor, without blur.")
+    surface = surface_of(base, metalness, roughness, dielectric, edge, grazing=fresnel, **coat)
+    return classic(surface, name, what_of(metalness, roughness), reading, **given)
+
+
+def _colour(value: Any, where: str) -> Float[np.ndarray, "3"]:
+    """Return the linear colour of a number or word of sRGB, or of three linear numbers."""
+    if isinstance(value, str) and not isinstance(value, Expression) and (word := _WORD.fullmatch(value.strip())):
+        digits = word.group(1)
+        return from_hex(int(digits if len(digits) == 6 else "".join(2 * c for c in digits), 16))
+    if type(value) is float and value == int(value):
+        value = int(value)
+    if type(value) is int and 0 <= value <= 0xFFFFFF:
+        return from_hex(value)
+    if isinstance(value, list) and len(value) == 3:
+        return np.array([as_number({"": x}, "", 0.0, f"{where},") for x in value])
+    raise ValueError(
+        f"{where} must be a colour, 0 to 16777215, '#rrggbb' or three numbers; got {short(repr(value)[:80])}. Write it "
+        "out."
+    )
+
+
+def _note_the_rest(settings: dict[str, Any], name: str, reading: Reading) -> None:
+    """Note the settings that are not read and have an effect."""
+    rest = [
+        key
+        for key, value in settings.items()
+        if not _READ.fullmatch(key) and not _OWN.fullmatch(key) and value is not None
+    ]
+    maps = [key for key in rest if key == "map" or key.endswith("Map") or key == "matcap"]
+    if maps:
+        reading.note(name, textures_not_read(maps))
+    without = object()
+    others = [key for key in rest if key not in maps and settings[key] != _NEUTRAL.get(key, without)]
+    if others:
+        more = f" and {len(others) - 8} more" if len(others) > 8 else ""
+        reading.note(name, f"settings that are not read: {', '.join(short(key) for key in others[:8])}{more}.")
+
+
+def _phong(
+    base: Float[np.ndarray, "3"],
+    specular: Float[np.ndarray, "3"],
+    shininess: float,
+    name: str,
+    reading: Reading,
+    given: dict[str, Any],
+) -> Material:
+    """Return the Blinn material nearest to a MeshPhongMaterial."""
+    where = reading.at(name)
+    if shininess > N_S_RANGE[1]:
+        raise ValueError(f"{where}: shininess must be 0 to 100000; got {shininess:g}. Correct the file.")
+    points = reference(shininess)
+    target = highlights(points).of(shininess, specular)
+    blinn = Shape(points.highlights(Blinn()), N_S_RANGE)
+    n_s, k_s = blinn.fit(target)
+    rms, largest = differences(target, blinn.of(n_s, k_s))
+    reading.note(name, f"MeshPhongMaterial is refitted as Blinn with n_s {n_s:.4g}: {stated(rms, largest)}")
+    return Material(0.0, base, k_s, n_s, Blinn(), **given)

@@ -1,0 +1,1 @@
+"""Lamp files: IES and EULUMDAT."""

@@ -1,0 +1,117 @@
+"""Lamp picture: a polar diagram of a lamp's intensity, its summary, and the light on a plane before it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.backend import in_float64
+from ..core.fields import check_kind, in_short
+from ..io.files import replacing
+from ..model.measured_lights import MeasuredLight
+from ..model.photometry import plane
+from ..model.vectors import Vec3, cross, dot, normalize
+
+INCH = 5.0
+PIXELS = 121
+WIDTH = 2.0  # of the plane, over its distance
+
+
+class PlaneLight(NamedTuple):
+    """The light on a plane across a lamp's axis."""
+
+    across: Float[np.ndarray, " n"]
+    """Distances from the axis, along `side` and across it."""
+    light: Float[np.ndarray, "n n"]
+    """The light at each, in lux for candela and metres; row 0 is on the side of C = 90, column 0 on that of C = 180."""
+
+
+def light_on_plane(lamp: MeasuredLight, distance: float, count: int = PIXELS) -> PlaneLight:
+    """Return the light that a lamp sends to a plane across its axis, which is twice as wide as it is distant.
+
+    Args:
+        lamp: The lamp.
+        distance: From the lamp to the plane, scene units, above 0.
+        count: Points along each side.
+
+    Raises:
+        ValueError: The distance is not above 0.
+    """
+    check_kind("lamp", lamp, MeasuredLight, "read_lamp('lamp.ies')")
+    if not 0 < distance < np.inf:
+        raise ValueError(f"the distance must be above 0 and finite; got {in_short(distance)}. Give for example 3.")
+    along = np.linspace(-WIDTH / 2, WIDTH / 2, count) * distance
+    with in_float64(lamp) as lamp:
+        axis = normalize(Vec3.of(lamp.direction))
+        side = Vec3.of(lamp.side)
+        x = normalize(side - axis * dot(side, axis))
+        y = cross(x, axis)
+        p = Vec3.of(lamp.position) + axis * distance + x * along[None, :] + y * along[::-1, None]
+        l, intensity = lamp.arriving(p)
+        light = np.asarray(intensity.stack()).mean(-1) * np.asarray(-dot(l, axis))
+    return PlaneLight(along, light)
+
+
+def draw_lamp(path: str | Path, lamp: MeasuredLight, *, distance: float = 3.0) -> None:
+    """Draw a lamp: its intensity over angle, its summary, and the light on a plane across its axis.
+
+    Args:
+        path: The picture to write, .pdf or .png.
+        lamp: The lamp.
+        distance: From the lamp to the plane, metres for lux; 3 by default.
+
+    Raises:
+        ValueError: If the suffix is neither, or the distance is not above 0.
+        OSError: If the picture cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    if Path(path).suffix.lower() not in (".pdf", ".png"):
+        raise ValueError(f"a lamp is drawn as .pdf or .png; got '{path}'. Give one of these suffixes.")
+    shown = light_on_plane(lamp, distance)
+    figure = Figure(figsize=(2 * INCH, 1.25 * INCH), layout="constrained")
+    rows: Any = figure.add_gridspec(2, 2, height_ratios=(1.0, 0.25))
+    _polar(figure.add_subplot(rows[0, 0], projection="polar"), lamp)
+    _plane(figure, figure.add_subplot(rows[0, 1]), shown, distance, lamp.label.unit)
+    text = figure.add_subplot(rows[1, :])
+    text.set_axis_off()
+    text.text(0.0, 1.0, str(lamp), va="top", family="monospace", fontsize=8)
+    held = io.BytesIO()
+    figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
+    with replacing(Path(path)) as temporary:
+        temporary.write_bytes(held.getvalue())
+
+
+def _polar(axes: Any, lamp: MeasuredLight) -> None:
+    profile, peak = lamp.profile, float(np.mean(lamp.intensity))
+    vertical, horizontal = np.asarray(profile.vertical), np.asarray(profile.horizontal)
+    values = np.asarray(profile.values) * peak
+    for C, colour in ((0.0, "tab:red"), (90.0, "tab:blue"))[: 1 if len(horizontal) == 1 else 2]:
+        name = "all planes" if len(horizontal) == 1 else f"C{C:g} and C{C + 180:g}"
+        for sign, at in ((1.0, C), (-1.0, C + 180.0)):
+            row = plane(horizontal, values, at)
+            axes.plot(sign * np.deg2rad(vertical), row, color=colour, lw=1.5, label=name if sign > 0 else None)
+    axes.set_theta_zero_location("S")  # the axis points down
+    axes.set_thetagrids(np.arange(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
+    axes.tick_params(labelsize=7)
+    axes.legend(loc="lower right", fontsize=7)
+    axes.set_title(f"intensity, {lamp.label.unit}", fontsize=9)
+
+
+def _plane(figure: Any, axes: Any, shown: PlaneLight, distance: float, unit: str) -> None:
+    name = "lux" if unit == "cd" else f"{unit.removesuffix('/sr')} per unit of area"
+    ends = (shown.across[0], shown.across[-1]) * 2
+    image = axes.imshow(shown.light, cmap="inferno", extent=ends)
+    top = float(shown.light.max())
+    if top > 0:
+        levels = [share * top for share in (0.1, 0.25, 0.5, 0.75)]
+        lines = axes.contour(shown.across, shown.across[::-1], shown.light, levels, colors="white", linewidths=0.7)
+        axes.clabel(lines, fmt="%.3g", fontsize=7)
+    figure.colorbar(image, ax=axes, shrink=0.8, label=name)
+    axes.set_title(f"on a plane at a distance of {distance:g} ({'m' if unit == 'cd' else 'units'})", fontsize=9)
+    axes.set_xlabel("along C = 0", fontsize=8)
+    axes.tick_params(labelsize=7)
