@@ -24,7 +24,7 @@ takes as `mp_context`, or fork them before anything is computed.
 ## Materials
 
 `Material`, `Highlight`, `Phong`, `Blinn`, `Brushed`, `NoFresnel`, `Schlick`, `Dielectric`, `Chequer`, `Texture`,
-`material`, `material_names`, `material_error`, `MaterialError`, `with_lobe`, `Refit`
+`material`, `material_names`, `measured_material_names`, `material_error`, `MaterialError`, `with_lobe`, `Refit`
 
 ## Lights
 

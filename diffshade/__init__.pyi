@@ -85,6 +85,7 @@ from .model.named_materials import MaterialError as MaterialError
 from .model.named_materials import material as material
 from .model.named_materials import material_error as material_error
 from .model.named_materials import material_names as material_names
+from .model.named_materials import measured_material_names as measured_material_names
 from .model.patterns import Chequer as Chequer
 from .model.patterns import Texture as Texture
 from .model.rendering import intersect as intersect

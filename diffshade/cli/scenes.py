@@ -22,7 +22,7 @@ FILL = 0.2  # light from the viewer and ambient light on a mesh, beside the lamp
 def _named_materials(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     import diffshade as ds
 
-    return completions((*ds.material_names(), *ds.material_names(measured=True)), incomplete)
+    return completions((*ds.material_names(), *ds.measured_material_names()), incomplete)
 
 
 def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

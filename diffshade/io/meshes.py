@@ -48,8 +48,20 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
 def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuffer]:
     """Return what a camera sees of each material's part of a mesh, by the names that `usemtl` of an OBJ file gives.
 
-    A file of another format, and an OBJ file without `usemtl`, is one part named "". Parameters and errors are those of
-    `read_mesh`.
+    A file of another format, and an OBJ file without `usemtl`, is one part named "".
+
+    Args:
+        path: The mesh file, as for `read_mesh`.
+        camera: Camera that sees the mesh.
+
+    Returns:
+        The G-buffer of each part, of the camera's shape.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ImportError: trimesh or embreex is not installed.
+        ValueError: trimesh cannot read the file, or a part has no triangles or has invalid corners.
+        TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
     path = Path(path)

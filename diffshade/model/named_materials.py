@@ -27,7 +27,7 @@ def material(name: str, *, lobe: AbstractPowerLobe | None = None, highlights: in
     degrees from the normal and 0 to 80 degrees apart. They have no k_a. `material_error` states what the fit leaves.
 
     Args:
-        name: Name of the material; `material_names()` and `material_names(measured=True)` list them.
+        name: Name of the material; `material_names()` and `measured_material_names()` list them.
         lobe: Of a measured one, `Phong()` or `Blinn()`; by default the nearer one.
         highlights: Of a measured one, 1 or 2; with 2, a second one is left out where it gains nothing.
 
@@ -55,16 +55,22 @@ def material(name: str, *, lobe: AbstractPowerLobe | None = None, highlights: in
     return Material(k_a, k_d, k_s, n_s, Blinn())
 
 
-def material_names(*, measured: bool = False) -> tuple[str, ...]:
-    """Return the names that `material` accepts.
-
-    Args:
-        measured: With True those of the measured materials, with False, the default, those of the OpenGL teapots.
+def material_names() -> tuple[str, ...]:
+    """Return the names of the OpenGL teapots' materials, which `material` accepts.
 
     Returns:
         The names, in the order of the table.
     """
-    return tuple(_measurements()) if measured else tuple(_table())
+    return tuple(_table())
+
+
+def measured_material_names() -> tuple[str, ...]:
+    """Return the names of the measured materials, which `material` accepts.
+
+    Returns:
+        The names, in the order of the table.
+    """
+    return tuple(_measurements())
 
 
 class MaterialError(NamedTuple):

@@ -145,7 +145,7 @@ def test_materials_by_name():
 
 def test_measured_materials_are_near_their_measurements():
     """The stated error is that of the ABC model, over points that the fit did not see."""
-    names = ds.material_names(measured=True)
+    names = ds.measured_material_names()
     assert len(names) == len(set(names)) == 100
     assert not set(names) & set(ds.material_names())
     for name in names[::4]:
