@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .domes import dome, place_of
+from .map_uses import is_maps, report_maps
 from .materials import check_out, put_material
 from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
 from .terminal import FILE, SETTINGS, Names, answer, as_json
@@ -50,17 +51,23 @@ def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json:
 @with_options(*VIEWS, *MODEL, LOBE)
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
+@click.option("--hold-out", type=int, metavar="N", help="Of maps: every N-th photograph was left out of them")
 @as_json
-def report(typed: Options, out: Path, quick: bool, as_json: bool) -> None:
-    """Fit, and write a report as an HTML page.
+def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json: bool) -> None:
+    """Fit, and write a report as an HTML page; or write one of maps.
 
-    SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
+    SOURCE: a scene with PHOTOS, a folder of photographs, or maps with theirs.
     """
     import diffshade as ds
 
-    from ..report.page.writing import check_page
+    from ..report.page.checks import check_page
 
     check_page(out)
+    if is_maps(typed.source):
+        report_maps(typed, out, hold_out, as_json=as_json)
+        return
+    if hold_out is not None:
+        raise ValueError(f"--hold-out belongs to a folder of maps; got {typed.source}. Leave it out.")
     source = typed.read()
     found = typed.fit(source)
     more: dict[str, Any] = {}

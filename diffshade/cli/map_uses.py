@@ -1,12 +1,15 @@
-"""`relight`: what the maps of `texels` are good for."""
+"""`relight`, and `report` of maps: what the maps of `texels` are good for."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from .maps import divided
+from .sources import Options
 from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
 
 
@@ -90,3 +93,34 @@ def relight(
         {"picture": out, "shape": image.shape, "least": least, "most": most},
         as_json=as_json,
     )
+
+
+def is_maps(source: Path) -> bool:
+    """Whether a folder is one of maps."""
+    return (source / "maps.toml").is_file()
+
+
+def report_maps(typed: Options, out: Path, hold_out: int | None, *, as_json: bool) -> None:
+    """Write the page of the maps in a folder, with the folder of their photographs if one is given after it."""
+    import diffshade as ds
+
+    if len(typed.photos) > 1 or (hold_out is not None and not typed.photos):
+        raise ValueError(
+            f"maps are reported with the one folder of their photographs, which --hold-out needs; got "
+            f"{len(typed.photos)} after {typed.source}. Give for example: report maps photographs --hold-out 4."
+        )
+    maps = ds.read_maps(typed.source)
+    found = replace(typed, source=typed.photos[0], photos=()).read(normals=False) if typed.photos else None
+    views, names = ((), ()) if found is None else (found.views, found.names)
+    seen, left_out = divided(len(views), hold_out)
+    ds.write_report(
+        out,
+        maps,
+        views=[views[i] for i in seen],
+        held_out=[views[i] for i in left_out],
+        titles=[names[i] for i in (*seen, *left_out)],
+        progress=True,
+    )
+    lines = [*([] if found is None else [f"{found.encodings}"]), f"{maps}", f"{out}: open it in a browser"]
+    about = {"photographs": [names[i] for i in seen], "left_out": [names[i] for i in left_out], "notes": maps.notes}
+    answer("\n".join(lines), {**about, "page": out}, as_json=as_json)

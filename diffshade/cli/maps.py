@@ -72,7 +72,7 @@ def texels(
     surface = found.scene.objects[0].surface
     if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
-    seen, left_out = _divided(len(found.views), hold_out)
+    seen, left_out = divided(len(found.views), hold_out)
     names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
     error: Any = light_error
     if error is None and found.folder is not None and set(free) == {*FREE, "normal"} and typed.loss != "squares":
@@ -150,7 +150,7 @@ def texels(
     )
 
 
-def _divided(count: int, hold_out: int | None) -> tuple[list[int], list[int]]:
+def divided(count: int, hold_out: int | None) -> tuple[list[int], list[int]]:
     """Return the indices of the photographs that are fitted, and of those that are left out."""
     if hold_out is not None and not 2 <= hold_out <= count:
         raise ValueError(

@@ -19,7 +19,7 @@ def reflectance(material: Material, k: Coefficients, n: Vec3, l: Vec3, v: Vec3) 
     cos is v.r (Phong) or n.h (Blinn); W is k_s or Fresnel's (E7); a highlight is 0 unless n.l > 0. Nothing is
     normalised by n_s and the highlight carries no n.l: the textbook model. At n.l = 0 and cos = 0 the derivative is 0,
     that of the dark side. For speed `inverse.forward.features` and `texels.geometry` have the same as exp(n_s log cos),
-    and the report's `ball.glsl` in the browser.
+    and the report's `reflection.glsl` in the browser.
     """
     total = material.lobe.reflected(k, material.fresnel, n, l, v)
     if not material.highlights:

@@ -68,11 +68,9 @@ class Unexplained(NamedTuple):
             position: Points of the surface; lights without a position need none.
             inside: Where the surface is.
         """
-        p = None if position is None else Vec3.of(position)
         total = np.zeros((*inside.shape, 3))
         for light in lights:
-            l, arriving = jax.vmap(lambda emitter: emitter.arriving(p))(light.emitters())
-            l, arriving = (np.moveaxis(np.asarray(v.stack()), 0, -2) for v in (l, arriving))  # (..., emitters, 3)
+            l, arriving = self.arriving(light, position)
             weighed = l * arriving.mean(-1, keepdims=True)
             toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
             if (length := np.linalg.norm(toward)) > 0.0:
@@ -80,6 +78,21 @@ class Unexplained(NamedTuple):
                 beyond = self.parts.reshape(*inside.shape, -1, len(weights)) @ weights
                 total += beyond * arriving.sum(-2)
         return total
+
+    @staticmethod
+    def arriving(
+        light: AbstractLight, position: Float[Array, "h w 3"] | None
+    ) -> tuple[Float[np.ndarray, "... emitters 3"], Float[np.ndarray, "... emitters 3"]]:
+        """Return the directions to the emitters of a light, and what arrives from them, for all points alike or each.
+
+        Args:
+            light: The light.
+            position: Points of the surface; a light without a position needs none.
+        """
+        p = None if position is None else Vec3.of(position)
+        l, arriving = jax.vmap(lambda emitter: emitter.arriving(p))(light.emitters())
+        l, arriving = (np.moveaxis(np.asarray(v.stack()), 0, -2) for v in (l, arriving))
+        return l, arriving
 
 
 def interpolation_of(

@@ -193,7 +193,7 @@ WRONG_TYPES = {
     "ds.write_figures(3)": "folder must be a path | got 3 | Give the name of a folder",
     "ds.write_figures('figures', only=3)": "only must hold names of figures | got 3 | 'diffuse_over_k_d'",
     "ds.write_report(3, SCENE)": "path must be a path | got 3 | 'fit.html'",
-    "ds.write_report('fit.html', SCENE)": "fit must be a Fit | got Scene | ds.fit(scene, views, free=('k_d',))",
+    "ds.write_report('fit.html', SCENE)": "result must be a Fit | got Scene | ds.fit(scene, views, free=('k_d',))",
     "ds.sensitivity(SCENE, 'k_d')": "fit must be a Fit | got Scene | ds.fit(scene, views, free=('k_d',))",
 }
 

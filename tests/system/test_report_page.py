@@ -69,7 +69,7 @@ def test_it_runs_nothing_but_its_own_scripts_and_asks_for_nothing(page):
     assert "unsafe" not in policy
     scripts = [text for attributes, text in page.all("script") if "type" not in attributes]
     styles = [text for _, text in page.all("style")]
-    assert (len(scripts), len(styles)) == (2, 1)
+    assert (len(scripts), len(styles)) == (3, 1)
     for text in scripts + styles:
         digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         assert f"'sha256-{digest}'" in policy
@@ -100,7 +100,7 @@ def test_whatever_is_shown_is_escaped(fit, tmp_path):
     page = Page(tmp_path / "fit.html")
     ds.write_report(tmp_path / "plain.html", fit, choice=choice_of("plain"), plan=ds.plan(fit, shot))
     plain = Page(tmp_path / "plain.html")
-    assert len(page.all("script")) == len(plain.all("script")) == 4
+    assert len(page.all("script")) == len(plain.all("script")) == 5
     assert len(page.all("img")) == len(plain.all("img")) == 9
     assert not [a for _, a, _ in page.elements if "onerror" in a]
     text = (tmp_path / "fit.html").read_text(encoding="utf-8")

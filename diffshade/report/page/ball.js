@@ -14,53 +14,20 @@
   const control = (name) => section.querySelector(`[name="${name}"]`);
   const COLOURS = ["k_a", "k_d", "k_s", "k_e"].filter(control);
   const state = { material: null, base: null };
-  let program, texture, places = {};
+  let program, texture;
 
-  // Vectors
-
-  const add = (a, b, t = 1) => a.map((x, i) => x + t * b[i]);
-  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-  const turned = (a, axis, angle) => {  // about a unit axis, right-handed (Rodrigues)
-    const c = Math.cos(angle), s = Math.sin(angle), along = dot(axis, a) * (1 - c);
-    const across = cross(axis, a);
-    return a.map((x, i) => x * c + across[i] * s + axis[i] * along);
-  };
+  const { add, dot, turned } = vectors;
 
   // Drawing
 
   function build() {
-    program = gl.createProgram();
-    const sources = [
-      [gl.VERTEX_SHADER, "#version 300 es\nin vec2 corner;\nvoid main() { gl_Position = vec4(corner, 0.0, 1.0); }"],
-      [gl.FRAGMENT_SHADER, document.getElementById("ball-shader").textContent.trim()],
-    ];
-    for (const [kind, source] of sources) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.bindAttribLocation(program, 0, "corner");
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+    program = webgl.program(gl, document.getElementById("ball-shader").textContent);
+    if (!program) {
       section.classList.add("without-webgl");
       return;
     }
-    gl.useProgram(program);
-    gl.disable(gl.DITHER);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array([-1, -1, 3, -1, -1, 3]), gl.STATIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
-    texture = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, texture);
-    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
-    places = {};
-  }
-
-  function place(name) {
-    return (places[name] ??= gl.getUniformLocation(program, name));
+    gl.useProgram(program.of);
+    texture = webgl.texture(gl, gl.NEAREST);
   }
 
   function draw() {
@@ -87,9 +54,9 @@
       lobe: Number(section.querySelector('[name="lobe"]:checked').value),
       count: upload(view, camera, object),
     };
-    for (const [name, value] of Object.entries(vectors)) gl.uniform3fv(place(name), value);
-    for (const [name, value] of Object.entries(numbers)) gl.uniform1f(place(name), value);
-    for (const [name, value] of Object.entries(whole)) gl.uniform1i(place(name), value);
+    for (const [name, value] of Object.entries(vectors)) gl.uniform3fv(program.place(name), value);
+    for (const [name, value] of Object.entries(numbers)) gl.uniform1f(program.place(name), value);
+    for (const [name, value] of Object.entries(whole)) gl.uniform1i(program.place(name), value);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 

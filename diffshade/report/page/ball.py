@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
@@ -40,8 +40,8 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
     """
     scene = fit.scene
     balls = [_ball(item, fit.views[0].camera) for item in scene.objects]
-    emitters = [_emitters(light) for light in scene.lights]
-    lobes = _own_lobes(scene)
+    emitters = [emitter_rows(light) for light in scene.lights]
+    lobes = own_lobes([item.material.lobe for item in scene.objects])
     views = [
         {
             "name": name,
@@ -58,7 +58,7 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
             "center": _floats(Sphere().center if ball is None else ball.center),
             "radius": 1.0 if ball is None else float(ball.radius),
             "material": {k: _floats(_plain(getattr(item.material, k))) for k in ("k_a", "k_d", "k_s", "k_e", "n_s")},
-            "lobe": _lobe_number(item.material.lobe, lobes),
+            "lobe": lobe_number(item.material.lobe, lobes),
             "fresnel": _number(FRESNEL, item.material.fresnel),
             "eta": 1.0 if item.material.eta is None else float(item.material.eta),
         }
@@ -79,7 +79,7 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
     """Name the features of a scene that the ball does not show."""
     items = scene.objects
     unknown = [f"lights.{i}" for i, found in enumerate(emitters) if found is None]
-    known = [type(lobe) for lobe in _with_glsl(scene)]
+    known = [type(lobe) for lobe in _with_glsl(item.material.lobe for item in items)]
     lobes = [type(item.material.lobe) for item in items if type(item.material.lobe) not in (*LOBES, *known)]
     weights = [type(m.fresnel).__name__ for m in (item.material for item in items) if type(m.fresnel) not in FRESNEL]
     features = (
@@ -103,9 +103,9 @@ def scene_to_render(fit: Fit) -> Scene | None:
     None where the live ball has all, or where a ball cannot stand for an object.
     """
     materials = [item.material for item in fit.scene.objects]
-    drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(fit.scene)))
+    drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(m.lobe for m in materials)))
     lacks = any(m.patterns or m.highlights or type(m.lobe) not in drawn for m in materials)
-    lacks = lacks or any(_emitters(light) is None for light in fit.scene.lights)
+    lacks = lacks or any(emitter_rows(light) is None for light in fit.scene.lights)
     balls = [_ball(item, fit.views[0].camera) for item in fit.scene.objects]
     found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
     if not lacks or len(found) < len(balls) or any(m.maps for m in materials):
@@ -113,18 +113,17 @@ def scene_to_render(fit: Fit) -> Scene | None:
     return dataclasses.replace(fit.scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
 
 
-def _with_glsl(scene: Scene) -> list[AbstractLobe]:
+def _with_glsl(lobes: Iterable[AbstractReflectance]) -> list[AbstractLobe]:
     """Return the lobes that are not the shader's own and say how it draws them."""
-    lobes = [item.material.lobe for item in scene.objects]
     return [of for of in lobes if isinstance(of, AbstractLobe) and type(of) not in LOBES and of.glsl() is not None]
 
 
-def _own_lobes(scene: Scene) -> list[tuple[str, str]]:
+def own_lobes(lobes: Iterable[AbstractReflectance]) -> list[tuple[str, str]]:
     """Return the name and the shader's function body of each of these lobes, each once."""
-    return list(dict.fromkeys((type(of).__name__, str(of.glsl())) for of in _with_glsl(scene)))
+    return list(dict.fromkeys((type(of).__name__, str(of.glsl())) for of in _with_glsl(lobes)))
 
 
-def _lobe_number(lobe: AbstractReflectance, own: Sequence[tuple[str, str]]) -> int:
+def lobe_number(lobe: AbstractReflectance, own: Sequence[tuple[str, str]]) -> int:
     """Return the shader's number of a lobe; Phong's for one that it does not know."""
     if isinstance(lobe, AbstractLobe) and (type(lobe).__name__, lobe.glsl()) in own:
         return len(LOBES) + own.index((type(lobe).__name__, str(lobe.glsl())))
@@ -144,7 +143,7 @@ def _ball(item: Object, camera: AbstractCamera) -> Sphere | None:
     if seen.position is None or not np.any(seen.mask):
         return None
     points = np.asarray(seen.position)[np.asarray(seen.mask)]
-    vectors = _vectors(camera)
+    vectors = camera_vectors(camera)
     radius = 0.5 * min(float(np.ptp(points @ np.asarray(vectors[axis]))) for axis in ("right", "up"))
     return Sphere(points.mean(0), radius) if radius > 0 else None
 
@@ -154,19 +153,19 @@ def _camera(camera: AbstractCamera, ball: Sphere | None) -> dict[str, Any]:
     if ball is None:
         camera = PLAIN
     else:
-        center, vectors = np.asarray(ball.center), _vectors(camera)
+        center, vectors = np.asarray(ball.center), camera_vectors(camera)
         up, backward = (np.asarray(vectors[axis]) for axis in ("up", "backward"))
         if (np.asarray(camera.eye) - center) @ backward <= 1.001 * float(ball.radius):
             eye = center + 4.0 * float(ball.radius) * backward
             camera = Camera(eye, target=center, up=up, fov=33.0, shape=camera.shape, local_viewer=camera.local_viewer)
     height, width = ball_shape(camera.shape)
     camera = dataclasses.replace(camera, shape=(height, width))
-    numbers = {name: _floats(vector) for name, vector in _vectors(camera).items()}
+    numbers = {name: _floats(vector) for name, vector in camera_vectors(camera).items()}
     return {**numbers, "local_viewer": camera.local_viewer, "height": height, "width": width}
 
 
 @jax.jit
-def _vectors(camera: AbstractCamera) -> dict[str, Array]:
+def camera_vectors(camera: AbstractCamera) -> dict[str, Array]:
     """Return the vectors of a camera's projection, and its axes."""
     projection = camera.projection()
     right, up, _ = axes(camera)
@@ -180,7 +179,7 @@ def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
     return height, width
 
 
-def _emitters(light: AbstractLight) -> list[list[float]] | None:
+def emitter_rows(light: AbstractLight) -> list[list[float]] | None:
     """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
 
     The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
@@ -189,7 +188,7 @@ def _emitters(light: AbstractLight) -> list[list[float]] | None:
     if not isinstance(light, AbstractEmitter):
         stack = jax.jit(type(light).emitters)(light)
         number = len(jax.tree.leaves(stack)[0])
-        each = [_emitters(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack)) for i in range(number)]
+        each = [emitter_rows(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack)) for i in range(number)]
         return None if None in each else [row for rows in each for row in rows or ()]
     if isinstance(light, DirectionalLight):
         to_light = -np.asarray(light.direction) / np.linalg.norm(light.direction)

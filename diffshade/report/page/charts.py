@@ -215,19 +215,19 @@ def _smooth(points: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
     return t, np.asarray(PchipInterpolator(points[:, 0], signed)(t)) ** 2
 
 
-def rmse_of_views(residuals: Residuals, names: Sequence[str]) -> Chart:
-    """Draw the RMSE of each view."""
-    known = np.nan_to_num(residuals.rmse)
+def errors_of_views(errors: Vector, names: Sequence[str], label: str = "RMSE", title: str = "Each view") -> Chart:
+    """Draw one error for each view."""
+    known = np.nan_to_num(errors)
     frame = Frame((-0.5, len(known) - 0.5), (0.0, 1.12 * float(max(known.max(), 1e-12))))
     ground, bars = frame.up(0.0), []
     for i, (of, name) in enumerate(zip(known, names, strict=True)):
         x, top = frame.across(i - 0.4), frame.up(of)
-        bars.append((x, top, round(frame.across(i + 0.4) - x, 2), round(ground - top, 2), f"{name}: RMSE {of:.3g}"))
+        bars.append((x, top, round(frame.across(i + 0.4) - x, 2), round(ground - top, 2), f"{name}: {label} {of:.3g}"))
     worst = int(known.argmax())
     return Chart(
-        "Each view",
+        title,
         "view",
-        "RMSE",
+        label,
         frame.x_ticks(whole=True),
         frame.y_ticks(),
         words=f"The largest is {known[worst]:.3g} ({names[worst]}); the median is {np.median(known):.3g}.",

@@ -48,24 +48,23 @@ class Gallery:
     """The colours of the differences from -limit to limit."""
 
 
-def build_gallery(fit: Fit, which: Sequence[int], names: Sequence[str]) -> Gallery:
-    """Return the pictures of some of the views, with one white level and one scale of differences."""
-    predictions = [fit.predict(fit.views[i]) for i in which]
+def build_gallery(predictions: Sequence[Prediction], names: Sequence[str]) -> Gallery:
+    """Return the pictures of views and their predictions, with one white level and one scale of differences."""
     known = [p for p in predictions if p.counts.any()]
     white = max((float(np.quantile(p.target[p.counts], 0.995)) for p in known), default=1.0) or 1.0
     limit = max((float(np.quantile(np.abs(p.difference[p.counts]), 0.99)) for p in known), default=0.0) or 1e-12
     table = _table()
     pictures = []
-    for i, p in zip(which, predictions, strict=True):
+    for name, p in zip(names, predictions, strict=True):
         height, width = p.target.shape[:2]
         small = min(1.0, LARGEST / max(height, width))
         shape = (max(round(height * small), 1), max(round(width * small), 1))
-        photograph, image = (_displayed(of, shape, white) for of in (p.target, p.image))
+        photograph, image = (displayed(of, shape, white) for of in (p.target, p.image))
         difference = _steps(p, shape, limit)
         files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
         pictures.append(
             Picture(
-                names[i],
+                name,
                 photograph=_uri("jpeg", files[0]),
                 fit=_uri("jpeg", files[1]),
                 difference=_uri("png", encode_indexed(difference, table)),
@@ -86,7 +85,7 @@ def ball_picture(fit: Fit, scene: Scene, white: float) -> str:
     image = np.asarray(render(scene, camera, lit=view.lit)) * float(view.exposure) + float(view.black)
     small = min(1.0, LARGEST / max(camera.shape))
     shape = (max(round(camera.shape[0] * small), 1), max(round(camera.shape[1] * small), 1))
-    return _uri("png", encode(".png", _displayed(image, shape, white)))
+    return _uri("png", encode(".png", displayed(image, shape, white)))
 
 
 def _table() -> UInt8[np.ndarray, "colours 4"]:
@@ -97,7 +96,7 @@ def _table() -> UInt8[np.ndarray, "colours 4"]:
     return np.append(255.0 * colours, [[0.0] * 4], 0).round().astype(np.uint8)
 
 
-def _displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:
+def displayed(image: Float[np.ndarray, "h w c"], shape: tuple[int, int], white: float) -> UInt8[np.ndarray, "a b 3"]:
     """Return linear radiance as 8-bit sRGB for display."""
     shown = np.nan_to_num(_resized(image, shape) / white, nan=0.0, posinf=1.0, neginf=0.0)
     return np.rint(255.0 * np.broadcast_to(srgb_encode(np.clip(shown, 0.0, 1.0)), (*shape, 3))).astype(np.uint8)

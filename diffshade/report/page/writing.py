@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import hashlib
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +17,21 @@ from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
 from ...inverse.data.recording import developed
+from ...inverse.data.views import View
 from ...inverse.result import Fit
-from ...io.files import replacing, writable
+from ...io.files import replacing
+from ...texels.heights.map import HeightMap
+from ...texels.maps import TexelMaps
 from . import charts, tables
 from .ball import ball_scene, scene_to_render
+from .checks import check_page, check_titles
+from .maps.checks import check_maps
+from .maps.writing import Photographs, write_maps_page
 from .pictures import ball_picture, build_gallery
 from .residuals import collect_residuals, curve
+from .shaders import shader
+from .template import as_script, fill
 
-HERE = Path(__file__).parent
 MOST_VIEWS = 12  # shown as pictures
 MOST_PROFILES = 12
 MOST_SHOTS = 8  # shown at once, the others on demand
@@ -42,37 +46,82 @@ SLIDERS = (
 
 def write_report(
     path: str | Path,
-    fit: Fit,
+    result: Fit | TexelMaps,
     *,
     examination: Examination | None = None,
     choice: ModelChoice | None = None,
     plan: Plan | None = None,
+    views: Sequence[View] = (),
+    held_out: Sequence[View] = (),
+    heights: HeightMap | None = None,
     titles: Sequence[str] = (),
     progress: bool = False,
 ) -> None:
-    """Write a report of a fit: one HTML file that opens in any browser, offline.
+    """Write a report of a fit, or of maps: one HTML file that opens in any browser, offline.
 
-    It shows the fitted material on a live ball, with movable light and parameters; every parameter with its error, and
-    what is not determined; photograph, fit and difference of up to 12 views, from the worst fit to the best; the
-    residuals over the angles at which a wrong model shows; correlations and convergence. Photographs of more than 800
-    pixels are shown smaller.
+    That of a fit shows the fitted material on a live ball, with movable light and parameters; every parameter with its
+    error, and what is not determined; photograph, fit and difference of up to 12 views, from the worst fit to the best;
+    the residuals over the angles at which a wrong model shows; correlations and convergence. Photographs of more than
+    800 pixels are shown smaller.
+
+    That of maps shows the object under a light that is moved by hand, as `TexelMaps.shade` computes it, or with shadows
+    cast by the heights; overlays of normals, status and errors; each photograph beside the same light; photographs
+    beside their predictions. Numbers are rounded to steps that the page states; maps of more than 4.2 million texels
+    are reduced by means.
 
     Args:
         path: The file, .html or .htm.
-        fit: The fit to report.
-        examination: The result of `examine(fit)`: adds intervals, profiles and the check of the residuals.
-        choice: The result of `compare`: adds the choice of the model.
-        plan: The result of `plan(fit, shots)`: adds the next photograph.
-        titles: A name for each of the fit's views; by default its index.
+        result: The fit or the maps to report.
+        examination: Of a fit: the result of `examine(fit)`, which adds intervals, profiles and the check of the
+            residuals.
+        choice: Of a fit: the result of `compare`, which adds the choice of the model.
+        plan: Of a fit: the result of `plan(fit, shots)`, which adds the next photograph.
+        views: Of maps: the photographs that they were fitted to.
+        held_out: Of maps: photographs by the same camera that were left out, to be predicted.
+        heights: Of maps: the heights; by default the integral of their normals, or the scene's surface.
+        titles: A name for each of the fit's views, or for each of `views` and then of `held_out`; by default its index.
         progress: Show a progress line on the terminal.
 
     Raises:
-        ValueError: If the suffix or the number of titles is wrong, or `examination` or `plan` is of another fit.
+        ValueError: If the suffix or the number of titles is wrong, or an argument belongs to another result.
         TypeError: If an argument has another type.
         FileNotFoundError: If the folder does not exist.
         OSError: If the file cannot be written.
     """
-    _check(path, fit, examination, choice, plan, titles)
+    of_fit = {"examination": examination, "choice": choice, "plan": plan}
+    of_maps = {"views": tuple(views) or None, "held_out": tuple(held_out) or None, "heights": heights}
+    check_page(path)
+    if isinstance(result, TexelMaps):
+        _refuse(of_fit, "a Fit", "maps")
+        check_maps(result, views, held_out, heights, titles)
+        with replacing(path) as temporary, showing("report", show=progress) as report_progress:
+            photographs = Photographs(tuple(views), tuple(held_out), tuple(titles))
+            write_maps_page(temporary, result, photographs, heights, report_progress)
+        return
+    check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
+    _refuse(of_maps, "TexelMaps", "a fit")
+    _write_fit(path, result, examination, choice, plan, titles, progress=progress)
+
+
+def _refuse(given: Mapping[str, object], of: str, result: str) -> None:
+    """Refuse what belongs to a result of another kind."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name} belongs to a report of {of}; got it with {result}. Leave it out.")
+
+
+def _write_fit(
+    path: str | Path,
+    fit: Fit,
+    examination: Examination | None,
+    choice: ModelChoice | None,
+    plan: Plan | None,
+    titles: Sequence[str],
+    *,
+    progress: bool,
+) -> None:
+    """Write the report of a fit."""
+    _check(fit, examination, choice, plan, titles)
     names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))
     with (
         replacing(path) as temporary,
@@ -83,7 +132,7 @@ def write_report(
         residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
         report_progress("drawing")
-        gallery = build_gallery(fit, which, names)
+        gallery = build_gallery([fit.predict(fit.views[i]) for i in which], [names[i] for i in which])
         ball, missing = ball_scene(fit, names, gallery.white)
         whole = scene_to_render(fit)
         rms = float(np.sqrt(np.mean(residuals.values**2)))
@@ -91,7 +140,7 @@ def write_report(
             ("From the light", "angle between n and l, degrees", curve(residuals, residuals.to_light)),
             ("From the highlight", "angle between v and r, degrees", curve(residuals, residuals.to_mirror, power=2.0)),
         )
-        page = _render(
+        page = _filled(
             fit=fit,
             examination=examination,
             notes=fit.notes if examination is None else examination.notes,
@@ -104,7 +153,7 @@ def write_report(
             residual_charts=[
                 *(charts.over_angle(found, title, label, rms) for title, label, found in curves if found is not None),
                 charts.histogram(residuals),
-                *([charts.rmse_of_views(residuals, names)] if len(names) > 1 else []),
+                *([charts.errors_of_views(residuals.rmse, names)] if len(names) > 1 else []),
             ],
             correlations=tables.correlations(fit),
             convergence=charts.convergence(fit),
@@ -117,19 +166,8 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def check_page(path: Any) -> None:
-    """Refuse, before any work, a path that is not a page or cannot be written."""
-    if not isinstance(path, str | Path):
-        raise TypeError(f"path must be a path; got {path!r}. Give for example 'fit.html'.")
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"{path} has the suffix '{Path(path).suffix}'; a report is an HTML file. Use .html.")
-    writable(path)
-
-
-def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
+def _check(fit: Fit, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
     """Refuse arguments of other types, or that belong to another fit."""
-    check_page(path)
-    check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     kinds = (
         ("examination", examination, Examination, "ds.examine(fit)"),
         ("choice", choice, ModelChoice, "ds.compare({'Phong': fit_a, 'Blinn': fit_b})"),
@@ -142,12 +180,7 @@ def _check(path: Any, fit: Any, examination: Any, choice: Any, plan: Any, titles
     for name, other, example in of:
         if other is not None and not _same(fit, other):
             raise ValueError(f"{name} must belong to the fit that is reported, not to another. Give {example}.")
-    if isinstance(titles, str) or not all(isinstance(title, str) for title in titles):
-        raise TypeError(f"titles must hold a string for each view; got {titles!r}. Give for example ['lamp near'].")
-    if titles and len(titles) != len(fit.views):
-        raise ValueError(
-            f"titles must be one for each of the fit's {len(fit.views)} views; got {len(titles)}. Leave them out."
-        )
+    check_titles(titles, len(fit.views), "the fit's")
 
 
 def _same(fit: Fit, other: Fit | Plan) -> bool:
@@ -172,44 +205,18 @@ def _profiles(examination: Examination | None) -> list[charts.Chart]:
     return [chart for chart in found if chart is not None][:MOST_PROFILES]
 
 
-def _render(**what: Any) -> str:
-    """Fill in the template; all values are escaped, and only the page's own scripts and styles may run."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    parts = {name: (HERE / name).read_text(encoding="utf-8") for name in ("page.css", "page.js", "ball.js")}
-    environment = Environment(
-        loader=FileSystemLoader(HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    ball = what.pop("ball")
+def _filled(ball: dict[str, Any], **what: Any) -> str:
+    """Fill in the template."""
     emits = any(max(item["material"]["k_e"]) > 0 for item in ball["objects"])
-    return environment.get_template("page.html").render(
+    return fill(
+        "page.html",
+        ("page.css",),
+        ("webgl.js", "page.js", "ball.js"),
         **what,
-        css=parts["page.css"],
-        scripts=[parts["page.js"], parts["ball.js"]],
-        shader=shader(ball),
+        shader=shader("ball.glsl", ball["lobes"]),
         lobes=["Phong", "Blinn", *(name for name, _ in ball["lobes"])],
-        # within a script, only "<" can end the script or start another
-        ball=json.dumps(ball, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        ball=as_script(ball),
         ball_views=[view["name"] for view in ball["views"]],
         ball_objects=[item["name"] for item in ball["objects"]],
         sliders=[slider for slider in SLIDERS if slider[0] != "k_e" or emits],
-        allowed={name: f"'sha256-{_digest(text)}'" for name, text in parts.items()},
     )
-
-
-def shader(ball: dict[str, Any]) -> str:
-    """Return the live ball's shader, with the highlights of lobes that are not the library's first two."""
-    functions = [
-        f"vec3 own_{k}(vec3 n, vec3 l, vec3 v, vec3 n_s) {{\n{body}\n}}" for k, (_, body) in enumerate(ball["lobes"])
-    ]
-    calls = [f"if (lobe == {k + 2}) return own_{k}(n, l, v, n_s);" for k in range(len(functions))]
-    text = (HERE / "ball.glsl").read_text(encoding="utf-8")
-    return text.replace("// own functions", "\n".join(functions)).replace("// own calls", "\n  ".join(calls))
-
-
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")

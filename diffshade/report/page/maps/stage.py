@@ -1,0 +1,147 @@
+"""Stage: camera, lights and photographs of the maps as the numbers that the page's shaders take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ....core.backend import in_float64
+from ....model.cameras import AbstractCamera
+from ....model.lights import AbstractLight
+from ....model.lobes import AbstractLobe
+from ....model.rendering import intersect, select
+from ....texels.maps import TexelMaps
+from ....texels.status import OUTSIDE
+from ....texels.unexplained import Unexplained
+from ..ball import camera_vectors, emitter_rows, lobe_number, own_lobes
+
+PADDED = 9  # weights of the parts of the light beyond the model, in a light's row
+
+
+class Lighting(NamedTuple):
+    """The lights that are on, and how they are exposed."""
+
+    lit: tuple[int, ...] | None
+    exposure: float
+    black: float
+
+
+def stage_of(maps: TexelMaps, lightings: Sequence[Lighting], white: float, factor: int) -> dict[str, Any]:
+    """Return the stage, ready for JSON: lengths are seen from the camera's target.
+
+    A texel of the page is `factor` texels of the maps wide. Runs in float64.
+    """
+    with in_float64((maps.as_scene(), maps.camera)) as (scene, camera):
+        surface = intersect(scene, camera)
+        position = None if surface.position is None else np.asarray(surface.position)
+        target = np.asarray(camera.target)
+        lobe = scene.objects[0].material.lobe
+        assert isinstance(lobe, AbstractLobe)  # as every lobe of a fit of texels is
+        lobes = own_lobes([lobe])
+        inside = maps.status != OUTSIDE
+        found = [_lighting(maps, select(scene, of.lit), position, inside, target) for of in lightings]
+    given = maps.unexplained
+    return {
+        "camera": _camera(camera, factor),
+        "placed": position is not None,
+        "lobe": lobe_number(lobe, lobes),
+        "lobes": lobes,
+        "views": [
+            {**lights, "gain": of.exposure / white, "black": of.black / white}
+            for of, lights in zip(lightings, found, strict=True)
+        ],
+        "interpolation": None
+        if given is None
+        else {
+            "toward": given.interpolation.toward.tolist(),
+            "width": given.interpolation.width,
+            "given": given.interpolation.given.tolist(),
+        },
+    }
+
+
+def _camera(camera: AbstractCamera, factor: int) -> dict[str, Any]:
+    """Return a camera whose rays are affine in column and row: p = origin - h direction at the height h.
+
+    `to_pixel` has the rows of a matrix that takes a point, with 1 appended, to (column w, row w, w).
+    """
+    vectors = {name: np.asarray(of) for name, of in camera_vectors(camera).items()}
+    eye, backward = vectors["eye"] - np.asarray(camera.target), vectors["backward"]
+    depth = eye @ backward
+    origin, direction = {}, {}
+    for name, scale in (("", 1.0), ("_column", float(factor)), ("_row", float(factor))):
+        away = vectors[f"direction{name}"] * scale
+        start = vectors[f"origin{name}"] * scale - (np.asarray(camera.target) if name == "" else 0.0)
+        direction[f"direction{name}"], origin[f"origin{name}"] = away, start + away * depth
+    plane = np.stack([origin["origin_column"], origin["origin_row"], origin["origin"]], -1)
+    lean = np.stack([direction["direction_column"], direction["direction_row"], direction["direction"]], -1)
+    # q = (plane - h lean) (column, row, 1), with h = q . backward; a ray's direction has -1 along backward
+    parallel = np.allclose(lean[:, :2], 0.0)
+    if parallel:
+        inverse = np.linalg.inv(np.stack([plane[:, 0], plane[:, 1], backward], -1))
+        shift = plane[:, 2]
+        rows = np.concatenate([inverse[:2], [[0.0, 0.0, 0.0]]])
+        last = np.append(-inverse[:2] @ shift, 1.0)
+    else:  # all rays meet in the eye: q - eye = w lean (column, row, 1)
+        rows = np.linalg.inv(lean)
+        last = -rows @ eye
+    return {
+        **{name: of.tolist() for name, of in {**origin, **direction}.items()},
+        "eye": eye.tolist(),
+        **{name: vectors[name].tolist() for name in ("right", "up", "backward")},
+        "to_pixel": np.concatenate([rows, last[:, None]], -1).tolist(),
+        "texel": float(np.linalg.norm(plane[:, 0])),
+        "local_viewer": bool(camera.local_viewer),  # pyright: ignore[reportAttributeAccessIssue]
+    }
+
+
+def _lighting(
+    maps: TexelMaps,
+    lights: Sequence[AbstractLight],
+    position: Float[np.ndarray, "h w 3"] | None,
+    inside: Bool[np.ndarray, "h w"],
+    target: Float[np.ndarray, "3"],
+) -> dict[str, Any]:
+    """Return the emitters of a view's lights, and where its light comes from and how much arrives in the middle."""
+    rows, unknown, toward, arriving = [], False, np.zeros(3), np.zeros(3)
+    for light in lights:
+        found = emitter_rows(light)
+        unknown = unknown or found is None
+        l, light_here = _mean_light(light, position, inside)
+        toward, arriving = toward + l * light_here.mean(), arriving + light_here
+        weights = [0.0] * PADDED if maps.unexplained is None else _weights(maps.unexplained, l)
+        for row in found or ():
+            seen_from_target = [*(np.asarray(row[:3]) - (target if row[3] else 0.0)).tolist(), *row[3:]]
+            rows.append([*seen_from_target, *by_threes(weights)])
+    length = np.linalg.norm(toward)
+    return {
+        "emitters": rows,
+        "complete": not unknown,
+        "toward": (toward / length).tolist() if length > 0.0 else [0.0, 0.0, 1.0],
+        "arriving": arriving.tolist(),
+    }
+
+
+def _mean_light(
+    light: AbstractLight, position: Float[np.ndarray, "h w 3"] | None, inside: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the mean direction to a light, as `Unexplained.light` takes it, and the mean of what arrives."""
+    l, arriving = Unexplained.arriving(light, position)
+    weighed = l * arriving.mean(-1, keepdims=True)
+    toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
+    length = np.linalg.norm(toward)
+    here = arriving if arriving.ndim == 2 else arriving[inside].mean(0)
+    return toward / length if length > 0.0 else toward, here.sum(0)
+
+
+def by_threes(weights: Sequence[float]) -> list[float]:
+    """Return nine numbers as three texels of four."""
+    return [x for k in range(0, PADDED, 3) for x in (*weights[k : k + 3], 0.0)]
+
+
+def _weights(unexplained: Unexplained, toward: Float[np.ndarray, "3"]) -> list[float]:
+    weights = unexplained.interpolation.weights(toward) if np.any(toward) else np.zeros(0)
+    return [*weights.tolist(), *[0.0] * (PADDED - len(weights))]

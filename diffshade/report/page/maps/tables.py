@@ -1,0 +1,101 @@
+"""Tables: what the page says of the maps, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ....inverse.result import Prediction
+from ....texels.maps import TexelMaps
+from ....texels.status import OUTSIDE
+from ..tables import Table
+from .layers import Layer, thinned, unfolded
+from .numbers import Numbers
+from .predictions import relative_error
+
+
+def lead(maps: TexelMaps) -> str:
+    """Return a sentence on how much is known."""
+    inside = int((maps.status != OUTSIDE).sum())
+    known, determined = int(maps.known.sum()), int(maps.determined.sum())
+    shares = [f"{100 * part / inside:.0f}\u202f%" for part in (known, determined)]
+    return (
+        f"Colour and normal are known at {shares[0]} of its texels, the highlight too at {shares[1]}. Every number has "
+        "an error."
+    )
+
+
+def facts(maps: TexelMaps, fitted: int, left_out: int, predictions: Sequence[Prediction]) -> list[tuple[str, str]]:
+    """Return the figures at the top, with names."""
+    height, width = maps.status.shape
+    found = [("pixels", f"{width} × {height}")]
+    if fitted:
+        found.append(("photographs", f"{fitted} + {left_out} left out" if left_out else f"{fitted}"))
+    if "normal" in maps.errors and maps.known.any():
+        found.append(("error of the normals", f"{np.median(maps.errors['normal'][..., 0][maps.known]):.2g}°"))
+    if left_out:
+        median = np.nanmedian([relative_error(p) for p in predictions])
+        found.append(("photographs left out, off by", f"{100 * median:.2g}\u202f%"))
+    return found
+
+
+def remarks(stage: dict[str, Any]) -> list[str]:
+    """Return what the live picture lacks."""
+    missing = [view["name"] for view in stage["views"] if not view["complete"]]
+    return [f"The live picture has a light at infinity in place of those of {', '.join(missing)}."] if missing else []
+
+
+def table_of(maps: TexelMaps) -> Table:
+    """Return percentiles of each map, and its errors in the median."""
+    rows = []
+    for name, value in maps.values.items():
+        where = maps.trusted(name)
+        if not where.any():
+            continue
+        errors, wide = maps.errors[name], maps.errors_95[name]
+        for c in range(errors.shape[2]):
+            label = name if errors.shape[2] == 1 else f"{name}.{'rgb'[c]}"
+            unit = "°" if name == "normal" else ""
+            ends = [f"{x:.3g}" for x in np.percentile(value[..., c][where], (5, 50, 95))]
+            found = ("–",) * 3 if name == "normal" else ends
+            rows.append((label, *found, *(f"{np.median(of[..., c][where]):.2g}{unit}" for of in (errors, wide))))
+    return Table(("map", "5 %", "median", "95 %", "error", "error, 95 %"), tuple(rows), ())
+
+
+def packed(numbers: Numbers, layers: Sequence[Layer]) -> Table:
+    """Return how finely each number is kept."""
+    inside, rows = numbers.inside, []
+    for layer in layers:
+        kept, bits = layer.numbers, layer.channels[0].bits
+        if layer.name == "geometry":
+            off = np.linalg.norm(unfolded(kept[..., :2]) - numbers.normal, axis=-1)[inside].max()
+            rows.append(("normal", f"2 × {bits}", f"{np.rad2deg(off):.2g}°"))
+            if numbers.height is not None:
+                rows.append(("height", f"{bits}", f"{np.abs(kept[..., 2] - numbers.height)[inside].max():.2g}"))
+        elif layer.name in ("k_d", "k_s"):
+            rows.append((layer.name, f"3 × {bits}", f"{np.abs(kept - getattr(numbers, layer.name))[inside].max():.2g}"))
+        elif layer.name == "index":
+            off = np.abs(kept[..., 0] / np.maximum(numbers.n_s, 1e-12) - 1.0)[inside & (numbers.n_s > 0.0)]
+            rows.append(("n_s", f"{bits}", f"{100 * off.max(initial=0.0):.2g} %"))
+    if numbers.beyond is not None:
+        parts = [layer for layer in layers if layer.name.startswith("beyond")]
+        rows.append(
+            (
+                "light beyond the model",
+                f"{len(parts)} of {numbers.beyond.shape[-1]} parts, 3 × {parts[0].channels[0].bits}",
+                _off_beyond(numbers, parts),
+            )
+        )
+    return Table(("number", "bits", "largest difference from the maps"), tuple(rows), ())
+
+
+def _off_beyond(numbers: Numbers, parts: Sequence[Layer]) -> str:
+    """Return the largest difference of a part, relative to its largest number."""
+    assert numbers.beyond is not None
+    step = parts[0].coarser
+    kept, inside = thinned(numbers.beyond, step), thinned(numbers.inside, step)
+    off = [np.abs(part.numbers - kept[..., k])[inside].max() / part.channels[0].high for k, part in enumerate(parts)]
+    coarse = f"; one for {step} × {step} texels" if step > 1 else ""
+    return f"{100 * max(off):.2g} % of the largest{coarse}"

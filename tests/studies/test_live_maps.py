@@ -1,0 +1,233 @@
+"""The picture of a page of maps, in a browser: it is what `shade` returns, pixel by pixel, and can be handled."""
+
+import base64
+import dataclasses
+import io
+import json
+import time
+
+import imageio.v3 as iio
+import made_maps
+import numpy as np
+import pytest
+from browser import chromium
+from report_pages import Page
+
+import diffshade as ds
+
+pytestmark = pytest.mark.thorough
+HEIGHT, WIDTH = made_maps.SHAPE
+SET = """
+const [name, value] = arguments, all = [...document.querySelectorAll(`#object [name="${name}"]`)];
+const control = all.length > 1 ? all.find((of) => of.value === value) : all[0];
+if (control.type === "checkbox" || control.type === "radio") control.checked = value !== false;
+else control.value = value;
+control.dispatchEvent(new Event("input", { bubbles: true }));
+"""
+AT_REST = "return document.querySelector('#object canvas').dataset.resting === 'true'"
+DRAWN = "return document.querySelector('#object canvas').toDataURL()"
+SIZE = """
+const [width, height] = [...arguments].map((side) => `${side}px`);
+Object.assign(document.querySelector(".frame").style, { width, height, minHeight: 0 });
+"""
+KINDS = ("slider", "combobox", "radio", "button", "checkbox", "image")
+
+
+class Stage:
+    """A page of maps in a browser, whose canvas has a pixel for each texel."""
+
+    def __init__(self, browser, path):
+        self.browser = browser
+        (text,) = [text for a, text in Page(path).all("script") if a.get("id") == "maps-scene"]
+        self.told = json.loads(text)
+        browser.get(path.as_uri())
+        self.wait()
+        browser.execute_script(SIZE, WIDTH, HEIGHT)
+        self.set("compare", False)
+
+    def wait(self):
+        end = time.monotonic() + 60
+        time.sleep(0.1)
+        while not self.browser.execute_script(AT_REST):
+            assert time.monotonic() < end, self.browser.get_log("browser")
+            time.sleep(0.05)
+
+    def set(self, name, value):
+        self.browser.execute_script(SET, name, value)
+        self.wait()
+
+    def value(self, name):
+        return float(self.browser.find_element("name", name).get_attribute("value"))
+
+    def draw(self, **controls):
+        for name, value in controls.items():
+            self.set(name, value)
+        uri = self.browser.execute_script(DRAWN)
+        image = iio.imread(io.BytesIO(base64.b64decode(uri.split(",")[1])))[..., :3] / 255
+        assert image.shape == (HEIGHT, WIDTH, 3)
+        return image
+
+    def shown(self, radiance, view=0, exposure=1.0):
+        told = self.told["views"][view]
+        return ds.srgb_encode(np.clip(exposure * (told["gain"] * radiance + told["black"]), 0, 1))
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp("profile")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def bumpy():
+    return made_maps.bumpy()
+
+
+@pytest.fixture
+def stage(bumpy, browser, tmp_path):
+    maps, heights, views = bumpy
+    ds.write_report(tmp_path / "maps.html", maps, views=views[:5], held_out=views[5:], heights=heights)
+    yield Stage(browser, tmp_path / "maps.html")
+    assert browser.get_log("browser") == []
+
+
+def toward(azimuth, elevation):
+    a, e = np.deg2rad((azimuth, elevation))
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def off(drawn, expected, where):
+    difference = 255 * np.abs(drawn - expected)[where]
+    print(f"off by {difference.max():.3f}/255 at most, {difference.mean():.3f} in the mean")
+    assert np.ptp(expected[where]) > 0.2
+    return difference.max()
+
+
+def test_the_picture_is_what_shade_returns_in_each_photographs_light(stage, bumpy):
+    maps, _, views = bumpy
+    inside = maps.status > 0
+    for i in (0, 3, 5):
+        assert off(stage.draw(view=str(i)), stage.shown(maps.shade(lit=views[i].lit), i), inside) < 1
+        assert not stage.draw()[~inside].any()
+    alone = np.asarray(ds.render(maps.as_scene(), maps.camera, lit=5))
+    assert off(stage.draw(shadows="none"), stage.shown(alone, 5), inside) < 1
+
+
+def test_a_light_moved_by_hand_gives_what_shade_returns_in_it(stage, bumpy):
+    maps, _, _ = bumpy
+    intensity = maps.scene.lights[2].intensity
+    drawn = stage.draw(view="2", azimuth=35.0, elevation=50.0, exposure=-1.0)
+    image = maps.shade(ds.DirectionalLight(-toward(35.0, 50.0), intensity=intensity))
+    assert off(drawn, stage.shown(image, 2, 0.5), maps.status > 0) < 1
+
+
+def test_controls_of_the_material_do_what_they_say(stage, bumpy):
+    maps, _, _ = bumpy
+    drawn = stage.draw(view="1", shadows="none", diffuse=False, specular=3.0)
+    values = {**maps.values, "k_d": 0 * maps.values["k_d"], "k_s": 3.0 * maps.values["k_s"]}
+    shiny = dataclasses.replace(maps, values=values).as_scene()
+    image = np.asarray(ds.render(shiny, maps.camera, lit=1))
+    assert off(drawn, stage.shown(image, 1), maps.status > 0) < 1.5
+
+
+def test_regions_and_lamps_nearby_are_drawn_as_shade_does(browser, tmp_path):
+    maps, heights, views = made_maps.bumpy(regions=True)
+    ds.write_report(tmp_path / "regions.html", maps, views=views, heights=heights)
+    stage = Stage(browser, tmp_path / "regions.html")
+    assert off(stage.draw(view="4"), stage.shown(maps.shade(lit=4), 4), maps.status > 0) < 1
+    maps, views = made_maps.ball_nearby()
+    ds.write_report(tmp_path / "ball.html", maps, views=views)
+    stage = Stage(browser, tmp_path / "ball.html")
+    for i, view in enumerate(views):
+        assert off(stage.draw(view=str(i)), stage.shown(maps.shade(lit=view.lit), i), maps.status > 0) < 1
+    assert browser.get_log("browser") == []
+
+
+def test_the_heights_cast_the_shadows_of_a_ridge(stage, bumpy):
+    """A ridge along the columns: what it hides from a light on the left is known from each row's horizon."""
+    maps, heights, _ = bumpy
+    elevation, pixel = 20.0, 2.2 / HEIGHT
+    drawn = stage.draw(view="0", azimuth=180.0, elevation=elevation, shadows="cast")
+    free = stage.draw(shadows="none")
+    row, slope = heights.height[HEIGHT // 2], np.tan(np.deg2rad(elevation))
+    inside = maps.status[HEIGHT // 2] > 0
+    horizon = [
+        max([(row[i] - row[j]) / (pixel * (j - i)) for i in range(j) if inside[i]], default=-1) for j in range(WIDTH)
+    ]
+    hidden, lit = (inside & (np.array(horizon) > slope + 0.12)), inside & (np.array(horizon) < slope - 0.05)
+    faces = maps.values["normal"][HEIGHT // 2] @ toward(180.0, elevation) > 0.05
+    assert (hidden & faces).sum() >= 4
+    own = stage.shown(np.full(3, 0.03), 0)  # k_e + k_a I_a
+    np.testing.assert_allclose(drawn[HEIGHT // 2][hidden], np.broadcast_to(own, (hidden.sum(), 3)), atol=1 / 255)
+    np.testing.assert_allclose(drawn[HEIGHT // 2][lit], free[HEIGHT // 2][lit], atol=2 / 255)
+
+
+def test_overlays_show_the_numbers(stage, bumpy):
+    maps, _, _ = bumpy
+    inside = maps.status > 0
+    names = [overlay["name"] for overlay in stage.told["overlays"]]
+    normals = stage.draw(overlay=str(names.index("normals")))
+    np.testing.assert_allclose(normals[inside], 0.5 + 0.5 * maps.values["normal"][inside], atol=1.5 / 255)
+    colours = np.array([level["colour"] for level in stage.told["status"]]) / 255
+    status = stage.draw(overlay=str(names.index("status")))
+    np.testing.assert_allclose(status[inside], colours[maps.status[inside]], atol=1 / 255)
+    unknown = stage.draw(overlay=str(names.index("error of k_s")))[:5][inside[:5]]
+    assert np.ptp(unknown, axis=-1).max() == 0  # grey
+    legends = stage.browser.find_elements("css selector", "[data-legend]")
+    assert [names[i] for i, of in enumerate(legends) if of.is_displayed()] == ["error of k_s"]
+
+
+def test_dragging_and_keys_move_the_light_and_the_wipe_shows_the_photograph(stage, bumpy):
+    from selenium.webdriver import ActionChains, Keys
+
+    maps, _, views = bumpy
+    browser = stage.browser
+    stage.set("view", "0")
+    canvas = browser.find_element("css selector", "#object canvas")
+    place = stage.told["views"][0]["toward"]
+    browser.execute_script(SIZE, 10 * WIDTH, 10 * HEIGHT)  # the buttons leave some of it free
+    stage.wait()
+    ActionChains(browser).click_and_hold(canvas).move_by_offset(80, -40).release().perform()
+    browser.execute_script(SIZE, WIDTH, HEIGHT)
+    stage.wait()
+    moved = np.array(place[:2]) + 2 * np.array([8, 4]) / HEIGHT
+    expected = np.append(moved, np.sqrt(1 - moved @ moved))
+    here = toward(stage.value("azimuth"), stage.value("elevation"))
+    np.testing.assert_allclose(here, expected, atol=0.02)
+    image = maps.shade(ds.DirectionalLight(-here, intensity=maps.scene.lights[0].intensity))
+    assert off(stage.draw(), stage.shown(image, 0), maps.status > 0) < 1.5
+    before = toward(stage.value("azimuth"), stage.value("elevation"))
+    browser.execute_script("document.querySelector('.dome').focus()")
+    ActionChains(browser).send_keys(Keys.ARROW_LEFT).perform()
+    stage.wait()
+    after = toward(stage.value("azimuth"), stage.value("elevation"))
+    np.testing.assert_allclose((after - before)[:2], (-0.03, 0.0), atol=1e-3)
+    stage.set("view", "3")
+    wiped = stage.draw(compare=True, wipe=100)
+    shown = ds.srgb_encode(
+        np.clip(np.asarray(views[3].image) * stage.told["views"][3]["gain"] / float(views[3].exposure), 0, 1)
+    )
+    assert np.abs(wiped - shown).mean() < 0.03  # a JPEG of noise
+
+
+def test_zoom_keeps_the_texel_under_the_middle_and_all_shows_all(stage):
+    browser = stage.browser
+    before = stage.draw(shadows="none")
+    browser.execute_script("document.querySelector('[name=closer]').click()")
+    stage.wait()
+    assert np.abs(stage.draw() - before).mean() > 0.01
+    browser.execute_script("document.querySelector('[name=whole]').click()")
+    stage.wait()
+    np.testing.assert_array_equal(stage.draw(), before)
+
+
+def test_every_control_has_a_name_and_nothing_is_wider_than_a_phone(stage):
+    browser = stage.browser
+    size = {"width": 360, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 360
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    nodes = browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    controls = [node for node in nodes if node.get("role", {}).get("value") in KINDS and not node["ignored"]]
+    assert len(controls) > 15
+    assert all(node["name"]["value"].strip() for node in controls)

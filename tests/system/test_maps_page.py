@@ -1,0 +1,172 @@
+"""The page of maps: what is in it, how finely, and what it refuses; its picture is in studies."""
+
+import base64
+import dataclasses
+import hashlib
+import json
+
+import made_maps
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from report_pages import Page
+
+import diffshade as ds
+from diffshade.cli import diffshade
+from diffshade.report.page.maps import numbers as numbers_of_maps
+from diffshade.report.page.maps.layers import Channel, folded, layers_of, unfolded
+from diffshade.report.page.maps.numbers import numbers_of
+
+HOSTILE = "</script><img src=x onerror=alert(1)>'\"&{{7*7}}"
+
+
+@pytest.fixture(scope="module")
+def bumpy():
+    return made_maps.bumpy()
+
+
+@pytest.fixture(scope="module")
+def page(bumpy, tmp_path_factory):
+    maps, heights, views = bumpy
+    path = tmp_path_factory.mktemp("page") / "maps.html"
+    titles = ["first", HOSTILE, "third", "fourth", "fifth", "sixth"]
+    noted = dataclasses.replace(maps, notes=(HOSTILE,))
+    ds.write_report(path, noted, views=views[:4], held_out=views[4:], heights=heights, titles=titles)
+    assert [file.name for file in path.parent.iterdir()] == ["maps.html"]
+    return Page(path)
+
+
+def told(page):
+    (text,) = [text for attributes, text in page.all("script") if attributes.get("id") == "maps-scene"]
+    return json.loads(text)
+
+
+def test_it_runs_nothing_but_its_own_scripts_and_asks_for_nothing(page):
+    (policy,) = [a["content"] for a, _ in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'; img-src data:;")
+    assert "unsafe" not in policy
+    scripts = [text for attributes, text in page.all("script") if "type" not in attributes]
+    for text in scripts + [text for _, text in page.all("style")]:
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    for tag, attributes, _ in page.elements:
+        assert not [name for name in attributes if name.startswith("on") or name == "style"]
+        for name in ("src", "href"):
+            assert attributes.get(name, "data:").startswith("data:"), tag
+
+
+def test_photographs_lights_and_whatever_is_said_are_in_it(page, bumpy):
+    maps, _, views = bumpy
+    scene = told(page)
+    assert [view["name"] for view in scene["views"]][1] == HOSTILE
+    assert [view["held_out"] for view in scene["views"]] == [False] * 4 + [True] * 2
+    for view, light in zip(scene["views"], maps.scene.lights, strict=True):
+        np.testing.assert_allclose(view["toward"], -light.direction, atol=1e-9)
+        np.testing.assert_allclose(view["arriving"], light.intensity, rtol=1e-6)
+    gains = np.array([view["gain"] for view in scene["views"]])
+    np.testing.assert_allclose(gains / gains[0], [float(view.exposure) for view in views], rtol=1e-6)
+    assert HOSTILE in [text for _, text in page.all("li")]
+    assert HOSTILE in [text for _, text in page.all("option")]
+    assert sum(a.get("class") == "difference" for a, _ in page.all("img")) == 2  # those that were left out
+    photographs = [a["id"] for a, _ in page.all("script") if a.get("id", "").startswith("photograph-")]
+    assert len(photographs) == 6
+
+
+def test_every_overlay_has_a_legend_in_words(page):
+    overlays = told(page)["overlays"]
+    names = [overlay["name"] for overlay in overlays]
+    assert {"normals", "status", "heights", "error of the normal", "error of k_d", "residual"} <= set(names)
+    legends = [a for tag, a, _ in page.elements if tag == "div" and "data-legend" in a]
+    assert len(legends) == len(overlays)
+    assert all(overlay["words"].endswith(".") for overlay in overlays)
+    (status,) = [overlay for overlay in overlays if overlay["name"] == "status"]
+    assert [level["name"] for level in status["levels"]] == ["determined", "no highlight seen"]
+
+
+def test_layers_hold_the_numbers_as_finely_as_they_say(bumpy):
+    maps, heights, _ = bumpy
+    numbers = numbers_of(maps, heights)
+    layers = {layer.name: layer.numbers for layer in layers_of(numbers)[0]}
+    inside = numbers.inside
+    np.testing.assert_allclose(unfolded(layers["geometry"][..., :2])[inside], numbers.normal[inside], atol=1e-4)
+    np.testing.assert_allclose(layers["geometry"][..., 2][inside], heights.height[inside], atol=1e-5)
+    for name in ("k_d", "k_s", "own"):
+        np.testing.assert_allclose(layers[name][inside], getattr(numbers, name)[inside], atol=2e-4)
+    np.testing.assert_allclose(layers["index"][..., 0][inside], 30.0, rtol=1e-3)
+    np.testing.assert_array_equal(layers["index"][..., 1], maps.status)
+    assert numbers.beyond is not None
+    for k in range(4):
+        np.testing.assert_allclose(layers[f"beyond{k}"][inside], numbers.beyond[inside][..., k], atol=2e-4)
+    np.testing.assert_allclose(numbers.own[inside], 0.01 + 0.1 * 0.2, rtol=1e-6)
+
+
+def test_unit_vectors_of_every_direction_are_unfolded_again():
+    random = np.random.default_rng(0)
+    vectors = random.normal(size=(50, 40, 3))
+    vectors /= np.linalg.norm(vectors, axis=-1, keepdims=True)
+    np.testing.assert_allclose(unfolded(folded(vectors)), vectors, atol=1e-12)
+
+
+@pytest.mark.parametrize(("curve", "low", "high"), [(0, -2.0, 3.0), (1, 0.0, 3.0), (2, 0.0, 3.0), (3, 0.1, 300.0)])
+def test_integers_become_the_nearest_numbers(curve, low, high):
+    channel = Channel(curve, 8, low, high)
+    every = np.arange(255, dtype=np.uint16)
+    np.testing.assert_array_equal(channel.quantised(channel.number(every)), every)
+    ends = channel.number(np.array([0, 254], np.uint16))
+    np.testing.assert_allclose(ends, [-high if curve == 2 else low, high], rtol=1e-12)
+
+
+def test_large_maps_are_reduced_by_means(bumpy, monkeypatch):
+    maps, heights, _ = bumpy
+    whole = numbers_of(maps, heights)
+    monkeypatch.setattr(numbers_of_maps, "MOST_TEXELS", 40 * 56 // 4)
+    half = numbers_of(maps, heights)
+    assert (half.factor, half.status.shape) == (2, (20, 28))
+    np.testing.assert_allclose(half.k_d[10, 14], whole.k_d[20:22, 28:30].mean((0, 1)), rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(half.normal[half.inside], axis=-1), 1.0, rtol=1e-6)
+
+
+def test_regions_have_shapes_of_their_own():
+    maps, heights, _ = made_maps.bumpy(regions=True)
+    numbers = numbers_of(maps, heights)
+    assert numbers.first_power == 8.0
+    weights = np.array(numbers.shapes)[numbers.region]
+    np.testing.assert_allclose(weights[20, [5, 50]], [[0.7, 0, 0, 0.3], [0.3, 0, 0, 0.7]])
+
+
+OTHER = ds.OrthographicCamera((0, 0, 1), shape=(8, 8))
+REFUSED = {
+    "a view of another shape": ({"views": [ds.View(np.zeros((8, 8, 3)), OTHER)]}, r"views\[0\].*\(40, 56\).*\(8, 8\)"),
+    "heights of another shape": (
+        {"heights": ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (8, 8, 3)), OTHER)},
+        r"heights.*\(40, 56\)",
+    ),
+    "titles of other views": ({"titles": ["one"]}, "titles.*got 1"),
+    "an examination": ({"examination": object()}, "examination belongs to a report of a Fit"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_does_not_belong_to_the_maps_is_refused(what, bumpy, tmp_path):
+    given, message = REFUSED[what]
+    with pytest.raises(ValueError, match=message):
+        ds.write_report(tmp_path / "maps.html", bumpy[0], **given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_the_page_of_a_folder_of_maps(bumpy, tmp_path):
+    bumpy[0].write(tmp_path / "maps", suffix=".npy")
+    page = tmp_path / "object.html"
+    done = CliRunner().invoke(diffshade, ["report", str(tmp_path / "maps"), "-o", str(page), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["page"] == str(page)
+    assert len(told(Page(page))["views"]) == len(bumpy[0].scene.lights)
+    refused = CliRunner().invoke(diffshade, ["report", str(tmp_path / "maps"), "--hold-out", "2", "-o", str(page)])
+    assert "photographs --hold-out 4" in str(refused.exception)
+
+
+def test_exponents_that_do_not_double_are_refused(bumpy, tmp_path):
+    maps = bumpy[0]
+    odd = dataclasses.replace(maps, highlights=(maps.highlights[0], maps.highlights[1]._replace(n_s=9.0)))
+    with pytest.raises(ValueError, match=r"highlights.*\[8.0, 9.0\].*fit_texels"):
+        ds.write_report(tmp_path / "maps.html", odd)
