@@ -20,8 +20,9 @@ from ..io.image_formats import encode
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
-from .gltf import F0, fitted, ggx, kept
+from .gltf import fitted
 from .map_textures import GREY, PERCENTILE, Difference, difference, refitted, stored, surface_of
+from .metallic_roughness import F0, ggx, kept
 from .reference import EDGE, Reference
 
 FLOAT, UNSIGNED, ARRAY, ELEMENTS = 5126, 5125, 34962, 34963

@@ -15,8 +15,11 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..io.images import srgb_decode, srgb_encode
 from ..io.triangles import Triangles, first_hits
+from ..model.gbuffers import GBuffer
 from ..model.lights import DirectionalLight
+from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight, Material
+from ..model.surfaces import AbstractSurface
 from ..texels.heights.differences import rays_of
 from ..texels.heights.mesh import HeightMesh, camera_axes
 from ..texels.maps import TexelMaps
@@ -65,22 +68,28 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
         return np.broadcast_to(np.asarray(value, np.float64), (*shape, 3))[near]
 
     axes = np.stack(camera_axes(maps.camera))
-    normal = maps.values["normal"] if "normal" in maps.values else np.asarray(item.surface.normal)
+    normal = maps.values["normal"] if "normal" in maps.values else _surface_normals(item.surface)
     frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
     return Surface(
         inside, coefficient("k_d"), coefficient("k_s"), (np.asarray(normal, np.float64) @ axes.T)[near], frame
     )
 
 
+def _surface_normals(surface: AbstractSurface) -> Float[np.ndarray, "h w 3"]:
+    """Return the normals of a surface that was known."""
+    assert isinstance(surface, GBuffer)
+    return np.asarray(surface.normal)
+
+
 def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray, "h w 3"], ...]:
     """Return tangent, bitangent and normal of the mesh at each pixel, world coordinates, interpolated."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     rays = rays_of(mesh.camera)
     start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, -rays.toward))
     hits = first_hits(Triangles(mesh.corner, mesh.face), start, toward)
     place = (np.indices(shape).reshape(2, -1).T + 0.5) / shape
-    corner = cKDTree(mesh.uv[:, ::-1]).query(place)[1]  # for pixels at the border, whose rays miss
+    corner = KDTree(mesh.uv[:, ::-1]).query(place)[1]  # for pixels at the border, whose rays miss
     found = []
     for of in (mesh.normal, mesh.tangent):
         at = of[corner]
@@ -100,15 +109,17 @@ def refitted(
         refit: Returns a few numbers of a grey material whose diffuse reflection is typical and whose k_s is `GREY`.
     """
     material = maps.scene.objects[0].material
+    lobe = material.lobe
+    assert isinstance(lobe, AbstractLobe)
     k_d = maps.values.get("k_d", np.asarray(material.k_d)[None])
     known = maps.known if maps.known.any() else maps.status != OUTSIDE
     plain: dict[str, Any] = {
         "k_d": float(np.clip(np.median(k_d[known] if k_d.ndim == 3 else k_d), 1e-3, 0.9)),
-        "lobe": material.lobe,
+        "lobe": lobe,
     }
     if maps.highlights:
         (weight, n_s), *others = ((float(np.mean(w)), n) for w, n in maps.highlights)
-        further = tuple(Highlight(k_s=GREY * w, n_s=n, lobe=material.lobe) for w, n in others)
+        further = tuple(Highlight(k_s=GREY * w, n_s=n, lobe=lobe) for w, n in others)
         return np.array(refit(Material(k_s=GREY * weight, n_s=n_s, highlights=further, **plain))), None
     if "n_s" not in maps.values:
         return np.array(refit(Material(k_s=GREY, n_s=float(np.mean(np.asarray(material.n_s))), **plain))), None
@@ -116,7 +127,8 @@ def refitted(
     seen = n_s[maps.determined & (n_s > 0)]
     if not seen.size:
         return np.array(refit(Material(k_s=GREY, n_s=10.0, **plain))), None
-    knots = np.unique(np.geomspace(*np.maximum(np.percentile(seen, (0.5, PERCENTILE)), 1.0), EXPONENTS))
+    low, high = (float(n) for n in np.maximum(np.percentile(seen, (0.5, PERCENTILE)), 1.0))
+    knots = np.unique(np.geomspace(low, high, EXPONENTS))
     table = np.array([refit(Material(k_s=GREY, n_s=float(n), **plain)) for n in knots])
     x = np.log(np.clip(n_s, knots[0], knots[-1]))
     return np.stack([np.interp(x, np.log(knots), column) for column in table.T], -1), n_s

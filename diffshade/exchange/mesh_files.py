@@ -11,6 +11,7 @@ from jaxtyping import Float
 from ..core.fields import check_kind
 from ..io.files import replacing, writable
 from ..io.image_formats import encode
+from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
@@ -73,7 +74,7 @@ def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = N
                 f"maps must have the shape of the mesh's camera, {mesh.camera.shape}; got {maps.status.shape}. Give "
                 "the maps whose normals were integrated."
             )
-        if "normal" not in maps.values and not hasattr(maps.scene.objects[0].surface, "normal"):
+        if "normal" not in maps.values and not isinstance(maps.scene.objects[0].surface, GBuffer):
             raise ValueError("maps must have normals, or a G-buffer that has them; got neither. Free the normal.")
     writable(path)
     notes = [f"{mesh}."]

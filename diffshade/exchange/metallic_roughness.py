@@ -113,13 +113,13 @@ def what_of(metallic: float, roughness: float) -> str:
     return f"surface of roughness {roughness:.3g} and metalness {metallic:.3g}"
 
 
-def ggx(points: Reference, alpha: float) -> Cosines:
+def ggx(points: Reference, alpha: float | Cosines) -> Cosines:
     """Return pi V D (Walter et al. 2007; Heitz 2014)."""
     D = alpha**2 / (points.n_h**2 * (alpha**2 - 1.0) + 1.0) ** 2
     return D * smith(points.n_l, points.n_v, alpha)
 
 
-def smith(n_l: Any, n_v: Any, alpha: float) -> Any:
+def smith(n_l: Any, n_v: Any, alpha: float | Cosines) -> Any:
     """Return V, the fraction that is neither shadowed nor masked, over 4 (n.l)(n.v) (Heitz 2014)."""
     a2 = alpha * alpha
     return 0.5 / (n_l * np.sqrt(a2 + (1 - a2) * n_v**2) + n_v * np.sqrt(a2 + (1 - a2) * n_l**2))

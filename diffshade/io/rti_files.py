@@ -17,7 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
+
+from ..core.fields import Numbers
 
 MOST_SAMPLES = 1 << 31  # bytes of coefficients, beyond any file that a person has
 PTM_TERMS = 6
@@ -46,7 +48,7 @@ class RelightableImage:
         """Rows and columns."""
         return self.coefficients.shape[0], self.coefficients.shape[1]
 
-    def shade(self, toward: Float[ArrayLike, "3"]) -> Float[np.ndarray, "h w 3"]:
+    def shade(self, toward: Numbers) -> Float[np.ndarray, "h w 3"]:
         """Return the photograph under a distant light.
 
         Args:
@@ -69,7 +71,7 @@ class RelightableImage:
         )
 
 
-def terms(basis: str, count: int, toward: Float[ArrayLike, "3"]) -> Float[np.ndarray, " terms"]:
+def terms(basis: str, count: int, toward: Numbers) -> Float[np.ndarray, " terms"]:
     """Return the terms of a basis for the direction to a light.
 
     Args:

@@ -65,7 +65,7 @@ def simplified(mesh: Triangles, count: int) -> Triangles:
         ) from None
     found: Any = fast_simplification.simplify(
         np.ascontiguousarray(mesh.corner, np.float64),
-        np.ascontiguousarray(mesh.face, np.int64),
+        np.ascontiguousarray(mesh.face, np.int32),
         target_count=count,
         preserve_border=True,
     )

@@ -31,7 +31,7 @@ def test_three_js_shows_the_maps(tmp_path):
         "lights": LIGHTS,
         "width": ZOOM * width,
         "height": ZOOM * height,
-        "extent": float(maps.camera.height),
+        "extent": 2.2,
     }
     (tmp_path / "cases.json").write_text(json.dumps(cases))
     answer = json.loads(in_browser(tmp_path, HERE / "mesh_three.js"))

@@ -153,6 +153,7 @@ def test_viewers_show_the_maps(folder, basis):
     assert written[basis].rms < (0.12 if basis == "ptm" else 0.1)
 
 
+@pytest.mark.thorough
 def test_a_fit_starts_from_a_relightable_image(tmp_path, caplog):
     """Pictures of a matte ball, which a polynomial nearly holds: the normals come back to a few degrees."""
     size = 12

@@ -138,14 +138,14 @@ def _fewest(
 
 def _distance(mesh: Triangles, pixel: Int[np.ndarray, " n"], heights: HeightMap) -> float:
     """Return the largest distance of a mesh from heights: across the surface; where a ray misses it, from a corner."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     rays, points = rays_of(heights.camera), heights.position.reshape(-1, 3)
     start, toward = (np.broadcast_to(of, heights.position.shape).reshape(-1, 3) for of in (rays.start, -rays.toward))
     hits = first_hits(mesh, start[pixel], toward[pixel])
     seen = pixel[hits.ray]
     across = ((hits.point - points[seen]) * heights.normal.reshape(-1, 3)[seen]).sum(-1)
-    nearest = cKDTree(mesh.corner).query(points[np.setdiff1d(pixel, seen)])[0]
+    nearest = KDTree(mesh.corner).query(points[np.setdiff1d(pixel, seen)])[0]
     return float(max(np.abs(across).max(initial=0.0), nearest.max(initial=0.0)))
 
 
