@@ -47,6 +47,7 @@ from .io.meshes import read_mesh as read_mesh
 from .io.scene_files import read_camera as read_camera
 from .io.scene_files import read_scene as read_scene
 from .io.scene_files import write_scene as write_scene
+from .model.area_lights import AreaLight as AreaLight
 from .model.attenuation import DepthCueing as DepthCueing
 from .model.attenuation import Fog as Fog
 from .model.attenuation import RadialAttenuation as RadialAttenuation
@@ -58,7 +59,6 @@ from .model.fresnel import Schlick as Schlick
 from .model.gbuffers import GBuffer as GBuffer
 from .model.gbuffers import height_map as height_map
 from .model.gbuffers import normal_map as normal_map
-from .model.lights import AreaLight as AreaLight
 from .model.lights import DirectionalLight as DirectionalLight
 from .model.lights import PointLight as PointLight
 from .model.lights import SpotLight as SpotLight

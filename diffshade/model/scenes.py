@@ -17,6 +17,7 @@ from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
 from .gbuffers import GBuffer
 from .lights import AbstractLight
+from .lobes import AbstractLobe
 from .materials import Material
 from .surfaces import AbstractSolid, AbstractSurface
 
@@ -92,6 +93,14 @@ class Scene(Checked):
                     f"Scene.lights[{i}] must have a field named intensity, which is 0 where the light is off; got "
                     f"{with_article(type(light).__name__)} without one. Give the colour of its light that name."
                 )
+            for j, item in enumerate(self.objects):
+                lobe = item.material.lobe
+                if light.specular is not None and not isinstance(lobe, AbstractLobe):
+                    raise ValueError(
+                        f"lights[{i}].specular needs materials that say which part of their reflection is diffuse; got "
+                        f"{with_article(type(lobe).__name__)}, a whole reflectance, in objects[{j}]. Leave specular "
+                        "out, or derive the lobe from AbstractLobe."
+                    )
         if self.atmosphere is not None:
             check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
         names = [item.name for item in self.objects if item.name]
