@@ -18,7 +18,7 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Scenes
 
-`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `GBuffer`, `read_mesh`, `normal_map`, `height_map`, `Camera`,
+`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `Mesh`, `GBuffer`, `read_mesh`, `normal_map`, `height_map`, `Camera`,
 `OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
 
 ## Materials

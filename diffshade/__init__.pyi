@@ -69,6 +69,7 @@ from .model.materials import Highlight as Highlight
 from .model.materials import Material as Material
 from .model.measured_lights import MeasuredLight as MeasuredLight
 from .model.measured_lights import Profile as Profile
+from .model.meshes import Mesh as Mesh
 from .model.named_materials import material as material
 from .model.named_materials import material_names as material_names
 from .model.patterns import Chequer as Chequer

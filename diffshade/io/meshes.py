@@ -1,9 +1,9 @@
-"""Meshes: triangle meshes of any file that trimesh reads, as G-buffers."""
+"""Meshes: triangle meshes of any file that trimesh reads, as they are or as G-buffers."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import jax
 import numpy as np
@@ -13,22 +13,32 @@ from ..core.backend import in_float64
 from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera
 from ..model.gbuffers import GBuffer
+from ..model.meshes import Mesh
 
 
-def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer:
-    """Return what a camera sees of the triangle mesh in a file: the nearest points and their normals.
+@overload
+def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer: ...
 
-    Rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size. Needs trimesh and
-    embreex (`pip install 'diffshade[mesh]'`).
+
+@overload
+def read_mesh(path: str | Path, camera: None, *, smooth: bool = True) -> Mesh: ...
+
+
+def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool = True) -> GBuffer | Mesh:
+    """Return the triangle mesh in a file, or what a camera sees of it: the nearest points and their normals.
+
+    For a G-buffer, rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size.
+    Needs trimesh and embreex (`pip install 'diffshade[mesh]'`).
 
     Args:
         path: The mesh file (OBJ, PLY, STL, GLB, ...).
-        camera: Camera that sees the mesh.
+        camera: Camera that sees the mesh. With None the mesh itself is returned: any ray can meet it, so it casts
+            shadows and stands behind glass.
         smooth: With True, the default, normals are interpolated between those of the vertices (Phong shading); with
             False they are those of the triangles.
 
     Returns:
-        The G-buffer, of the camera's shape.
+        The G-buffer, of the camera's shape; or the `Mesh`.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -36,7 +46,8 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         ValueError: trimesh cannot read the file, or the file has no triangles or has invalid corners.
         TypeError: `camera` is not a camera.
     """
-    check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
+    if camera is not None:
+        check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
@@ -61,6 +72,8 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         or not np.isfinite(corners).all()
     ):
         raise ValueError(f"{path} has triangles with a corner that is no point of three numbers. Export it again.")
+    if camera is None:
+        return Mesh(corners, faces, normals=mesh.vertex_normals if smooth else None)
     with in_float64(camera) as camera:
         rays = [np.asarray(a) for a in _rays(camera)]
     hits: Any = RayMeshIntersector(mesh).intersects_id(*rays, return_locations=True, multiple_hits=False)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ..core.fields import Colour
+from ..core.fields import Array, Colour
 from .lights import AbstractEmitter, AbstractLight
 from .lobes import AbstractLobe, Coefficients
 from .materials import Material
 from .vectors import Vec3, dot
+
+Reached: TypeAlias = Callable[[Vec3, Array | None], Array]
 
 
 def reflectance(material: Material, k: Coefficients, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
@@ -55,6 +57,7 @@ def reflection(
     p: Vec3 | None,
     n: Vec3,
     v: Vec3,
+    reached: Reached | None = None,
 ) -> Vec3:
     """Radiance k_e + k_a I_a + sum over lights of f_rad f_ang I_l reflectance (E9).
 
@@ -63,16 +66,24 @@ def reflection(
 
     `k` are the coefficients at the points, which may be those of several materials of one kind. `lights` are stacks
     (see `scenes.StackedScene`): each is a light whose leaves have a leading axis, one entry a light of that kind. `p`,
-    `n`, `v` have components of one shape; `p` may be None where no light is local.
+    `n`, `v` have components of one shape; `p` may be None where no light is local. `reached` says which points light
+    from a direction and distance reaches: all if it is None.
     """
 
-    def add(total: Vec3, light: AbstractEmitter) -> tuple[Vec3, None]:
+    def arriving(light: AbstractEmitter) -> tuple[Vec3, Vec3]:
         l, intensity = light.arriving(p)
+        if reached is None:
+            return l, intensity
+        there = reached(l, light.path(p).d)
+        return l, Vec3(*(jnp.where(there, c, 0.0) for c in (intensity.x, intensity.y, intensity.z)))
+
+    def add(total: Vec3, light: AbstractEmitter) -> tuple[Vec3, None]:
+        l, intensity = arriving(light)
         return total + intensity * reflectance(material, k, n, l, v), None
 
     def add_apart(total: Vec3, light: tuple[AbstractEmitter, Colours]) -> tuple[Vec3, None]:
         unit, colours = light
-        l, f = unit.arriving(p)
+        l, f = arriving(unit)
         if colours.specular is None:
             returned = Vec3.of(colours.diffuse) * reflectance(material, k, n, l, v)
         else:

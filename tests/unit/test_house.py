@@ -17,7 +17,7 @@ LAYERS = (
     "core.words core.progress core.backend",
     "core.fields",
     "model.vectors",
-    "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.gbuffers",
+    "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",
     "model.lobes",
     "model.lights model.area_lights model.measured_lights model.materials model.named_materials",
     "model.reflection model.transmission",

@@ -264,6 +264,7 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
         and not material.patterns
         and not material.maps
         and scene.atmosphere is None
+        and not scene.shadows
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
