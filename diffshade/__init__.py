@@ -39,8 +39,9 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Fits
 
-`View`, `Noise`, `fit`, `Fit`, `Prediction`, `Grey`, `Proportional`, `read_photographs`, `sensitivity`,
-`image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
+`View`, `Noise`, `fit`, `Fit`, `Prediction`, `fit_function`, `FitFunction`, `FittedValues`, `Grey`, `Proportional`,
+`read_photographs`, `sensitivity`, `image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`,
+`LostProcess`
 
 ## What a fit can tell
 

@@ -31,6 +31,9 @@ from .exchange.material_files import write_material as write_material
 from .inverse.data.photographs import read_photographs as read_photographs
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
+from .inverse.fit_functions import FitFunction as FitFunction
+from .inverse.fit_functions import FittedValues as FittedValues
+from .inverse.fit_functions import fit_function as fit_function
 from .inverse.fitting import fit as fit
 from .inverse.result import Fit as Fit
 from .inverse.result import Prediction as Prediction

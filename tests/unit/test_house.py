@@ -37,6 +37,7 @@ LAYERS = (
     "inverse.running inverse.laid_out_fit",
     "inverse.verdicts",
     "inverse.fitting",
+    "inverse.fit_functions",
     "texels",
     "diagnosis.misfit",
     "diagnosis",

@@ -20,7 +20,7 @@ DOWN = ds.DirectionalLight((0, -1, 0))
 def test_povray_lights_the_same_pixels(number):
     """But for pixels on an edge."""
     scene, camera = list(scenes())[number]
-    of_povray: np.ndarray = expected()[number]
+    of_povray: Any = expected()[number]
     lit = (np.asarray(ds.render(scene, camera)) > 0).any(-1)
     here = inner(of_povray)
     assert here.mean() > 0.7
