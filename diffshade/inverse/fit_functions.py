@@ -313,7 +313,7 @@ def _groups(unknowns: Sequence[Unknown], scene: Scene) -> tuple[tuple[np.ndarray
     for tried in candidates(unknowns, scene, start):
         members = np.flatnonzero((tried != tried[:1]).any(0))
         values = tried[:, members]
-        if all(unknowns[j].logarithmic for j in members):
+        if all(unknowns[int(j)].logarithmic for j in members):
             finer = np.linspace(0, len(values) - 1, FINER * (len(values) - 1) + 1)
             values = np.stack([np.interp(finer, np.arange(len(values)), column) for column in values.T], -1)
         found.append((members, values))

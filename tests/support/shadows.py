@@ -116,7 +116,7 @@ def expected() -> Any:
     return bits > 0
 
 
-def inner(lit: np.ndarray) -> np.ndarray:
+def inner(lit: Any) -> Any:
     """Return the pixels all of whose neighbours are lit alike: no edge passes through them."""
     near = np.stack([np.roll(lit, shift, (-2, -1)) for shift in np.ndindex(3, 3)])
     near = np.roll(near, (-1, -1), (-2, -1))

@@ -20,12 +20,12 @@ DOWN = ds.DirectionalLight((0, -1, 0))
 def test_povray_lights_the_same_pixels(number):
     """But for pixels on an edge."""
     scene, camera = list(scenes())[number]
-    of_povray: Any = expected()[number]
-    lit = (np.asarray(ds.render(scene, camera)) > 0).any(-1)
+    of_povray = expected()[number]
+    lit: Any = (np.asarray(ds.render(scene, camera)) > 0).any(-1)
     here = inner(of_povray)
     assert here.mean() > 0.7
     np.testing.assert_array_equal(lit[here], of_povray[here])
-    without = np.asarray(ds.render(dataclasses.replace(scene, shadows=False), camera)).any(-1)
+    without: Any = np.asarray(ds.render(dataclasses.replace(scene, shadows=False), camera)).any(-1)
     assert (without & ~of_povray & here).sum() > 100  # there is a shadow
 
 
