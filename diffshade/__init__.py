@@ -18,8 +18,9 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Scenes
 
-`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `GBuffer`, `read_mesh`, `read_mesh_parts`, `frame_mesh`, `normal_map`,
-`height_map`, `Camera`, `OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`, `write_scene`
+`Scene`, `Object`, `Sphere`, `Plane`, `Box`, `Mesh`, `GBuffer`, `read_mesh`, `read_mesh_parts`, `frame_mesh`,
+`normal_map`, `height_map`, `Camera`, `OrthographicCamera`, `DepthCueing`, `Fog`, `read_scene`, `read_camera`,
+`write_scene`
 
 ## Materials
 
@@ -39,8 +40,9 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## Fits
 
-`View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `Prediction`, `Grey`, `Proportional`, `read_photographs`,
-`sensitivity`, `image_sensitivity`, `draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
+`View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `Prediction`, `fit_function`, `FitFunction`, `FittedValues`,
+`Grey`, `Proportional`, `read_photographs`, `sensitivity`, `image_sensitivity`, `draw_comparison`, `write_comparison`,
+`write_report`, `LostProcess`
 
 ## What a fit can tell
 

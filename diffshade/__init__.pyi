@@ -37,6 +37,9 @@ from .inverse.data.sensors import Sensor as Sensor
 from .inverse.data.sensors import Vignetting as Vignetting
 from .inverse.data.views import Noise as Noise
 from .inverse.data.views import View as View
+from .inverse.fit_functions import FitFunction as FitFunction
+from .inverse.fit_functions import FittedValues as FittedValues
+from .inverse.fit_functions import fit_function as fit_function
 from .inverse.fitting import fit as fit
 from .inverse.result import Fit as Fit
 from .inverse.result import Prediction as Prediction
@@ -58,6 +61,7 @@ from .io.rti_files import read_rti as read_rti
 from .io.scene_files import read_camera as read_camera
 from .io.scene_files import read_scene as read_scene
 from .io.scene_files import write_scene as write_scene
+from .model.area_lights import AreaLight as AreaLight
 from .model.attenuation import DepthCueing as DepthCueing
 from .model.attenuation import Fog as Fog
 from .model.attenuation import RadialAttenuation as RadialAttenuation
@@ -69,7 +73,6 @@ from .model.fresnel import Schlick as Schlick
 from .model.gbuffers import GBuffer as GBuffer
 from .model.gbuffers import height_map as height_map
 from .model.gbuffers import normal_map as normal_map
-from .model.lights import AreaLight as AreaLight
 from .model.lights import DirectionalLight as DirectionalLight
 from .model.lights import PointLight as PointLight
 from .model.lights import SpotLight as SpotLight
@@ -81,6 +84,7 @@ from .model.materials import Material as Material
 from .model.measured_lights import LampLabel as LampLabel
 from .model.measured_lights import MeasuredLight as MeasuredLight
 from .model.measured_lights import Profile as Profile
+from .model.meshes import Mesh as Mesh
 from .model.named_materials import MaterialError as MaterialError
 from .model.named_materials import material as material
 from .model.named_materials import material_error as material_error

@@ -81,8 +81,10 @@ def as_exponent(value: Numbers | Checked) -> Any:
     return array[..., None] if getattr(array, "ndim", 0) == 2 else array
 
 
-def as_colour(value: Numbers) -> Any:
-    """Make a colour; a single number means grey."""
+def as_colour(value: Numbers | None) -> Any:
+    """Make a colour; a single number means grey. None, where it means no such term, stays what it is."""
+    if value is None:
+        return value
     colour = as_array(value)
     if getattr(colour, "shape", None) in ((), (1,)) and is_number(colour.dtype):
         return colour * np.ones(3) if isinstance(colour, np.ndarray) else colour.reshape(()).repeat(3)

@@ -85,8 +85,10 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
             place = [*(-np.asarray(light.direction) / np.linalg.norm(light.direction)), 0.0]
         else:
             place = [*np.asarray(light.position), 1.0]
-        rgb = [*np.asarray(light.intensity), 1.0]
-        vectors = {"POSITION": place, "DIFFUSE": rgb, "SPECULAR": rgb, "AMBIENT": [0.0, 0.0, 0.0, 1.0]}
+        specular = light.intensity if light.specular is None else light.specular
+        ambient = np.zeros(3) if light.ambient is None else light.ambient
+        colours = {"DIFFUSE": light.intensity, "SPECULAR": specular, "AMBIENT": ambient}
+        vectors = {"POSITION": place, **{key: [*np.asarray(colour), 1.0] for key, colour in colours.items()}}
         single: dict[str, Any] = {}
         if not isinstance(light, DirectionalLight):
             a = light.attenuation
@@ -146,28 +148,35 @@ def read_opengl_lights(text: str, where: str) -> tuple[AbstractLight, ...]:
     for target, key, value in _calls(text, "Light", where):
         lights.setdefault(target, {})[key] = value
     try:
-        return tuple(_light(lights[target]) for target in sorted(lights))
+        return tuple(_light(lights[target], float(target == "GL_LIGHT0")) for target in sorted(lights))
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _light(set_: dict[str, list[float]]) -> AbstractLight:
+def _light(set_: dict[str, list[float]], white: float) -> AbstractLight:
+    """Make a light of what is set; `white` is OpenGL's default of its diffuse and specular colours."""
+
     def one(key: str, default: float) -> float:
         return set_.get(f"GL_{key}", [default])[0]
 
     place = [*set_.get("GL_POSITION", [0.0, 0.0, 1.0, 0.0]), 0.0, 0.0, 0.0, 0.0][:4]
-    rgb = [*set_.get("GL_DIFFUSE", [1.0, 1.0, 1.0]), 0.0, 0.0, 0.0][:3]
+    rgb, specular, ambient = (
+        [*set_.get(f"GL_{key}", [default] * 3), 0.0, 0.0, 0.0][:3]
+        for key, default in (("DIFFUSE", white), ("SPECULAR", white), ("AMBIENT", 0.0))
+    )
+    apart: dict[str, Any] = {"specular": specular} if specular != rgb else {}
+    apart |= {"ambient": ambient} if any(ambient) else {}
     if place[3] == 0:
-        return DirectionalLight(-np.asarray(place[:3]), rgb)
+        return DirectionalLight(-np.asarray(place[:3]), rgb, **apart)
     position = np.asarray(place[:3]) / place[3]
     names = ("CONSTANT_ATTENUATION", "LINEAR_ATTENUATION", "QUADRATIC_ATTENUATION")
     constant, linear, quadratic = (one(name, float(i == 0)) for i, name in enumerate(names))
     fades = RadialAttenuation(constant, linear, quadratic)
     cutoff = one("SPOT_CUTOFF", 180.0)
     if cutoff == 180:
-        return PointLight(position, rgb, fades)
+        return PointLight(position, rgb, fades, **apart)
     axis = [*set_.get("GL_SPOT_DIRECTION", [0.0, 0.0, -1.0]), 0.0, 0.0, 0.0][:3]
-    return SpotLight(position, axis, rgb, cutoff, one("SPOT_EXPONENT", 0.0), fades)
+    return SpotLight(position, axis, rgb, cutoff, one("SPOT_EXPONENT", 0.0), fades, **apart)
 
 
 def _calls(text: str, of: str, where: str) -> list[tuple[str, str, list[float]]]:

@@ -1,10 +1,10 @@
-"""Meshes: triangle meshes of any file that trimesh reads, as G-buffers."""
+"""Meshes: triangle meshes of any file that trimesh reads, as they are or as G-buffers."""
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import jax
 import numpy as np
@@ -14,26 +14,36 @@ from ..core.backend import in_float64
 from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera, Camera
 from ..model.gbuffers import GBuffer
+from ..model.meshes import Mesh
 from .triangles import Triangles, first_hits
 
 FROM = (0.5, 0.4, 1.0)  # the direction from which a mesh is seen that no camera was given for
 MARGIN = 1.02  # of the distance at which a mesh's sphere just fits
 
 
-def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer:
-    """Return what a camera sees of the triangle mesh in a file: the nearest points and their normals.
+@overload
+def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) -> GBuffer: ...
 
-    Rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size. Needs trimesh and
-    embreex (`pip install 'diffshade[mesh]'`).
+
+@overload
+def read_mesh(path: str | Path, camera: None, *, smooth: bool = True) -> Mesh: ...
+
+
+def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool = True) -> GBuffer | Mesh:
+    """Return the triangle mesh in a file, or what a camera sees of it: the nearest points and their normals.
+
+    For a G-buffer, rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size.
+    Needs trimesh and embreex (`pip install 'diffshade[mesh]'`).
 
     Args:
         path: The mesh file (OBJ, PLY, STL, GLB, ...).
-        camera: Camera that sees the mesh.
+        camera: Camera that sees the mesh. With None the mesh itself is returned: any ray can meet it, so it casts
+            shadows and stands behind glass.
         smooth: With True, the default, normals are interpolated between those of the vertices (Phong shading); with
             False they are those of the triangles.
 
     Returns:
-        The G-buffer, of the camera's shape.
+        The G-buffer, of the camera's shape; or the `Mesh`.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -41,6 +51,9 @@ def read_mesh(path: str | Path, camera: AbstractCamera, *, smooth: bool = True) 
         ValueError: trimesh cannot read the file, or the file has no triangles or has invalid corners.
         TypeError: `camera` is not a camera.
     """
+    if camera is None:
+        mesh = _load(Path(path))
+        return Mesh(mesh.vertices, mesh.faces, normals=mesh.vertex_normals if smooth else None)
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
     return _seen(_load(Path(path)), camera, smooth)
 

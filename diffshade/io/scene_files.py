@@ -17,11 +17,12 @@ import numpy as np
 
 from ..core.fields import is_over_pixels
 from ..core.words import did_you_mean
+from ..model.area_lights import AreaLight
 from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
 from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
 from ..model.gbuffers import GBuffer
-from ..model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ..model.lobes import AbstractReflectance, Blinn, Brushed, Phong
 from ..model.materials import Highlight, Material
 from ..model.measured_lights import LampLabel, MeasuredLight, Profile

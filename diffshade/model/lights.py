@@ -25,7 +25,7 @@ from ..core.fields import (
     parameter,
 )
 from .attenuation import RadialAttenuation, angular_attenuation
-from .vectors import Vec3, cross, dot, length, normalize
+from .vectors import Vec3, dot, length, normalize
 
 
 class Path(NamedTuple):
@@ -39,19 +39,24 @@ class Path(NamedTuple):
     """Angular attenuation (E3), or any factor that depends on the point alone; None where it is 1."""
 
 
-def as_counts(value: Any) -> Any:
-    """Make (n_u, n_v) of one number or two; any other value is returned unchanged for the check to refuse."""
-    try:
-        if np.asarray(value).dtype == bool:
-            return value
-        n_u, n_v = (value, value) if np.ndim(value) == 0 else value
-        return (int(n_u), int(n_v)) if (n_u, n_v) == (int(n_u), int(n_v)) else value
-    except (TypeError, ValueError, OverflowError):
-        return value
-
-
 class AbstractLight(Checked):
-    """A light source: one emitter or many."""
+    """A light source: one emitter or many.
+
+    What arrives is proportional to its field `intensity`. Where `ambient` or `specular` is given, its colours are apart
+    as OpenGL's are: k_a ambient + k_d (n.l)_+ intensity + W (cos)_+^n_s specular, all attenuated alike.
+    """
+
+    ambient: Colour | None = eqx.field(
+        kw_only=True, converter=as_colour, default=None, metadata=parameter("light", lower=0, gauge=-1)
+    )
+    specular: Colour | None = eqx.field(
+        kw_only=True, converter=as_colour, default=None, metadata=parameter("light", lower=0, gauge=-1)
+    )
+
+    @property
+    def has_one_colour(self) -> bool:
+        """Whether its intensity is the colour of all that it sends."""
+        return self.ambient is None and self.specular is None
 
     @property
     @abc.abstractmethod
@@ -189,6 +194,9 @@ class PointLight(AbstractLamp):
         position: Position of the light, scene units.
         intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
         attenuation: Radial attenuation f_rad; none by default.
+        ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
+            whichever way the surface faces, attenuated as the light is; none by default.
+        specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range.
@@ -219,6 +227,9 @@ class DirectionalLight(AbstractEmitter):
     Args:
         direction: Direction in which the light travels, of any length except 0.
         intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
+        ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
+            whichever way the surface faces, attenuated as the light is; none by default.
+        specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range, or the direction is the zero
@@ -276,6 +287,9 @@ class SpotLight(AbstractLamp):
         exponent: a, at least 0; 0 by default.
         attenuation: Radial attenuation f_rad; none by default.
         softness: Width of the smooth edge inside the cutoff, degrees, 0 to `cutoff`; 0 (a hard edge) by default.
+        ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
+            whichever way the surface faces, attenuated as the light is; none by default.
+        specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range, or the direction is the zero
@@ -312,77 +326,6 @@ class SpotLight(AbstractLamp):
         l = normalize(to_light)
         cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
         return Path(l, length(to_light), angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness))
-
-
-class AreaLight(AbstractLight):
-    r"""A rectangle that shines to the side of edge_u x edge_v: a grid of spot emitters (E11; Warn 1983).
-
-    $$ \sum_i f_{rad}(d_i) f_{ang}(\phi_i) I_l / n_u n_v $$
-
-    This intensity arrives at a point. The emitters are at the centres of n_u by n_v cells and share the intensity
-    equally. Each is a `SpotLight` along edge_u x edge_v, attenuated with its own distance. As the number of samples
-    grows, the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
-
-    Args:
-        corner: One corner, scene units.
-        edge_u: First edge from the corner, scene units.
-        edge_v: Second edge from the corner, scene units, not along `edge_u`; edges that are not at right angles span a
-            parallelogram.
-        intensity: I_l of the whole light, RGB or grey, a plain multiplier, at least 0; 1 by default.
-        cutoff: Half angle of each emitter, degrees, 0 to 90; 90 by default.
-        exponent: Exponent of each emitter, at least 0; 1 by default.
-        attenuation: Radial attenuation f_rad; none by default.
-        samples: (n_u, n_v), whole numbers above 0, or one number for both; (8, 8) by default.
-
-    Raises:
-        ValueError: A value has the wrong shape, is not finite or is out of its range, or the edges are along one line.
-        TypeError: A value is of the wrong kind.
-    """
-
-    corner: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
-    edge_u: Vector = eqx.field(converter=as_vector, metadata=parameter("edge"))
-    edge_v: Vector = eqx.field(converter=as_vector, metadata=parameter("edge"))
-    intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
-    cutoff: Scalar = eqx.field(converter=as_scalar, default=90.0, metadata={"lower": 0, "upper": 90})
-    exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
-    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
-    samples: tuple[int, int] = eqx.field(converter=as_counts, static=True, default=(8, 8))
-
-    def check_together(self) -> None:
-        check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
-        counts = self.samples
-        if not (isinstance(counts, tuple) and len(counts) == 2 and all(type(n) is int and n > 0 for n in counts)):
-            raise ValueError(
-                f"AreaLight.samples must be two whole numbers above 0; got {counts!r}. Give (8, 8), or 8 for both."
-            )
-        if is_concrete(self.edge_u, self.edge_v) and along_one_line(self.edge_u, self.edge_v):
-            raise ValueError(
-                f"AreaLight.edge_u and edge_v must span a rectangle; got {self.edge_u} and {self.edge_v}. "
-                "Give two edges that are not along one line."
-            )
-
-    @property
-    def is_local(self) -> bool:
-        """True."""
-        return True
-
-    def bare(self) -> AbstractEmitter:
-        """Return a point light in the middle, of intensity 1, not attenuated."""
-        return PointLight(self.corner + 0.5 * (self.edge_u + self.edge_v))
-
-    def emitters(self) -> SpotLight:
-        """Return the n_u n_v spots, as a stack."""
-        n_u, n_v = self.samples
-        u, v = np.divmod(np.arange(n_u * n_v), n_v)
-        u, v = (u + 0.5) / n_u, (v + 0.5) / n_v
-        axis = cross(Vec3.of(self.edge_u), Vec3.of(self.edge_v)).stack()
-
-        def at(u: Scalar, v: Scalar) -> SpotLight:
-            position = self.corner + u * self.edge_u + v * self.edge_v
-            share = self.intensity / (n_u * n_v)
-            return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation)
-
-        return jax.vmap(at)(u, v)
 
 
 def along_one_line(a: Vector, b: Vector) -> bool:

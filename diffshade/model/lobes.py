@@ -96,13 +96,20 @@ class AbstractLobe(AbstractReflectance):
             return Vec3(*(jnp.where(lit, c, 0.0) for c in (found.x, found.y, found.z)))
         return jnp.where(lit, found, 0.0)
 
-    def reflected(self, k: Coefficients, fresnel: AbstractFresnel, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
-        """Return k_d (n.l)_+ + W highlight."""
+    def diffuse_and_specular(
+        self, k: Coefficients, fresnel: AbstractFresnel, n: Vec3, l: Vec3, v: Vec3
+    ) -> tuple[Vec3, Vec3]:
+        """Return k_d (n.l)_+ and W highlight, for a light whose colours are apart."""
         n_l = dot(n, l)
         lit = n_l > 0
         diffuse = jnp.where(lit, n_l, 0.0)
         W = fresnel.weight(k.k_s, k.eta, diffuse)
-        return k.k_d * diffuse + W * self.gated(lit, k.n_s, n, l, v)
+        return k.k_d * diffuse, W * self.gated(lit, k.n_s, n, l, v)
+
+    def reflected(self, k: Coefficients, fresnel: AbstractFresnel, n: Vec3, l: Vec3, v: Vec3) -> Vec3:
+        """Return k_d (n.l)_+ + W highlight."""
+        diffuse, specular = self.diffuse_and_specular(k, fresnel, n, l, v)
+        return diffuse + specular
 
 
 class AbstractPowerLobe(AbstractLobe):

@@ -162,6 +162,9 @@ class MeasuredLight(AbstractLamp):
         side: Vector on the side of C = 0, not along `direction`; its component along `direction` is ignored; (1, 0, 0)
             by default.
         label: Who made it and what its file states; nothing by default.
+        ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
+            whichever way the surface faces, attenuated as the light is; none by default.
+        specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range; the direction is the zero vector;

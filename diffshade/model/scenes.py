@@ -17,6 +17,7 @@ from .attenuation import AbstractAtmosphere
 from .cameras import AbstractCamera
 from .gbuffers import GBuffer
 from .lights import AbstractLight
+from .lobes import AbstractLobe
 from .materials import Material
 from .surfaces import AbstractSolid, AbstractSurface
 
@@ -59,8 +60,8 @@ class Scene(Checked):
     sees an opaque one; of two opaque or two transparent ones, the one that comes first in the list. The cost is linear
     in lights, pixels and opaque objects, and quadratic in transparent ones. A GBuffer (a mesh or a map) cannot be in a
     scene with a `Sphere` or `Box` that bends rays (k_t with an eta other than 1): the GBuffer contains only what its
-    camera's own rays see. A light reaches every point that faces it, through any object: there are no shadows and no
-    interreflection.
+    camera's own rays see. By default a light reaches every point that faces it, through any object, as in the lectures;
+    with `shadows=True` only if nothing opaque stands between. There is no interreflection.
 
     Args:
         objects: One object or several, in any order, with different names.
@@ -68,11 +69,14 @@ class Scene(Checked):
         ambient: I_a, RGB or grey, at least 0, never attenuated (E1); 1 by default.
         background: What a ray that meets nothing sees, RGB or grey, at least 0, never fogged; 0 (black) by default.
         atmosphere: `DepthCueing` or `Fog` (E14); None by default.
+        shadows: Whether opaque objects keep light from what is behind them; False by default. Objects with k_t cast
+            none. Where a shadow ends the image jumps, which contributes no derivative: a fit can find materials and
+            intensities under shadows, but should not be asked for what moves them.
 
     Raises:
         ValueError: A colour has the wrong shape, is not finite or is below 0; there is no object; two objects have the
-            same name; or a GBuffer cannot be in the scene: it has no positions beside other objects, or glass bends
-            rays.
+            same name; or a GBuffer cannot be in the scene: it has no positions beside other objects, glass bends
+            rays, or there are shadows.
         TypeError: An object, a light, a colour or the atmosphere is of the wrong kind.
     """
 
@@ -81,8 +85,11 @@ class Scene(Checked):
     ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
     atmosphere: AbstractAtmosphere | None = None
+    shadows: bool = eqx.field(static=True, default=False)
 
     def check_together(self) -> None:
+        if not isinstance(self.shadows, bool):
+            raise TypeError(f"Scene.shadows must be True or False; got {self.shadows!r}. Give one of the two.")
         for i, item in enumerate(self.objects):
             check_kind(f"Scene.objects[{i}]", item, Object, "Object(Sphere(), Material(k_d=0.7))")
         for i, light in enumerate(self.lights):
@@ -92,6 +99,14 @@ class Scene(Checked):
                     f"Scene.lights[{i}] must have a field named intensity, which is 0 where the light is off; got "
                     f"{with_article(type(light).__name__)} without one. Give the colour of its light that name."
                 )
+            for j, item in enumerate(self.objects):
+                lobe = item.material.lobe
+                if light.specular is not None and not isinstance(lobe, AbstractLobe):
+                    raise ValueError(
+                        f"lights[{i}].specular needs materials that say which part of their reflection is diffuse; got "
+                        f"{with_article(type(lobe).__name__)}, a whole reflectance, in objects[{j}]. Leave specular "
+                        "out, or derive the lobe from AbstractLobe."
+                    )
         if self.atmosphere is not None:
             check_kind("Scene.atmosphere", self.atmosphere, AbstractAtmosphere, "Fog(density=0.1, I_dc=0.5)")
         names = [item.name for item in self.objects if item.name]
@@ -105,6 +120,11 @@ class Scene(Checked):
             raise ValueError(
                 "a scene of several objects needs to know which is in front; got a GBuffer without positions. "
                 "Give GBuffer.position, or make it the only object."
+            )
+        if self.shadows and buffers:
+            raise ValueError(
+                "a GBuffer casts no shadow, since only what its camera sees is known of it; got one in a scene with "
+                "shadows=True. Give a Mesh, or another shape."
             )
         for i, item in enumerate(self.objects):
             _check_maps(i, item)
@@ -182,13 +202,14 @@ class StackedScene(eqx.Module):
     ambient: Shaped[Array, "3"]
     background: Shaped[Array, "3"]
     atmosphere: AbstractAtmosphere | None
+    shadows: bool = eqx.field(static=True, default=False)
 
 
 def stack_scene(scene: Scene) -> StackedScene:
     """Stack the lights of a scene by kind, kinds in the order of their first lights."""
     kinds = [[scene.lights[i] for i in members] for members in light_kinds(scene.lights)]
     lights = tuple(jax.tree.map(_stack, *kind) for kind in kinds)
-    return StackedScene(scene.objects, lights, scene.ambient, scene.background, scene.atmosphere)
+    return StackedScene(scene.objects, lights, scene.ambient, scene.background, scene.atmosphere, scene.shadows)
 
 
 def light_kinds(lights: Sequence[AbstractLight]) -> list[list[int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -101,7 +102,8 @@ def reflected_light(
         for i, point in zip(members[1:], points[1:], strict=True):
             hit, k = where(seen[i], point, (hit, k))
         v = projection.viewer(hit.p)
-        light = reflection(material, k, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v)
+        reached = partial(_reached, scene.objects, hit) if scene.shadows else None
+        light = reflection(material, k, Vec3.of(scene.ambient), scene.lights, hit.p, hit.n, v, reached)
         if scene.atmosphere is not None:
             assert hit.p is not None
             light = scene.atmosphere(light, projection.depth(hit.p, radial=scene.atmosphere.radial))
@@ -114,6 +116,21 @@ def reflected_light(
     assert image is not None
     assert chosen is not None
     return image, chosen
+
+
+def _reached(objects: Sequence[Object], hit: Hit, l: Vec3, d: Array | None) -> Array:
+    """Return the points that light from the direction l, at the distance d, reaches: nothing opaque stands between.
+
+    What is nearer than rounding to a point, or to the light, is not in between. The jump at the edge of a shadow
+    contributes no derivative.
+    """
+    assert hit.p is not None
+    near = touching(hit.distance, hit.distance)
+    p, l, near = jax.lax.stop_gradient((hit.p, l, near))
+    rays = Rays(p + l * near, l * jnp.ones_like(near))
+    room = jnp.inf if d is None else jax.lax.stop_gradient(d) - 2.0 * near
+    between = [jax.lax.stop_gradient(item.surface).intersect(rays) for item in objects if item.material.k_t is None]
+    return ~_any([hit.inside & (hit.distance < room) for hit in between] or [jnp.zeros(near.shape, bool)])
 
 
 def _point(item: Object, hit: Hit) -> tuple[Hit, Coefficients]:

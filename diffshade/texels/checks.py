@@ -171,6 +171,16 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
                 f"grey photographs under coloured lights do not support a known {name} that is coloured; got "
                 f"{getattr(material, name)}. Give it one number, or add it to free."
             )
+    if scene.shadows:
+        raise ValueError(
+            "a fit of texels knows no shadows; got a scene with shadows=True. Give shadows=False, or use ds.fit."
+        )
+    for i, light in enumerate(scene.lights):
+        if not light.has_one_colour:
+            raise ValueError(
+                f"a fit of texels needs lights of one colour each; lights[{i}] has its own ambient or specular colour. "
+                "Give its intensity alone, or use ds.fit."
+            )
     check_shapes(scene, first.camera)
     check_positions(scene, first.camera)
 

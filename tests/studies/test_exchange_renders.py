@@ -150,12 +150,17 @@ def test_what_is_read_of_three_js_and_gltf_is_what_they_render(tmp_path, caplog)
         compare("three.js", file, found, stated, images[file], views[files[file]], slack=slack)
 
 
+FADES = ds.RadialAttenuation(0.5, 0.2, 0.1)
+
+
 def test_opengl_lights_are_the_librarys(tmp_path):
-    """Attenuation, spots and a local viewer: the C code's own lights on a sphere."""
+    """Attenuation, spots, colours apart and a local viewer: the C code's own lights on a sphere."""
     lights = (
         ds.PointLight((2, 3, 4), (6, 5, 4), ds.RadialAttenuation(1, 0.1, 0.05)),
         ds.DirectionalLight((1, -1, -2), 0.3),
         ds.SpotLight((-1, 1, 3), (0.3, -0.4, -1), (3, 2, 4), 25, 6, ds.RadialAttenuation(0.5, 0.2, 0.1)),
+        ds.PointLight((-2, 1, 3), (1, 2, 1), FADES, ambient=(0.5, 1, 0.2), specular=(2, 0.5, 1)),
+        ds.SpotLight((1, -1, 3), (-0.3, 0.4, -1), 1, 20, 2, FADES, ambient=(0.2, 1, 0.5), specular=(0, 0.5, 1)),
     )
     material = MATERIALS["gold"]
     written = ds.write_material(tmp_path / "ball.c", material, name="ball", lights=lights)

@@ -177,6 +177,7 @@ MEASURED = ds.MeasuredLight(
     ATTENUATION,
     side=(1, 0.3, 0.1),
 )
+APART: dict[str, Any] = {"ambient": (0.3, 0.2, 0.1), "specular": (0.4, 0.6, 0.5)}  # of a light
 COLOURS: dict[str, Any] = {"k_a": (0.1, 0.2, 0.15), "k_d": (0.7, 0.25, 0.2), "k_e": (0.05, 0.02, 0.1)}
 SHINY: dict[str, Any] = {**COLOURS, "k_s": (0.4, 0.3, 0.5)}
 EYE = {"eye": (0.5, 0.8, 5), "target": (0.1, 0.1, -0.1), "up": (0.2, 1, 0.1), "shape": (12, 16)}
@@ -277,6 +278,15 @@ SCENES = {
                 SOFT,
                 ds.SpotLight((-0.8, 1, 1.5), (1, -1, -1), (5, 4, 3), 65, 2, ATTENUATION, softness=60),
             ],
+        ),
+        ds.Camera(**EYE, fov=40),
+    ),
+    "a ball under lights whose colours are apart": (
+        ds.Scene(
+            ds.Object(
+                ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=4.5, highlights=[ds.Highlight(0.2, 7)])
+            ),
+            [dataclasses.replace(light, **APART) for light in (POINT, DIRECTIONAL, SOFT, AREA, MEASURED)],
         ),
         ds.Camera(**EYE, fov=40),
     ),
@@ -603,6 +613,7 @@ def check_place(name):
 
 # The table ----------------------------------------------------------------------------------------------------------
 
+OWN = {"ambient": "E9", "specular": "E9"}  # of every light
 EQUATIONS = {
     "Scene": {"ambient": "E1", "background": "E13"},
     "Material": {
@@ -623,16 +634,17 @@ EQUATIONS = {
     "Plane": dict.fromkeys(("point", "normal"), ""),
     "Box": dict.fromkeys(("center", "size", "rotation"), ""),
     "GBuffer": dict.fromkeys(("normal", "position"), ""),
-    "PointLight": {"position": "E2-E6", "intensity": "E9"},
-    "DirectionalLight": {"direction": "E4-E6", "intensity": "E9"},
+    "PointLight": {**OWN, "position": "E2-E6", "intensity": "E9"},
+    "DirectionalLight": {**OWN, "direction": "E4-E6", "intensity": "E9"},
     "SpotLight": {
+        **OWN,
         "position": "E2-E6",
         "direction": "E3",
         "intensity": "E9",
         **dict.fromkeys(("cutoff", "exponent", "softness"), "E3"),
     },
-    "AreaLight": dict.fromkeys(("corner", "edge_u", "edge_v", "intensity", "cutoff", "exponent"), "E11"),
-    "MeasuredLight": {"position": "E2-E6", "direction": "E3", "intensity": "E9", "side": "E3"},
+    "AreaLight": {**OWN, **dict.fromkeys(("corner", "edge_u", "edge_v", "intensity", "cutoff", "exponent"), "E11")},
+    "MeasuredLight": {**OWN, "position": "E2-E6", "direction": "E3", "intensity": "E9", "side": "E3"},
     "RadialAttenuation": dict.fromkeys(("constant", "linear", "quadratic"), "E2"),
     "DepthCueing": dict.fromkeys(("z_f", "z_b", "s_f", "s_b", "I_dc"), "E14"),
     "Fog": dict.fromkeys(("density", "I_dc"), "E14"),

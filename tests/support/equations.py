@@ -223,7 +223,7 @@ def comparisons(
         yield Comparison(equation, "closed form", found.size, np.abs(found - right).max(), tolerance)
     for path in files:
         of_program, found = reference(path, compiled=compiled)
-        names = {"E12"} if isinstance(of_program, Refraction) else set.union(*map(equations, of_program.scenes))
+        names = {"E12"} if isinstance(of_program, Refraction) else equations(of_program.scene)
         errors = np.abs(found - of_program.expected)[of_program.mask]
         more = errors.size, errors.max(), of_program.tolerance, path.stem
         yield from (Comparison(e, of_program.program, *more) for e in names)

@@ -24,9 +24,9 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[2]
 GROUPS = {
     "physics": (
-        "model/attenuation model/cameras model/fresnel model/gbuffers model/lights model/materials "
-        "model/measured_lights model/patterns model/reflection model/rendering model/scenes model/surfaces "
-        "model/tracing model/transmission model/vectors"
+        "model/area_lights model/attenuation model/cameras model/fresnel model/gbuffers model/lights model/materials "
+        "model/measured_lights model/meshes model/patterns model/reflection model/rendering model/scenes "
+        "model/surfaces model/tracing model/transmission model/vectors"
     ),
     "solver": (
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "

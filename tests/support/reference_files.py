@@ -4,7 +4,6 @@ The format is described in the README of the references. `gl_`, `pov_` and `vtk_
 colours that OpenGL, POV-Ray or VTK gave them, with the scene in JSON; `refraction_` holds where bent rays end.
 """
 
-import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,25 +37,23 @@ FOG = {"mode", "start", "end", "density", "color", "distance"}
 
 @dataclass(frozen=True)
 class Shading:
-    """What another program rendered: the sum of `scenes`, each shaded at the points of `gbuffer`, plus `add_after`.
+    """What another program rendered: `scene`, shaded at the points of `gbuffer`, plus `add_after`.
 
-    Two scenes where a light has one colour for the diffuse term and another for the highlight: the ambient light, the
-    emission and the colour of the fog are those of the first. `expected` is linear and NaN outside the mask.
+    `expected` is linear and NaN outside the mask.
     """
 
     program: str
     tolerance: float
     expected: np.ndarray
     mask: np.ndarray
-    scenes: tuple[ds.Scene, ...]
+    scene: ds.Scene
     gbuffer: ds.GBuffer
     camera: AbstractCamera
     add_after: np.ndarray
 
     def found(self) -> np.ndarray:
         """Return what the library renders."""
-        images = [np.asarray(ds.shade(scene, self.gbuffer, self.camera)) for scene in self.scenes]
-        return np.sum(images, axis=0) + self.add_after
+        return np.asarray(ds.shade(self.scene, self.gbuffer, self.camera)) + self.add_after
 
 
 @dataclass(frozen=True)
@@ -107,9 +104,9 @@ def read_reference(path: Path) -> Shading | Refraction:
     gbuffer = ds.GBuffer(arrays["N"], arrays["P"], arrays["mask"])
     mask = np.asarray(gbuffer.mask)
     camera = _camera(params, arrays["eye"], mask)
-    scenes = _scenes(path.name, params, gbuffer)
+    scene = _scene(path.name, params, gbuffer)
     add_after = np.asarray(params.get("add_after", (0.0, 0.0, 0.0)))
-    return Shading(program, tolerance, arrays["rgb"], mask, scenes, gbuffer, camera, add_after)
+    return Shading(program, tolerance, arrays["rgb"], mask, scene, gbuffer, camera, add_after)
 
 
 def _solid(name: str, params: dict) -> AbstractSolid:
@@ -132,8 +129,8 @@ def _camera(params: dict, eye: np.ndarray, mask: np.ndarray) -> AbstractCamera:
     return ds.Camera(**here, fov=2 * np.rad2deg(np.arctan(camera["tan_half"])))
 
 
-def _scenes(name: str, params: dict, gbuffer: ds.GBuffer) -> tuple[ds.Scene, ...]:
-    given, lights = params["material"], params["lights"]
+def _scene(name: str, params: dict, gbuffer: ds.GBuffer) -> ds.Scene:
+    given = params["material"]
     _refuse_unknown(f"{name}: material", given, MATERIAL)
     material = ds.Material(
         k_a=given["ambient"],
@@ -143,32 +140,9 @@ def _scenes(name: str, params: dict, gbuffer: ds.GBuffer) -> tuple[ds.Scene, ...
         k_e=given.get("emission", 0.0),
         lobe=LOBES[params["model"]](),
     )
-    ambient = np.asarray(params["global_ambient"], float) + sum(
-        _ambient(f"{name}: lights[{i}]", light) for i, light in enumerate(lights)
-    )
     air = _fog(f"{name}: fog", params["fog"]) if params.get("fog") else None
-
-    def scene(colour: str, material: ds.Material, air: ds.DepthCueing | ds.Fog | None) -> ds.Scene:
-        of_colour = [_light(f"{name}: lights[{i}]", light, colour) for i, light in enumerate(lights)]
-        return ds.Scene(ds.Object(gbuffer, material), of_colour, ambient, atmosphere=air)
-
-    if all(light["diffuse"] == light["specular"] for light in lights):
-        return (scene("diffuse", material, air),)
-    # s (A + B) + (1 - s) I_dc = [s A + (1 - s) I_dc] + [s B + (1 - s) 0]
-    black = None if air is None else dataclasses.replace(air, I_dc=0.0)
-    return (
-        scene("diffuse", dataclasses.replace(material, k_s=0.0), air),
-        scene("specular", dataclasses.replace(material, k_a=0.0, k_d=0.0, k_e=0.0), black),
-    )
-
-
-def _ambient(name: str, light: dict) -> np.ndarray:
-    """Return a light's own ambient colour, which is one with the scene's where it is the same everywhere."""
-    ambient = np.asarray(light.get("ambient", (0, 0, 0)), float)
-    fades = "pov_fade" in light or tuple(light.get("attenuation", (1, 0, 0))) != (1, 0, 0)
-    if ambient.any() and (light["type"] not in ("directional", "point") or fades):
-        raise NotImplementedError(f"{name} has an ambient colour that is attenuated, which the model does not have.")
-    return ambient
+    lights = [_light(f"{name}: lights[{i}]", light) for i, light in enumerate(params["lights"])]
+    return ds.Scene(ds.Object(gbuffer, material), lights, params["global_ambient"], atmosphere=air)
 
 
 def _fog(name: str, fog: dict) -> ds.DepthCueing | ds.Fog:
@@ -183,28 +157,30 @@ def _fog(name: str, fog: dict) -> ds.DepthCueing | ds.Fog:
     return ds.Fog(fog["density"], I_dc=fog["color"], squared=mode == "exp2", radial=distance == "radial")
 
 
-def _light(name: str, light: dict, colour: str) -> AbstractLight:
+def _light(name: str, light: dict) -> AbstractLight:
     if light["type"] not in LIGHTS:
         raise NotImplementedError(f"{name} is of type {light['type']}; the reader knows {', '.join(LIGHTS)}.")
     _refuse_unknown(name, light, LIGHTS[light["type"]] | {"type", "diffuse", "specular", "ambient"})
-    intensity = light[colour]
+    intensity = light["diffuse"]
+    apart = {} if light["specular"] == intensity else {"specular": light["specular"]}
+    apart |= {"ambient": light["ambient"]} if any(light.get("ambient", ())) else {}
     match light["type"]:
         case "directional":
-            return ds.DirectionalLight(-np.asarray(light["to_light"], float), intensity)
+            return ds.DirectionalLight(-np.asarray(light["to_light"], float), intensity, **apart)
         case "point":
-            return ds.PointLight(light["position"], intensity, _attenuation(name, light))
+            return ds.PointLight(light["position"], intensity, _attenuation(name, light), **apart)
         case "area":
             where = (light["corner"], light["edge_u"], light["edge_v"])
             cone = {"cutoff": light.get("spot_cutoff_deg", 90.0), "exponent": light.get("spot_exponent", 1.0)}
-            samples = tuple(light["samples"])
-            return ds.AreaLight(*where, intensity, **cone, attenuation=_attenuation(name, light), samples=samples)
+            more = {"attenuation": _attenuation(name, light), "samples": tuple(light["samples"])}
+            return ds.AreaLight(*where, intensity, **cone, **more, **apart)
         case "spot":
             cutoff, exponent, softness = light["spot_cutoff_deg"], light["spot_exponent"], 0.0
         case _:  # pov_spot
             cutoff, exponent = light["falloff_deg"], light["tightness"]
             softness = cutoff - light["radius_deg"]
     direction, attenuation = light["spot_direction"], _attenuation(name, light)
-    return ds.SpotLight(light["position"], direction, intensity, cutoff, exponent, attenuation, softness)
+    return ds.SpotLight(light["position"], direction, intensity, cutoff, exponent, attenuation, softness, **apart)
 
 
 def _attenuation(name: str, light: dict) -> ds.RadialAttenuation:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import logging
 import re
+from functools import partial
 
 import jax
 import numpy as np
@@ -210,6 +211,7 @@ LIGHTS = (
     ds.PointLight((2, 3, 4), (6, 5, 4), ds.RadialAttenuation(1, 0.1, 0.05)),
     ds.DirectionalLight((1, -2, -2), 0.3),
     ds.SpotLight((-1, 1, 3), (0.3, -0.4, -1), (3, 2, 4), 25, 6, ds.RadialAttenuation(0.5, 0.2, 0.1)),
+    ds.PointLight((0, 1, 2), 0.5, ambient=(0.1, 0.2, 0.3), specular=(1, 0, 0.25)),
 )
 
 
@@ -219,8 +221,14 @@ def test_opengl_lights_are_read_again(tmp_path):
     assert [type(light) for light in found] == [type(light) for light in LIGHTS]
     assert isinstance(found[1], ds.DirectionalLight)
     np.testing.assert_allclose(found[1].direction, np.array([1, -2, -2]) / 3)
-    for one, other in zip(jax.tree.leaves((found[0], found[2])), jax.tree.leaves((LIGHTS[0], LIGHTS[2])), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6)
+    jax.tree.map(partial(np.testing.assert_allclose, rtol=1e-6), (found[0], *found[2:]), (LIGHTS[0], *LIGHTS[2:]))
+
+
+def test_what_no_call_of_gllight_sets_has_opengls_default(tmp_path):
+    code = "glLightfv(GL_LIGHT{}, GL_DIFFUSE, (GLfloat[]){{ 0.5, 0.5, 0.5, 1 }});"
+    (tmp_path / "a.c").write_text("\n".join(code.format(i) for i in (0, 1)))
+    expected = [ds.DirectionalLight((0, 0, -1), 0.5, specular=white) for white in (1, 0)]
+    jax.tree.map(np.testing.assert_array_equal, list(ds.read_lights(tmp_path / "a.c")), expected)
 
 
 def test_opengl_and_vtk_by_hand(tmp_path):
@@ -301,7 +309,7 @@ WRONG = [
     ("a.c", PHONG, {"name": " "}, "a material's name must be a word; got ' '."),
     ("a.mtl", {}, {}, "needs at least one material; got none."),
     ("a.mtl", {"a": ds.Sphere()}, {}, "the material 'a' must be a Material; got Sphere"),
-    ("a.c", PHONG, {"lights": LIGHTS * 3}, "OpenGL has 8 lights; got 9."),
+    ("a.c", PHONG, {"lights": LIGHTS[:3] * 3}, "OpenGL has 8 lights; got 9."),
     ("a.c", PHONG, {"lights": AREA}, "OpenGL has no AreaLight; got one as lights[0]."),
     *((f"a{of}", CHEQUERED, {}, "a material file holds colours; got a Chequer.") for of in (".mtl", ".gltf", ".js")),
 ]

@@ -17,10 +17,10 @@ LAYERS = (
     "core.words core.progress core.backend",
     "core.fields",
     "model.vectors",
-    "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.gbuffers",
+    "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",
     "model.lobes",
     "model.photometry",
-    "model.lights model.measured_lights model.materials model.named_materials",
+    "model.lights model.area_lights model.measured_lights model.materials model.named_materials",
     "model.reflection model.transmission",
     "model.scenes",
     "model.tracing",
@@ -38,6 +38,7 @@ LAYERS = (
     "inverse.running inverse.laid_out_fit",
     "inverse.verdicts",
     "inverse.fitting",
+    "inverse.fit_functions",
     "texels",
     "diagnosis.misfit",
     "diagnosis",
@@ -51,7 +52,7 @@ LEVEL = {room: level for level, row in enumerate(LAYERS) for room in row.split()
 # a light never knows a material, nor it a light
 STRANGERS = {
     (f"model.{one}", f"model.{other}")
-    for lights, materials in [(("lights", "measured_lights"), ("lobes", "materials", "named_materials"))]
+    for lights, materials in [(("lights", "area_lights", "measured_lights"), ("lobes", "materials", "named_materials"))]
     for pair in [(light, material) for light in lights for material in materials]
     for one, other in (pair, pair[::-1])
 } | {("exchange", "diagnosis"), ("exchange", "diagnosis.misfit"), ("exchange", "calibration")}

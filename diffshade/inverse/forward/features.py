@@ -265,10 +265,11 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
         and not material.maps
         and all(view.sensor is None for view in views)
         and scene.atmosphere is None
+        and not scene.shadows
         and np.ndim(n_s) == 0
         and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
-        and all(light.is_factored for light in scene.lights)
+        and all(light.is_factored and light.has_one_colour for light in scene.lights)
     )
 
 

@@ -158,6 +158,45 @@ def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: 
     return theta, state, state.done | (state.result != optx.RESULTS.successful)
 
 
+def _solver(box: Box, squares: Any, *, projects: bool, rtol: float) -> GramLevenbergMarquardt:
+    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    return GramLevenbergMarquardt(
+        descent=BoxNewton(
+            jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(box.linear & projects), box.arrow
+        ),
+        search=GainRatio(rounding),
+        rtol=rtol,
+        atol=1e-25 * squares,
+        rounding=rounding,
+    )
+
+
+def minimum_in_jax(
+    theta: Array, evaluate_at: Callable[[Array], Point], box: Box, squares: Array, *, projects: bool, max_steps: int
+) -> tuple[Array, Array, Array]:
+    """Return the minimum, its cost and whether the solver converged, as one pure JAX function.
+
+    It takes the steps of `minimise`, which runs its passes on all cores and cannot be traced.
+    """
+    solver = _solver(box, squares, projects=projects, rtol=1e-14)
+
+    def step(carry: tuple) -> tuple:
+        theta, state, point = carry
+        theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
+        return theta, state, evaluate_at(state.y_eval)
+
+    def goes_on(carry: tuple) -> Array:
+        state = carry[1]
+        return ~state.done & (state.result == optx.RESULTS.successful) & (state.steps < max_steps)
+
+    point = evaluate_at(theta)
+    f_struct, aux_struct = jax.eval_shape(_given, theta, point)
+    state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
+    state = jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
+    theta, state, _ = jax.lax.while_loop(goes_on, step, (theta, state, point))
+    return state.point.theta, state.point.total.cost, state.done & (state.result == optx.RESULTS.successful)
+
+
 def minimise(
     theta: Any,
     task: Task,
@@ -176,17 +215,7 @@ def minimise(
 
     The steps are decided by a compiled program; the passes between them run on all cores.
     """
-    box, projects = task.box, task.model.projects
-    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
-    solver = GramLevenbergMarquardt(
-        descent=BoxNewton(
-            jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(np.asarray(box.linear) & projects), box.arrow
-        ),
-        search=GainRatio(rounding),
-        rtol=rtol,
-        atol=1e-25 * squares,
-        rounding=rounding,
-    )
+    solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol)
     theta = np.asarray(theta)
     point = evaluate(theta, task, chunks)
     state, done = _begin(theta, solver, point), False

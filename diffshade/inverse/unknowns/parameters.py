@@ -40,7 +40,8 @@ def find_unknowns(
 ) -> list[Unknown]:
     """Return the unknowns that `free` names, in the scene's order.
 
-    A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`).
+    A name is any run of whole segments of a dotted path (`k_d`, `material.k_d`, `objects.0`, `views.0.exposure`), but
+    `ambient` is the scene's alone.
 
     Args:
         scene: The scene, whose values are known where they are not free.
@@ -177,6 +178,8 @@ def _check_are_free(where: str, names: Sequence[str], freed: Sequence[str], know
 
 def _frees(name: str, path: str, spec: dataclasses.Field) -> bool:
     last = path.split(".")[-1]
+    if name == "ambient" != path:  # the scene's whole path; a light's own is lights.0.ambient
+        return False
     return end_of_run(name, path) is not None and (not parameter_of(spec).by_own_name or last in name.split("."))
 
 

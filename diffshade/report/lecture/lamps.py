@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...model.area_lights import AreaLight
 from ...model.attenuation import RadialAttenuation, angular_attenuation
 from ...model.cameras import Camera, OrthographicCamera
-from ...model.lights import AbstractLight, AreaLight, DirectionalLight, PointLight, SpotLight
+from ...model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from ...model.surfaces import Box, Plane, Sphere

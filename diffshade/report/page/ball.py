@@ -182,9 +182,13 @@ def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
 def emitter_rows(light: AbstractLight) -> list[list[float]] | None:
     """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
 
+    It knows none whose colours are apart.
+
     The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
     a1, a2, 1 for a spot; the spot's axis, the cosine of its edge; its exponent, the width of its soft edge, 0, 0.
     """
+    if not light.has_one_colour:
+        return None
     if not isinstance(light, AbstractEmitter):
         stack = jax.jit(type(light).emitters)(light)
         number = len(jax.tree.leaves(stack)[0])

@@ -1,0 +1,116 @@
+"""Fit functions: many small fits at once, and derivatives through a fit."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from refusals import refuses
+
+import diffshade as ds
+
+LAMPS = (ds.PointLight((2, 3, 4), 20, ds.RadialAttenuation(1, 0.1, 0.5)), ds.DirectionalLight((1, -1, -1), 0.3))
+FREE = ("k_a", "k_d", "k_s", "n_s")
+TOLD = ds.Scene(ds.Object(ds.Sphere(), ds.Material()), LAMPS)
+
+
+def camera(side):
+    return ds.Camera(eye=(0, 0, 4), fov=35, shape=(side, side))
+
+
+def drawn(count, side):
+    """Return grey photographs of balls with noise, and the cost of the truth."""
+    random = np.random.default_rng(0)
+    materials = np.exp(random.uniform(np.log((0.02, 0.2, 0.1, 3)), np.log((0.2, 0.8, 0.6, 200)), (count, 4)))
+    scenes = [ds.Scene(ds.Object(ds.Sphere(), ds.Material(*of)), LAMPS) for of in materials]
+    clean = np.stack([np.asarray(ds.render(scene, camera(side))).mean(-1) for scene in scenes])
+    noise = random.normal(0, 0.01, clean.shape)
+    inside = np.asarray(ds.intersect(TOLD, camera(side)).mask)
+    return clean + noise, 0.5 * (noise[:, inside] ** 2).sum(-1)
+
+
+@pytest.fixture(scope="module")
+def few():
+    images, cost = drawn(6, 16)
+    function = ds.fit_function(TOLD, ds.View(images[0], camera(16)), free=FREE)
+    return function, images, jax.jit(jax.vmap(function))(images), cost
+
+
+@pytest.mark.thorough
+def test_a_batch_ends_where_fit_does(few):
+    function, images, found, cost = few
+    assert function.names == FREE
+    assert found.converged.all()
+    assert (found.cost <= cost).all()
+    alone = ds.fit(TOLD, ds.View(images[2], camera(16)), free=FREE).scene.objects[0].material
+    expected = [alone.k_a[0], alone.k_d[0], alone.k_s[0], alone.n_s]
+    np.testing.assert_allclose([found.values[name][2] for name in FREE], expected, rtol=1e-5)
+
+
+@pytest.mark.thorough
+def test_residuals_are_zero_where_the_image_is_predicted(few):
+    function, images, found, _ = few
+    theta = jnp.array([*(found.values[name][0] for name in FREE[:3]), jnp.log(found.values["n_s"][0])])
+    r = function.residuals(theta, images[0])
+    np.testing.assert_allclose(0.5 * r @ r, found.cost[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        jax.grad(lambda t: 0.5 * (function.residuals(t, images[0]) ** 2).sum())(theta), 0, atol=1e-6
+    )
+
+
+@pytest.mark.thorough
+def test_the_gradient_through_a_fit_is_that_of_finite_differences(few):
+    function, images, _, _ = few
+    along = np.random.default_rng(1).normal(size=images[0].shape)
+
+    @jax.jit
+    def end(step):
+        found = function(images[1] + step * along)
+        return jnp.stack([*found.values.values(), found.cost])
+
+    slope = np.asarray(jax.jit(jax.jacfwd(end))(0.0))
+    h = 1e-5
+    differences = (8 * (end(h) - end(-h)) - (end(2 * h) - end(-2 * h))) / (12 * h)
+    np.testing.assert_allclose(slope, differences, rtol=1e-5)
+    reverse = jax.jit(jax.grad(lambda image: function(image).values["n_s"]))(images[1])
+    np.testing.assert_allclose(np.sum(reverse * along), slope[3], rtol=1e-8)
+
+
+def test_what_it_does_not_know_is_refused():
+    images = np.linspace(0.1, 0.9, 6 * 16 * 16).reshape(6, 16, 16)
+    view = ds.View(images[0], camera(16))
+    function = ds.fit_function(TOLD, view, free=FREE)
+    refuses(lambda: function(images), "(16, 16)", "(6, 16, 16)", "jax.vmap")
+    refuses(lambda: ds.fit_function(TOLD, ds.View(images[0], camera(16), noise=0.01), free=FREE), "views[0]", "noise")
+    refuses(lambda: ds.fit_function(TOLD, ds.View(images[0], camera(16), saturation=0.15), free=FREE), "clipped")
+    refuses(lambda: ds.fit_function(TOLD, view, free="kd"), "'kd'", "k_d")
+
+
+@pytest.mark.thorough
+def test_a_thousand_fits_end_at_or_below_the_cost_of_the_truth():
+    images, cost = drawn(1000, 32)
+    function = ds.fit_function(TOLD, ds.View(images[0], camera(32)), free=FREE)
+    found = jax.jit(jax.vmap(function))(images)
+    assert (found.cost > cost).sum() <= 2
+    assert found.converged.all()
+
+
+@pytest.mark.thorough
+def test_any_scene_views_in_colour_and_unknowns_at_a_bound():
+    """Fog, two objects, two views of one light each; a k_s of 0, which no derivative moves."""
+    fog = ds.Fog(0.1, I_dc=(0.3, 0.4, 0.5))
+    floor = ds.Object(ds.Plane((0, -1, 0)), ds.Material(0.1, 0.4))
+    ball = ds.Object(ds.Sphere(), ds.Material(0.1, (0.6, 0.5, 0.3), 0.0, 20, ds.Blinn()), name="ball")
+    scene = ds.Scene((floor, ball), LAMPS, atmosphere=fog)
+    pictures = [np.asarray(ds.render(scene, camera(20), lit=i)) for i in range(2)]
+    views = [ds.View(picture, camera(20), lit=i) for i, picture in enumerate(pictures)]
+    function = ds.fit_function(scene, views, free=("ball.material.k_d", "ball.material.k_s"))
+    brighter = [np.stack([picture, 1.1 * picture]) for picture in pictures]
+    found = jax.jit(jax.vmap(function))(*brighter)
+    values = [found.values[name][0] for name in function.names]
+    np.testing.assert_allclose(values, (0.6, 0.5, 0.3, 0, 0, 0), atol=1e-7)
+
+    def red(scale):
+        return function(pictures[0] * scale, pictures[1]).values[function.names[0]]
+
+    slope, h = jax.jacfwd(red)(1.01), 1e-5
+    np.testing.assert_allclose(slope, (red(1.01 + h) - red(1.01 - h)) / (2 * h), rtol=1e-5)
