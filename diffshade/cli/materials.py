@@ -21,6 +21,7 @@ STARTER = """\
 
 ambient = 1.0      # the ambient light
 background = 0.0   # the radiance of a ray that hits nothing
+# shadows = true     # a light reaches a point only if nothing opaque stands between
 # atmosphere = {{ type = "Fog", density = 0.1, I_dc = 0.0, squared = false, radial = false }}
 # atmosphere = {{ type = "DepthCueing", z_f = 1.0, z_b = 10.0, s_f = 1.0, s_b = 0.0, I_dc = 0.0, radial = false }}
 
@@ -58,6 +59,8 @@ surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
 type = "PointLight"
 position = [2, 3, 4]
 intensity = 0.6
+# specular = 0.6     # colour of the highlights; that of the intensity where it is left out
+# ambient = 0.1      # the light's own ambient, which k_a reflects wherever the light reaches
 # 1 / (constant + linear d + quadratic d^2) of the distance d; clamp: at most 1
 attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0, clamp = false }}
 

@@ -207,7 +207,7 @@ def _with_lamp(light: Any, path: Path, i: int) -> Any:
         lamp = read_lamp(path.parent / light["file"], **given)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from None
-    return {"type": "MeasuredLight", **_table(lamp), **own}
+    return {"type": "MeasuredLight", **_table(lamp, "", None), **own}
 
 
 def _check_keys(table: dict[str, Any], known: Collection[str], where: str) -> None:
