@@ -112,6 +112,7 @@ def report_maps(typed: Options, out: Path, hold_out: int | None, *, as_json: boo
     maps = ds.read_maps(typed.source)
     found = replace(typed, source=typed.photos[0], photos=()).read(normals=False) if typed.photos else None
     views, names = ((), ()) if found is None else (found.views, found.names)
+    views = tuple(replace(view, sensor=maps.sensor) for view in views)
     seen, left_out = divided(len(views), hold_out)
     ds.write_report(
         out,

@@ -98,6 +98,8 @@ def texels(
         response = None
         if "gamma" in typed.free:
             response = ds.find_response(found.scene, [found.views[i] for i in seen], progress=True)
+            if not np.isfinite(response.error):
+                raise ValueError("these photographs do not determine gamma. Leave gamma out of --free.")
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
         try:

@@ -244,7 +244,7 @@ def fit_function(
 
     The cost is a sum of squares; there is no error bar. Use `fit` for one fit of which more is to be known. The
     function computes in the precision of the program that calls it: in float32 the normal equations keep about three
-    digits, so put `with jax.enable_x64(True):` around it.
+    digits, so call it under `jax.enable_x64`.
 
     Args:
         scene: What is known; the free values need not be.
@@ -257,7 +257,8 @@ def fit_function(
         The function.
 
     Raises:
-        ValueError: As `fit` raises it; or a view has noise or clipped samples, which this function does not know.
+        ValueError: As `fit` raises it; or a view has noise, a sensor or clipped samples, which this function does not
+            know.
         TypeError: As `fit` raises it.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
@@ -269,6 +270,11 @@ def fit_function(
     with in_float64((scene, views)) as (scene, views):
         samples, counts = samples_for(scene, views, unknowns, "hinge")
         for i, view in enumerate(views):
+            if view.sensor is not None:
+                raise ValueError(
+                    f"a fit function takes linear images; views[{i}] has a sensor. Leave it out and give linear "
+                    "images, or use fit."
+                )
             if view.noise is not None:
                 raise ValueError(
                     f"a fit function counts all samples alike; views[{i}] has noise. Leave it out, or use fit."

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import logging
 import os
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
+import equinox as eqx
 import jax
 import numpy as np
 from jax.sharding import Mesh
@@ -74,7 +77,8 @@ def fit_texels(
     Args:
         scene: One opaque object, whose surface says where the texels are, and all lights. The values of free numbers
             are not used.
-        views: At least 2, of one camera, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`. An
+        views: At least 2, of one camera, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`. A
+            `sensor` is undone first, but for its blur; noise that is known is then left out. An
             observation that the sensor clipped is excluded with all its channels; without a saturation, a sample of 1
             exactly counts as clipped.
         free: Names of the numbers to fit, of "k_a", "k_d", "k_s", "n_s" and "normal".
@@ -110,6 +114,8 @@ def fit_texels(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_scale(memory, out, mesh, "out")
     free = checked(scene, views, free, regions, loss)
+    sensor = views[0].sensor
+    one_sensor = all(eqx.tree_equal(view.sensor, sensor) for view in views)
     views = tuple(map(developed, views))
     light_error = None if light_error is None else checked_light_error(light_error, len(views), free, loss)
     if out is not None:
@@ -124,7 +130,13 @@ def fit_texels(
         problem = "" if out is None else fingerprint(scene, views, free, region_of, loss, neighbours, light_error)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
-            return _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)
+            maps = _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)
+    if sensor is None or not one_sensor:
+        return maps
+    maps = dataclasses.replace(maps, sensor=sensor)
+    if out is not None:
+        maps.describe(Path(out))
+    return maps
 
 
 def _fit(

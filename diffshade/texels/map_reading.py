@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..inverse.data.sensors import Sensor, Vignetting
 from ..io.arrays import read_array
 from ..io.images import read_image
 from ..io.scene_files import read_camera, read_scene
@@ -101,7 +102,15 @@ def _maps(folder: Path, about: dict[str, Any], scene: Any, camera: Any) -> Texel
         {name: float(times) for name, times in about["errors_95"].items()},
         _highlights(folder, about.get("highlight", ()), shape),
         _unexplained(folder, about["unexplained"], shape) if "unexplained" in about else None,
+        _sensor(about["sensor"]) if "sensor" in about else None,
     )
+
+
+def _sensor(about: dict[str, float]) -> Sensor:
+    """Return the sensor whose numbers have these dotted names."""
+    parts = {name.rpartition(".")[2]: float(value) for name, value in about.items() if name.startswith("vignetting.")}
+    own = {name: float(value) for name, value in about.items() if "." not in name}
+    return Sensor(**own, vignetting=Vignetting(**parts))
 
 
 def _highlights(folder: Path, powers: Any, shape: tuple[int, int]) -> tuple[SharedHighlight, ...]:

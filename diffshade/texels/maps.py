@@ -14,7 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
+from ..core.fields import quantities
 from ..inverse.data.recording import developed
+from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View, is_grey
 from ..io.images import write_image
 from ..io.scene_files import scene_document, write_scene
@@ -96,6 +98,7 @@ class TexelMaps:
             then has the single power that is half as bright as its peak at the same angle.
         unexplained: What the photographs show beyond the model, where all texels share a highlight and where it can be
             foretold from one light to another.
+        sensor: What the camera of all photographs did to the light; None where the views had no `Sensor`, or several.
     """
 
     values: Mapping[str, Float[np.ndarray, "h w _"]]
@@ -108,6 +111,7 @@ class TexelMaps:
     times_95: Mapping[str, float] = field(default_factory=dict)
     highlights: tuple[SharedHighlight, ...] = ()
     unexplained: Unexplained | None = None
+    sensor: Sensor | None = None
 
     STATUS = STATUS
 
@@ -336,6 +340,8 @@ class TexelMaps:
             about["notes"] = [str(note) for note in self.notes]
         if scales:
             about["scale"] = dict(scales)
+        if self.sensor is not None:
+            about["sensor"] = {name: float(value) for name, value, _ in quantities(self.sensor)}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:

@@ -102,6 +102,36 @@ def test_a_photograph_is_developed(camera, channels):
     assert seen[image < 0.6].max() < linear.saturation
 
 
+@pytest.mark.parametrize(("dtype", "saturation"), [(np.float32, 0.45), (np.float64, None)])
+def test_what_the_sensor_clipped_stays_clipped(dtype, saturation):
+    scene, camera = ball((20, 30))
+    sensor = ds.Sensor(red=1.2, vignetting=ds.Vignetting(-0.3))
+    view = ds.View(np.zeros((20, 30, 3)), camera, lit=0, exposure=3.0, sensor=sensor)
+    bright = photograph(scene, view)
+    top = 1.0 if saturation is None else saturation
+    image = np.minimum(bright, top).astype(dtype)
+    linear = developed(dataclasses.replace(view, image=image, saturation=saturation))
+    assert linear.saturation is not None
+    np.testing.assert_array_equal(np.asarray(linear.image) >= linear.saturation, bright >= np.asarray(top, dtype))
+    assert (bright >= top).any()
+
+
+def test_maps_remember_the_sensor(tmp_path):
+    ball = textured_ball(16, 10)
+    linear = [dataclasses.replace(view, image=np.maximum(view.image, 0)) for view in ball.views]
+    views = [dataclasses.replace(view, image=view.image**0.5, sensor=ds.Sensor(gamma=2.0)) for view in linear]
+    free = ("k_d", "k_s", "n_s", "normal")
+    maps = ds.fit_texels(facing_us(ball), views, free=free, out=tmp_path / "maps")
+    plain = ds.fit_texels(facing_us(ball), linear, free=free)
+    np.testing.assert_allclose(maps.values["k_d"], plain.values["k_d"], atol=0.02)
+    for one in (maps, ds.read_maps(tmp_path / "maps")):
+        assert one.sensor is not None
+        assert float(one.sensor.gamma) == 2.0
+        assert float(one.sensor.vignetting.second) == 0.0
+    assert plain.sensor is None
+    np.testing.assert_allclose(maps.relative_errors(views), plain.relative_errors(linear), atol=0.02)
+
+
 def test_vignetting_is_the_fraction_at_the_corner():
     scene = ds.Scene(ds.Object(ds.Plane((0, 0, 0), (0, 0, 1)), ds.Material(k_e=1.0)), ds.DirectionalLight((0, 0, -1)))
     camera = ds.Camera(eye=(0, 0, 4), fov=60, shape=(101, 101))

@@ -154,7 +154,6 @@ def test_derivatives_at_the_poles_of_a_sphere_are_finite():
             ),
             ("glass", "eta 1.5", "Texture"),
         ),
-        (lambda: ds.write_scene("never.toml", scene(**MAPS)), ("k_a", "(20, 24)", "numpy.save")),
         (lambda: ds.with_lobe(ds.Material(**MAPS), ds.Blinn()), ("an array for k_a", "one colour")),
         (
             lambda: ds.fit_texels(scene(**MAPS), [ds.View(np.ones((20, 24, 3)), CAMERA, lit=0)] * 2),

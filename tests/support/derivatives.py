@@ -686,10 +686,10 @@ power of ten and at least 1e-09; at pixels where each comparison that the progra
 
 
 def numeric_fields():
-    """Every numeric field of the model's public classes, `Class.field`. `View`, `Noise`, `Shot` belong to fits."""
-    found = []
+    """Every numeric field of the model's public classes, `Class.field`; some classes belong to fits."""
+    found, of_fits = [], (ds.View, ds.Noise, ds.Sensor, ds.Vignetting, ds.Shot)
     for name, kind in ((name, getattr(ds, name)) for name in dir(ds)):
-        if inspect.isclass(kind) and issubclass(kind, Checked) and kind not in (ds.View, ds.Noise, ds.Shot):
+        if inspect.isclass(kind) and issubclass(kind, Checked) and kind not in of_fits:
             for field in dataclasses.fields(kind):
                 if field.metadata.get("converter") in _KINDS or (kind is ds.GBuffer and field.name != "mask"):
                     found.append(f"{name}.{field.name}")

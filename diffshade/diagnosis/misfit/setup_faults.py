@@ -175,13 +175,14 @@ def _in_words(fit: Fit, direction: Direction, amount: Vector) -> tuple[str, str]
         return (
             f"the images darken towards their corners by about {one:.0%} (vignetting)",
             f"Divide them by 1 - {one:.2g} rho^2, with rho the distance from the centre over that of a corner, or use "
-            "a smaller aperture.",
+            "a smaller aperture, or give the views a Sensor() and free 'sensor.vignetting.second'.",
         )
     if direction.kind == "gamma":
         power = 1.0 + one
         return (
             f"the images look like linear ones raised to the power {power:.4g} (gamma)",
-            f"Raise them to the power {1.0 / power:.4g}, or read them with the camera's own curve.",
+            f"Raise them to the power {1.0 / power:.4g}, read them with the camera's own curve, or give the views a "
+            "Sensor() and free 'sensor.gamma'.",
         )
     if direction.kind == "blur":
         return (

@@ -81,7 +81,14 @@ def as_spot(lamp: MeasuredLight) -> SpotFit:
         cost, log_a, cutoff = fits[0]
     scale, _ = scale_and_cost(shape(log_a, cutoff))
     light = SpotLight(
-        lamp.position, lamp.direction, scale * lamp.intensity, cutoff, float(np.exp(log_a)), lamp.attenuation
+        lamp.position,
+        lamp.direction,
+        scale * lamp.intensity,
+        cutoff,
+        float(np.exp(log_a)),
+        lamp.attenuation,
+        ambient=lamp.ambient,
+        specular=None if lamp.specular is None else scale * lamp.specular,
     )
     return SpotFit(light, float(np.sqrt(cost) / beam.max()))
 

@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from ...core.backend import in_float64
 from ...io.lazy_images import LazyImage
 from ...model.rendering import render
 from ...model.scenes import Scene
 from .sensors import Sensor, falloff, linear_level
-from .views import Image, View, has_alpha, is_grey
+from .views import Image, View, colours, has_alpha, is_grey
 
 
 def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
@@ -36,21 +37,30 @@ def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray
 def developed(view: View) -> View:
     """Return a view with a linear image, and no sensor: response, gains and vignetting are undone, blur is not.
 
-    Noise that is known is left out where the response is not linear, since it is then not of a `Noise`.
+    Noise that is known is left out: it now differs from pixel to pixel, which a `Noise` cannot say.
     """
-    sensor = view.sensor
-    if sensor is None:
+    if view.sensor is None:
         return view
-    shown, grown = _level_at(view, view.saturation, np.max), _level_at(view, view.floor, np.min)
+    with in_float64(view) as view:
+        assert view.sensor is not None
+        return _developed(view, view.sensor)
+
+
+def _developed(view: View, sensor: Sensor) -> View:
+    rounded = view.image.dtype.type  # a file of float32 ends at float32(0.45), which is below 0.45
+    top = _top(view) if view.saturation is None else float(rounded(view.saturation))
+    bottom = None if view.floor is None else float(rounded(view.floor))
+    shown = None if top is None else _level_at(view, sensor, top, np.max)
+    grown = None if bottom is None else _level_at(view, sensor, bottom, np.min)
 
     def rows(image: Float[np.ndarray, "r w c"], first: int) -> np.ndarray:
         seen = image[..., :-1] if has_alpha(view) else image
         level = (linear_level(sensor, seen) - float(view.black)) / _gains(view, sensor, first, first + len(seen))
         level = level + float(view.black)
-        if shown is not None:
-            level = np.where(seen >= view.saturation, shown, level)
-        if grown is not None:
-            level = np.where(seen <= view.floor, grown, level)
+        if top is not None and shown is not None:
+            level = np.where(seen >= top, shown, level)
+        if bottom is not None and grown is not None:
+            level = np.where(seen <= bottom, grown, level)
         return np.concatenate([level, image[..., -1:]], -1) if has_alpha(view) else level
 
     image = view.image
@@ -60,18 +70,18 @@ def developed(view: View) -> View:
         )
     else:
         developed_image = rows(np.asarray(image, np.float64), 0)
-    noise = view.noise if sensor.is_linear else None
-    return View(developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, noise, shown, grown)
+    return View(developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, None, shown, grown)
 
 
-def _level_at(view: View, level: float | None, farthest: Any) -> float | None:
+def _top(view: View) -> float | None:
+    """Return 1 where that is the largest sample, the top of an integer file's range; a lazy image is not read."""
+    return 1.0 if not isinstance(view.image, LazyImage) and np.max(colours(view)) == 1.0 else None
+
+
+def _level_at(view: View, sensor: Sensor, level: float, farthest: Any) -> float:
     """Return one level for all samples that the sensor clipped at a level, no nearer than any that it did not."""
-    if level is None or view.sensor is None:
-        return None
-    gains = _gains(view, view.sensor, 0, view.camera.shape[0])
-    return float(farthest((linear_level(view.sensor, np.asarray(level)) - float(view.black)) / gains)) + float(
-        view.black
-    )
+    light = linear_level(sensor, np.asarray(level)) - float(view.black)
+    return float(farthest(light / _gains(view, sensor, 0, view.camera.shape[0]))) + float(view.black)
 
 
 def _gains(view: View, sensor: Sensor, first: int, last: int) -> Float[np.ndarray, "r w c"]:

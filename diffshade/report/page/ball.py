@@ -91,6 +91,7 @@ def _not_shown(scene: Scene, emitters: Sequence[list | None]) -> list[str]:
         (any(item.material.highlights for item in items), "highlights beside the first"),
         (bool(lobes), f"the lobe {listing(sorted({of.__name__ for of in lobes}))} (shown as Phong's)"),
         (bool(weights), f"the weight {listing(sorted(set(weights)))} of the highlight (shown as k_s)"),
+        (scene.shadows, "cast shadows"),
         (scene.atmosphere is not None, "the atmosphere between the object and the eye"),
         (bool(unknown), f"the light of {listing(unknown)}" if unknown else ""),
     )
@@ -110,7 +111,9 @@ def scene_to_render(fit: Fit) -> Scene | None:
     found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
     if not lacks or len(found) < len(balls) or any(m.maps for m in materials):
         return None
-    return dataclasses.replace(fit.scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
+    # stand-in balls would cast shadows that the objects do not
+    scene = dataclasses.replace(fit.scene, shadows=False)
+    return dataclasses.replace(scene, objects=tuple(dataclasses.replace(item, surface=of) for item, of in found))
 
 
 def _with_glsl(lobes: Iterable[AbstractReflectance]) -> list[AbstractLobe]:

@@ -95,7 +95,8 @@ def write_report(
         _refuse(of_fit, "a Fit", "maps")
         check_maps(result, views, held_out, heights, titles)
         with replacing(path) as temporary, showing("report", show=progress) as report_progress:
-            photographs = Photographs(tuple(views), tuple(held_out), tuple(titles))
+            linear, left_out = (tuple(map(developed, of)) for of in (views, held_out))
+            photographs = Photographs(linear, left_out, tuple(titles))
             write_maps_page(temporary, result, photographs, heights, report_progress)
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")

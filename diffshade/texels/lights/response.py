@@ -35,7 +35,7 @@ RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 NARROW = (0.12, 0.04)  # half widths, of log gamma, of the parabolas through three points that follow
 GROUPS = 4  # of the views, left out in turn
 DARK = 0.05  # of a texel's brightest view, below which it is in shadow
-FLAT = 1.15  # ratio of misfits, within the range, below which they do not tell the gamma
+FLAT = 1.15  # ratio of misfits, within the range, below which they do not determine the gamma
 
 Misfit = Callable[[float], float]
 
@@ -45,10 +45,10 @@ class FoundResponse:
     """The gamma that all texels of an object agree with; `print` it."""
 
     gamma: float
-    """Exponent that makes the photographs linear, as in `Sensor`."""
+    """Exponent that makes the photographs linear, as in `Sensor`; 1 where they do not determine it."""
     error: float
     """Its standard error: the scatter when groups of photographs are left out, and the misfit; infinite where these
-    photographs do not tell it."""
+    photographs do not determine it."""
     views: tuple[View, ...]
     """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
     misfit: float
@@ -142,7 +142,10 @@ def _found(
     spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
     notes = []
     if not clear:
-        notes.append(Note("the misfit hardly depends on gamma: these photographs do not tell it.", "gamma", ("gamma",)))
+        notes.append(
+            Note("the misfit hardly depends on gamma: these photographs do not determine it.", "gamma", ("gamma",))
+        )
+    gamma = gamma if clear else 1.0
     taken = tuple(dataclasses.replace(view, sensor=Sensor(gamma=gamma)) for view in views)
     # what the model leaves out may be proportional to the logarithm of the brightness, as a change of gamma is
     error = gamma * float(np.hypot(spread, least / scatter_of_logarithms(sample))) if clear else np.inf
