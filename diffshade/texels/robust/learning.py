@@ -28,6 +28,7 @@ DARK_ENOUGH = 50  # observations of what lies in its own shadow from which the a
 SEEN = 0.5  # S from which a view shows a highlight
 SEEN_ENOUGH = 20  # texels that show one, from which the brightness of highlights is learned
 BRIGHT_PERCENT = 90.0
+FAINTEST = 1e-30  # curvature of the weights of the shape below which it has lost its digits
 RIDGE = 1e-4  # of the weights of the shape, relative to their mean curvature
 
 
@@ -117,7 +118,7 @@ def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> Highligh
     target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
     A, target = A.reshape(-1, len(current)), target.ravel()
     G = A.T @ A
-    if not np.trace(G) > 0.0:  # no texel has a highlight
+    if not np.trace(G) > FAINTEST:  # no texel has a highlight
         return model.shape
     ridge = RIDGE * np.trace(G) / len(G)
     L = np.linalg.cholesky(G + ridge * np.eye(len(G)))
