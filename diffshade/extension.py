@@ -173,7 +173,7 @@ def vector(default: Numbers | Any = dataclasses.MISSING, *, role: str = "") -> A
     return _field(as_vector, default, parameter(role))
 
 
-def _check_range(lower: float | None, upper: float | None) -> None:
+def _check_range(lower: float | int | None, upper: float | int | None) -> None:
     if lower is not None and upper is not None and not lower < upper:
         raise ValueError(f"lower must be below upper; got {lower:g} and {upper:g}. Exchange them, or give one alone.")
 

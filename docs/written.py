@@ -28,7 +28,7 @@ class Words:
 def signature(doc: pdoc.doc.Function) -> inspect.Signature:
     """Return the signature of a function or method, or of a class for its constructor."""
     owner, _, name = doc.qualname.rpartition(".")
-    if name == "__init__":
+    if name == "__init__" and not _has_own_constructor(getattr(ds, owner)):
         return _of_class(getattr(ds, owner))
     function = inspect.unwrap(doc.obj if not isinstance(doc.obj, staticmethod | classmethod) else doc.obj.__func__)
     node = _source(function)
@@ -45,6 +45,10 @@ def annotation(doc: pdoc.doc.Variable) -> str:
     getter = getattr(member, "fget", None) or getattr(member, "func", None)
     node = _source(getter).returns if getter else dict(_fields(getattr(ds, owner))).get(name)
     return f": {ast.unparse(node)}" if node else ""
+
+
+def _has_own_constructor(cls: type) -> bool:
+    return any(isinstance(line, ast.FunctionDef) and line.name == "__init__" for line in _source(cls).body)
 
 
 def _of_class(cls: type) -> inspect.Signature:

@@ -168,7 +168,7 @@ class _Lines:
         return found
 
 
-def _size(path: Path, width: float, height: float, bytes_a_pixel: int, left: int) -> tuple[int, int]:
+def _size(path: Path, width: int | float, height: int | float, bytes_a_pixel: int, left: int) -> tuple[int, int]:
     """Return rows and columns; refuse a size that the rest of the file does not hold."""
     if width != int(width) or height != int(height) or width < 1 or height < 1:
         raise ValueError(f"{path} is damaged: its size is {width:g} x {height:g}. Copy it again.")

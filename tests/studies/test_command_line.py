@@ -126,7 +126,7 @@ def completed(words: str) -> list[str]:
 
 
 def test_the_shell_completes():
-    assert completed("diffshade re") == ["render", "report"]
+    assert completed("diffshade re") == ["render", "report", "relight"]
     assert completed("diffshade new x.toml --material em") == ["emerald"]
 
 

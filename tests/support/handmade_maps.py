@@ -29,6 +29,4 @@ def bumpy(size: int, *, shared: bool = False) -> tuple[ds.TexelMaps, ds.HeightMa
     maps = ds.TexelMaps(
         values, errors, mask.astype(np.uint8), 0.0 * x.astype(np.float32), scene, camera, (), {}, highlights
     )
-    return maps, ds.integrate_normals(
-        values["normal"], camera, mask=mask, errors=np.where(mask, 0.1, np.inf)[..., None]
-    )
+    return maps, ds.integrate_normals(values["normal"], camera, mask=mask, errors=np.where(mask, 0.1, np.inf))

@@ -1,6 +1,6 @@
 """Ten scenes with shadows, and which of their pixels POV-Ray lights; `python tests/support/shadows.py` asks it again.
 
-White matt spheres, boxes, floors and meshes under points and lights at infinity. What stands in references/shadows.npz
+White matt spheres, boxes, floors and meshes under points and lights at infinity. What stands in shadows.npz
 is POV-Ray 3.7's answer, one bit a pixel.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import diffshade as ds
 from diffshade.model.surfaces import rotation_axes
 
-FILE = Path(__file__).parent / "references" / "shadows.npz"
+FILE = Path(__file__).with_suffix(".npz")
 SIDE = 96
 WHITE = ds.Material(k_d=1.0)
 

@@ -94,6 +94,8 @@ UNTYPED = {  # what type checks around every call would catch first
     "Object(Sphere(), 0.7)": "Object.material must be a Material; got float. Give for example Material(k_d=0.7).",
     "PointLight((1, 2, 3), attenuation=(1, 0, 1))": "PointLight.attenuation must be a RadialAttenuation; got tuple.",
     f"{SPOT}attenuation=1)": "SpotLight.attenuation must be a RadialAttenuation; got int.",
+    "material('merl_brass', lobe=Brushed())": "the lobe must be Phong() or Blinn(); got a Brushed. Use with_lobe for",
+    "Scene(Object(Sphere()), shadows=1)": "Scene.shadows must be True or False; got 1. Give one of the two.",
     **{
         f"Camera((0, 0, 4), shape={shape})": "Camera.shape must be (height, width) in pixels, two whole numbers above "
         f"0; got {shape}. Give the image's shape[:2]."

@@ -169,7 +169,7 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
 def _switch(lights: Any, on: Array) -> Any:
     """Return the lights with every colour that is off at 0."""
 
-    def colours(light: Any) -> list[Array]:
+    def colours(light: Any) -> list[Any]:
         return [colour for colour in (light.intensity, light.ambient, light.specular) if colour is not None]
 
     return eqx.tree_at(colours, lights, [colour * on[:, None] for colour in colours(lights)])

@@ -69,7 +69,7 @@ class FoundResponse:
 def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False) -> FoundResponse:
     r"""Find the gamma of photographs of an object of unknown shape, from the agreement of its texels.
 
-    $$ image = f^\gamma, \quad \gamma = \arg\min_\gamma m(\gamma) / \gamma $$
+    $$ image = f^\gamma, \quad m(\gamma) / \gamma = \min $$
 
     m is the typical residual of a texel relative to its brightness, after the robust fit of `fit_texels` to the
     photographs raised to gamma; a small error of an image is gamma times as large afterwards, hence the quotient. As in
