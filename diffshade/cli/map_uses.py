@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from .maps import divided
+from .pictures import check_picture, put_picture
 from .sources import Options
 from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
 
@@ -69,13 +70,8 @@ def relight(
     import diffshade as ds
 
     from ..core.progress import showing
-    from ..io.files import writable
-    from ..io.images import dtype_to_write
 
-    dtype_to_write(out, None)
-    writable(out)
-    if not 0 < exposure < float("inf"):
-        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
+    check_picture(out, exposure)
     on: list[Any] = [
         ds.DirectionalLight(tuple(-x for x in direction), intensity=intensity) for direction, intensity in toward
     ]
@@ -85,14 +81,7 @@ def relight(
         raise ValueError("relight needs a light; got none. Give for example --light 1,1,2, the direction toward it.")
     with showing("relight"):
         image = ds.read_maps(maps).shade(on) * exposure
-        ds.write_image(out, image, srgb=srgb)
-    height, width = image.shape[:2]
-    least, most = float(image.min()), float(image.max())
-    answer(
-        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
-        {"picture": out, "shape": image.shape, "least": least, "most": most},
-        as_json=as_json,
-    )
+    put_picture(out, image, srgb=srgb, as_json=as_json)
 
 
 def is_maps(source: Path) -> bool:

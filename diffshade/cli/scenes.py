@@ -10,6 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from .materials import find_material, find_materials, put_material
+from .pictures import check_picture, put_picture
 from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, as_json, completions
 
 if TYPE_CHECKING:
@@ -86,14 +87,9 @@ def render(
     import diffshade as ds
 
     from ..core.progress import showing
-    from ..io.files import writable
-    from ..io.images import dtype_to_write
 
     out = out or scene.with_suffix(".png")
-    dtype_to_write(out, bits)
-    writable(out)
-    if not 0 < exposure < float("inf"):
-        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
+    check_picture(out, exposure, bits)
     on = None if lit is None else [_index(word) for word in lit]
     if material is not None and scene.suffix.lower() == ".toml":
         raise ValueError(f"--material is for a mesh; {scene} is a scene, which has its own. Leave it out.")
@@ -105,14 +101,7 @@ def render(
         else:
             world, camera = _of_mesh(scene, material, size or (512, 512))
         image = np.asarray(ds.render(world, camera, lit=on), np.float64) * exposure
-        ds.write_image(out, image, srgb=srgb, bits=bits)
-    height, width = image.shape[:2]
-    least, most = float(image.min()), float(image.max())
-    answer(
-        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
-        {"picture": out, "shape": image.shape, "least": least, "most": most},
-        as_json=as_json,
-    )
+    put_picture(out, image, srgb=srgb, bits=bits, as_json=as_json)
 
 
 def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[ds.Scene, ds.Camera]:

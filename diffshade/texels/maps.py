@@ -15,19 +15,20 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
 from ..core.fields import quantities
-from ..inverse.data.recording import developed
 from ..inverse.data.sensors import Sensor
-from ..inverse.data.views import View, is_grey
+from ..inverse.data.views import View
+from ..inverse.result import Prediction
 from ..io.images import write_image
 from ..io.scene_files import scene_document, write_scene
 from ..model.cameras import AbstractCamera
-from ..model.gbuffers import GBuffer, as_mask
+from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
 from ..model.lobes import AbstractLobe
 from ..model.materials import Highlight
 from ..model.rendering import intersect, render, select
 from ..model.scenes import Scene, as_tuple
 from .map_files import map_folder, read_numbers, write_about, write_numbers
+from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 from .unexplained import Unexplained
 
@@ -176,6 +177,28 @@ class TexelMaps:
                 image = np.maximum(image + self.unexplained.light(on, position, self.status != OUTSIDE), 0.0)
         return np.where((self.status != OUTSIDE)[..., None], image, 0.0)
 
+    def predict(self, view: View) -> Prediction:
+        """Return a photograph, linear, beside what `shade` says it should be: exposure * radiance + black.
+
+        Args:
+            view: A photograph by the camera of the fit, under lights of its scene; its sensor is undone.
+
+        Returns:
+            The prediction; all pixels inside the mask, the alpha channel and the maps count, clipped ones too.
+
+        Raises:
+            ValueError: The view has another shape than the maps, or its `lit` is not an index of a light.
+        """
+        return self._predict(view, "the view")
+
+    def _predict(self, view: View, name: str) -> Prediction:
+        if view.camera.shape != self.status.shape:
+            raise ValueError(
+                f"{name} must have the shape of the maps, {self.status.shape}; got {view.camera.shape}. Give "
+                "photographs by the camera of the fit."
+            )
+        return prediction_of(view, self.shade(lit=view.lit), self.status != OUTSIDE)
+
     def relative_errors(self, views: Sequence[View] | View) -> Float[np.ndarray, " views"]:
         r"""Return how far `shade` is from photographs, such as ones that were left out of the fit.
 
@@ -185,32 +208,13 @@ class TexelMaps:
             views: Photographs by the camera of the fit, under lights of its scene.
 
         Returns:
-            One number for each view, over all pixels inside its mask and alpha channel and the maps, clipped ones too;
-            NaN where it shows no light.
+            One number for each view, over all pixels that count in its `predict`; NaN where it shows no light.
 
         Raises:
             ValueError: A view has another shape than the maps, or its `lit` is not an index of a light.
         """
-        found = []
-        for i, view in enumerate((views,) if isinstance(views, View) else views):
-            if view.camera.shape != self.status.shape:
-                raise ValueError(
-                    f"views[{i}] must have the shape of the maps, {self.status.shape}; got {view.camera.shape}. Give "
-                    "photographs by the camera of the fit."
-                )
-            inside = self.status != OUTSIDE
-            if view.mask is not None:
-                inside = inside & np.asarray(as_mask(np.asarray(view.mask)))
-            view = developed(view)
-            image = np.asarray(view.image, np.float64)
-            if image.shape[2] in (2, 4):
-                inside = inside & as_mask(image[..., -1])
-            seen = image[inside][:, : 1 if is_grey(view) else 3] - float(view.black)
-            shown = float(view.exposure) * self.shade(lit=view.lit)[inside]
-            shown = shown.mean(-1, keepdims=True) if is_grey(view) else shown
-            light = np.sum(seen**2)
-            found.append(np.sqrt(np.sum((shown - seen) ** 2) / light) if light > 0.0 else np.nan)
-        return np.array(found)
+        views = (views,) if isinstance(views, View) else views
+        return np.array([relative_error(self._predict(v, f"views[{i}]"), float(v.black)) for i, v in enumerate(views)])
 
     def as_scene(self) -> Scene:
         """Return the scene of the fit with the maps as its material, for `render` by the camera of the fit.

@@ -70,29 +70,30 @@ class Unexplained(NamedTuple):
         """
         total = np.zeros((*inside.shape, 3))
         for light in lights:
-            l, arriving = self.arriving(light, position)
-            weighed = l * arriving.mean(-1, keepdims=True)
-            toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
-            if (length := np.linalg.norm(toward)) > 0.0:
-                weights = self.interpolation.weights(toward / length)
+            toward, arriving = self.toward(light, position, inside)
+            if toward.any():
+                weights = self.interpolation.weights(toward)
                 beyond = self.parts.reshape(*inside.shape, -1, len(weights)) @ weights
                 total += beyond * arriving.sum(-2)
         return total
 
     @staticmethod
-    def arriving(
-        light: AbstractLight, position: Float[Array, "h w 3"] | None
-    ) -> tuple[Float[np.ndarray, "... emitters 3"], Float[np.ndarray, "... emitters 3"]]:
-        """Return the directions to the emitters of a light, and what arrives from them, for all points alike or each.
+    def toward(
+        light: AbstractLight, position: Float[Array, "h w 3"] | None, inside: Bool[np.ndarray, "h w"]
+    ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "... emitters 3"]]:
+        """Return the mean direction to a light, 0 where none arrives, and what arrives from its emitters.
 
         Args:
             light: The light.
-            position: Points of the surface; a light without a position needs none.
+            position: Points of the surface; a light without a position needs none, and is the same for all of them.
+            inside: Where the surface is.
         """
         p = None if position is None else Vec3.of(position)
         l, arriving = jax.vmap(lambda emitter: emitter.arriving(p))(light.emitters())
         l, arriving = (np.moveaxis(np.asarray(v.stack()), 0, -2) for v in (l, arriving))
-        return l, arriving
+        weighed = l * arriving.mean(-1, keepdims=True)
+        toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
+        return toward / (np.linalg.norm(toward) or 1.0), arriving
 
 
 def interpolation_of(

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 PAGES = ROOT / "docs" / "pages"
 # the pages with programs, in an order in which each finds the names that the ones before it define
-ORDER = ("objective", "render", "fit", "trust", "calibration", "exchange", "texels", "large-images", "extend")
+ORDER = ("objective", "render", "fit", "trust", "calibration", "texels", "large-images", "exchange", "extend")
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -119,6 +119,9 @@ def test_they_run_one_after_the_other(tmp_path, monkeypatch):
         np.save(f"{i}.npy", noisy)
     names["folder"] = unknown_shape(tmp_path / "ball")
     balls_under_lights(tmp_path)
+    (tmp_path / "coin.ptm").write_bytes(
+        b"PTM_1.2\nPTM_FORMAT_LRGB\n8\n8\n1 1 1 1 1 1\n0 0 0 0 0 0\n" + bytes(64 * [9] * 9)
+    )
     run(PAGES / "objective.md", names)
     assert np.isfinite(names["value"])
     for page in ORDER[1:]:

@@ -81,11 +81,6 @@ class Sensor(Checked):
             if is_concrete(getattr(self, name)) and not getattr(self, name) > 0:
                 raise ValueError(f"Sensor.{name} must be above 0; got {getattr(self, name)}. Give 1 where it is none.")
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether the response is a straight line."""
-        return float(self.gamma) == 1.0 and float(self.bend) == 0.0
-
     def respond(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
         """Return f(x)."""
         return jnp.where(x > TOE, self._power(jnp.where(x > TOE, x, TOE)), x * (self._power(jnp.asarray(TOE)) / TOE))

@@ -81,10 +81,10 @@ class RenderedModel(AbstractForwardModel):
         if sensor is None:
             return tuple(setup.exposure[view] * channel + setup.black[view] for channel in channels)
         share = setup.exposure[view] * falloff(sensor.vignetting, projection, setting.half_diagonal[view], row, column)
-        gains = sensor.gains(grey if not one else True)
+        gains = sensor.gains(grey | one)[: len(channels)]
         return tuple(
             sensor.respond(gain * share * channel + setup.black[view])
-            for gain, channel in zip(gains, channels, strict=False)
+            for gain, channel in zip(gains, channels, strict=True)
         )
 
     def _seen(self, scene: Any, projection: Projection, row: Array, column: Array, sensor: Sensor | None) -> Vec3:

@@ -88,6 +88,8 @@ def _holds_in_order(name: str, path: str) -> bool:
 
 def end_of_run(name: str, path: str) -> int | None:
     """Return where the run of segments `name` ends in a path, or None where it is no part of it."""
+    if name == "ambient" != path:  # the scene's is named by its whole path; a light's own is lights.0.ambient
+        return None
     run, segments = name.split("."), path.split(".")
     for start in range(len(segments) - len(run) + 1):
         if segments[start : start + len(run)] == run:

@@ -178,8 +178,6 @@ def _check_are_free(where: str, names: Sequence[str], freed: Sequence[str], know
 
 def _frees(name: str, path: str, spec: dataclasses.Field) -> bool:
     last = path.split(".")[-1]
-    if name == "ambient" != path:  # the scene's whole path; a light's own is lights.0.ambient
-        return False
     return end_of_run(name, path) is not None and (not parameter_of(spec).by_own_name or last in name.split("."))
 
 

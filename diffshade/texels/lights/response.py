@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
-from ...core.progress import ReportProgress, showing
+from ...core.progress import ReportProgress, showing, silent
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
@@ -100,7 +100,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
         showing("response", show=progress) as report_progress,
         in_float64((scene, plain)) as (inner, plain),
     ):
-        tiles = TileRunner(inner, plain, "", _say_nothing, out=None, memory=MEMORY, mesh=None)
+        tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
             setup, sample = each.setup, tiles.reader.sample(SAMPLE)
@@ -158,10 +158,6 @@ def scatter_of_logarithms(sample: TexelTile) -> float:
     lit = sample.counts & (y > DARK * y.max(0))
     logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
     return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
-
-
-def _say_nothing(words: str, share: float | None = None) -> None:
-    """Report nothing of one trial of many."""
 
 
 def raised(sample: TexelTile, gamma: float) -> TexelTile:

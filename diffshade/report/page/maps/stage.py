@@ -110,7 +110,8 @@ def _lighting(
     for light in lights:
         found = emitter_rows(light)
         unknown = unknown or found is None
-        l, light_here = _mean_light(light, position, inside)
+        l, everywhere = Unexplained.toward(light, position, inside)
+        light_here = (everywhere if everywhere.ndim == 2 else everywhere[inside].mean(0)).sum(0)
         toward, arriving = toward + l * light_here.mean(), arriving + light_here
         weights = [0.0] * PADDED if maps.unexplained is None else _weights(maps.unexplained, l)
         for row in found or ():
@@ -123,18 +124,6 @@ def _lighting(
         "toward": (toward / length).tolist() if length > 0.0 else [0.0, 0.0, 1.0],
         "arriving": arriving.tolist(),
     }
-
-
-def _mean_light(
-    light: AbstractLight, position: Float[np.ndarray, "h w 3"] | None, inside: Bool[np.ndarray, "h w"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return the mean direction to a light, as `Unexplained.light` takes it, and the mean of what arrives."""
-    l, arriving = Unexplained.arriving(light, position)
-    weighed = l * arriving.mean(-1, keepdims=True)
-    toward = (weighed if weighed.ndim == 2 else weighed[inside]).reshape(-1, 3).sum(0)
-    length = np.linalg.norm(toward)
-    here = arriving if arriving.ndim == 2 else arriving[inside].mean(0)
-    return toward / length if length > 0.0 else toward, here.sum(0)
 
 
 def by_threes(weights: Sequence[float]) -> list[float]:

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from ....inverse.result import Prediction
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
 from ..tables import Table
 from .layers import Layer, thinned, unfolded
 from .numbers import Numbers
-from .predictions import relative_error
 
 
 def lead(maps: TexelMaps) -> str:
@@ -27,8 +26,8 @@ def lead(maps: TexelMaps) -> str:
     )
 
 
-def facts(maps: TexelMaps, fitted: int, left_out: int, predictions: Sequence[Prediction]) -> list[tuple[str, str]]:
-    """Return the figures at the top, with names."""
+def facts(maps: TexelMaps, fitted: int, left_out: int, off: Float[np.ndarray, " n"]) -> list[tuple[str, str]]:
+    """Return the figures at the top, with names; `off` are the relative errors of predictions."""
     height, width = maps.status.shape
     found = [("pixels", f"{width} × {height}")]
     if fitted:
@@ -36,8 +35,7 @@ def facts(maps: TexelMaps, fitted: int, left_out: int, predictions: Sequence[Pre
     if "normal" in maps.errors and maps.known.any():
         found.append(("error of the normals", f"{np.median(maps.errors['normal'][..., 0][maps.known]):.2g}°"))
     if left_out:
-        median = np.nanmedian([relative_error(p) for p in predictions])
-        found.append(("photographs left out, off by", f"{100 * median:.2g}\u202f%"))
+        found.append(("photographs left out, off by", f"{100 * np.nanmedian(off):.2g}\u202f%"))
     return found
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from ....core.progress import ReportProgress
 from ....inverse.data.views import View
-from ....inverse.result import Prediction
 from ....texels.heights.integration import integrate_normals
 from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
+from ....texels.predictions import relative_error
 from ....texels.status import OUTSIDE
 from .. import charts
 from ..pictures import build_gallery
@@ -24,7 +24,7 @@ from . import tables
 from .layers import Layer, layers_of
 from .numbers import Numbers, numbers_of
 from .overlays import LEVELS_OF_STATUS, gradient, overlays_of
-from .predictions import as_jpeg, prediction_of, relative_error, white_of
+from .photographs import as_jpeg, white_of
 from .stage import Lighting, stage_of
 
 MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
@@ -86,7 +86,10 @@ def write_maps_page(
     _name(stage["views"], photographs)
     predicted = photographs.predicted()
     names = [photographs.names[i] for i in predicted]
-    predictions = [prediction_of(maps, photographs.every[i]) for i in predicted]
+    predictions = [maps.predict(photographs.every[i]) for i in predicted]
+    off = np.array(
+        [relative_error(p, float(photographs.every[i].black)) for i, p in zip(predicted, predictions, strict=True)]
+    )
     overlays = overlays_of(numbers, layers)
     report_progress("writing")
     page = fill(
@@ -95,7 +98,7 @@ def write_maps_page(
         SCRIPTS,
         title=f"An object of {int((maps.status != OUTSIDE).sum()):,} texels",
         lead=tables.lead(maps),
-        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), predictions),
+        facts=tables.facts(maps, len(photographs.fitted), len(photographs.left_out), off),
         view_groups=[
             (group, [(i, view["name"]) for i, view in enumerate(stage["views"]) if view["held_out"] == left_out])
             for group, left_out in (("left out of the fit", True), ("used by the fit", False))
@@ -112,7 +115,7 @@ def write_maps_page(
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
         gallery=build_gallery(predictions, names) if predictions else None,
         seen=not photographs.left_out,
-        charts=_charts(predictions, names),
+        charts=[charts.errors_of_views(off, names, "relative error", "Each photograph")] if predictions else [],
         factor=numbers.factor,
         packed=tables.packed(numbers, layers),
         scene=as_script(_scene(numbers, layers, planes, stage, overlays)),
@@ -163,10 +166,3 @@ def _scene(
 def _spread(number: int, most: int) -> list[int]:
     """Return the indices of a list, or as many of them as are shown, evenly spread."""
     return sorted({int(i) for i in np.rint(np.linspace(0, number - 1, min(number, most)))}) if number else []
-
-
-def _charts(predictions: Sequence[Prediction], names: Sequence[str]) -> list[charts.Chart]:
-    if not predictions:
-        return []
-    relative = np.array([relative_error(p) for p in predictions])
-    return [charts.errors_of_views(relative, names, "relative error", "Each photograph")]

@@ -1,4 +1,4 @@
-"""Predictions: photographs as the page shows them, and beside them what the maps say they should be."""
+"""Photographs: as the page shows them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import base64
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ....inverse.data.views import View, is_grey
-from ....inverse.result import Prediction
 from ....io.image_formats import encode
-from ....model.gbuffers import as_mask
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
 from ..pictures import QUALITY, displayed
@@ -39,27 +37,6 @@ def as_jpeg(view: View, white: float) -> str:
     return base64.b64encode(encode(".jpg", displayed(image, shape, white), quality=QUALITY)).decode("ascii")
 
 
-def prediction_of(maps: TexelMaps, view: View) -> Prediction:
-    """Return a photograph and what the maps say it should be."""
-    target, counts = _seen(view), _inside(maps, view)
-    image = float(view.exposure) * maps.shade(lit=view.lit) + float(view.black)
-    if target.shape[2] == 1:
-        image = image.mean(-1, keepdims=True)
-    image = np.where(counts[..., None], image, target)
-    return Prediction(target, image, np.broadcast_to(counts[..., None], target.shape))
-
-
-def relative_error(p: Prediction) -> float:
-    """Return the relative error of a prediction."""
-    light = np.sum(np.where(p.counts, p.target, 0.0) ** 2)
-    return float(np.sqrt(np.sum(p.difference**2) / light)) if light > 0.0 else float("nan")
-
-
 def _seen(view: View) -> Float[np.ndarray, "h w c"]:
     """Return a photograph without its alpha channel."""
     return np.asarray(view.image, np.float64)[..., : 1 if is_grey(view) else 3]
-
-
-def _inside(maps: TexelMaps, view: View) -> Bool[np.ndarray, "h w"]:
-    inside = maps.status != OUTSIDE
-    return inside if view.mask is None else inside & np.asarray(as_mask(np.asarray(view.mask)))

@@ -1,0 +1,37 @@
+"""Pictures that commands draw: checked before any work, written, and told of in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from .terminal import answer
+
+
+def check_picture(out: Path, exposure: float, bits: int | None = None) -> None:
+    """Refuse a file that cannot be written, or an exposure that is none."""
+    from ..io.files import writable
+    from ..io.images import dtype_to_write
+
+    dtype_to_write(out, bits)
+    writable(out)
+    if not 0 < exposure < float("inf"):
+        raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
+
+
+def put_picture(
+    out: Path, image: Float[np.ndarray, "h w 3"], *, srgb: bool | None, bits: int | None = None, as_json: bool
+) -> None:
+    """Write a picture, and print its size and its range."""
+    import diffshade as ds
+
+    ds.write_image(out, image, srgb=srgb, bits=bits)
+    height, width = image.shape[:2]
+    least, most = float(image.min()), float(image.max())
+    answer(
+        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
+        {"picture": out, "shape": image.shape, "least": least, "most": most},
+        as_json=as_json,
+    )

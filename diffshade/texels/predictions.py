@@ -1,0 +1,30 @@
+"""Predictions: a photograph beside what maps say it should be."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..inverse.data.recording import developed
+from ..inverse.data.views import View, is_grey
+from ..inverse.result import Prediction
+from ..model.gbuffers import as_mask
+
+
+def prediction_of(view: View, radiance: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Prediction:
+    """Return a photograph without its sensor and, inside its mask and alpha channel and the maps, what it should be."""
+    view = developed(view)
+    image = np.asarray(view.image, np.float64)
+    counts = inside if view.mask is None else inside & np.asarray(as_mask(np.asarray(view.mask)))
+    if image.shape[2] in (2, 4):
+        counts = counts & as_mask(image[..., -1])
+    target = image[..., : 1 if is_grey(view) else 3]
+    radiance = radiance.mean(-1, keepdims=True) if is_grey(view) else radiance
+    expected = np.where(counts[..., None], float(view.exposure) * radiance + float(view.black), target)
+    return Prediction(target, expected, np.broadcast_to(counts[..., None], target.shape))
+
+
+def relative_error(prediction: Prediction, black: float) -> float:
+    """Return the size of the difference relative to that of the light; NaN where the photograph shows none."""
+    light = np.sum(np.where(prediction.counts, prediction.target - black, 0.0) ** 2)
+    return float(np.sqrt(np.sum(prediction.difference**2) / light)) if light > 0.0 else np.nan
