@@ -124,12 +124,17 @@ class Options:
         """Fit the free parameters to the photographs; error messages use the photographs' names."""
         import diffshade as ds
 
+        from ..inverse.data.photographs import light_errors
+
         if self.memory is not None:
             options["memory"] = self.memory * 1e9
         views, tied = source.views, self.tied
         if any("sensor" in name.split(".") for name in self.free):  # one camera took all photographs
             views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
             tied = tied if "sensor" in tied else (*tied, "sensor")
+        errors = None if source.folder is None else light_errors(source.folder)
+        if errors is not None and (errors > 0.0).all():  # a calibrated folder
+            options["light_error"] = errors
         with by_name(source.names):
             return ds.fit(
                 source.scene if scene is None else scene,

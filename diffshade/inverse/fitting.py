@@ -28,9 +28,11 @@ from .problem import laid_bytes
 from .result import MEMORY, Fit
 from .running import moves_surface, run, samples_for
 from .unknowns.constraints import Grey, Proportional
+from .unknowns.light_priors import stated_errors
 from .unknowns.parameters import find_unknowns
 from .unknowns.unknown import Unknown
 from .verdicts.contradictions import check_priors
+from .verdicts.known_lights import widen_by_lights
 from .verdicts.outlines import check_outlines
 from .verdicts.stability import note_unchecked, withdraw_unstable
 
@@ -91,9 +93,11 @@ def fit(
         priors: Name to (value, standard deviation), Gaussian; the value may be a colour or vector. For n_s the
             deviation is that of log n_s.
         light_error: Standard deviation of the scene's directions to the lights about each axis, degrees: one number, or
-            one for each light. Free directions and positions then have that prior, and begin at the scene's values.
+            one for each light. Free directions and positions then have that prior, and begin at the scene's values;
+            of known ones it is part of the errors.
         intensity_error: Relative standard deviation of the lights' intensities (.05 for 5 %): one number, or one for
-            each light. Free intensities then have that prior about the scene's values, in their logarithm.
+            each light. Free intensities then have that prior about the scene's values, in their logarithm; of known
+            ones it is part of the errors.
         loss: `"squares"`; or, for outliers, `"huber"`, `"cauchy"` or `"geman-mcclure"`, whose scale is found from the
             residuals' median unless the views' noise is known.
         clipped: How a sample at an end of the sensor's range counts. `"hinge"`: by a one-sided residual, since the true
@@ -171,7 +175,9 @@ def fit(
             report_progress=report_progress,
         )
         found = note_unchecked(found) if by_tiles else withdraw_unstable(found, report_progress)
-        return dataclasses.replace(check_priors(check_outlines(found)), memory=memory)
+        stated = stated_errors(scene, light_error, intensity_error)
+        found = widen_by_lights(check_priors(check_outlines(found)), stated, by_tiles, report_progress)
+        return dataclasses.replace(found, memory=memory)
 
 
 def survey_tiles(

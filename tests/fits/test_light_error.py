@@ -219,15 +219,36 @@ def test_lights_that_are_off_are_not_freed():
     [
         ({"light_error": 0.0}, "light_error must be one number above 0, or one for each of the 3 lights"),
         ({"light_error": [1.0, 1.0]}, "one for each of the 3 lights"),
-        ({"light_error": 1.0, "free": ("k_d",)}, "light_error needs a free direction or position of a light"),
         ({"intensity_error": -0.1}, "intensity_error must be one number above 0"),
-        ({"intensity_error": 0.1}, "intensity_error needs a free intensity of a light"),
     ],
 )
 def test_wrong_errors_are_refused(given, message):
     scene, views, _ = photographed(3)
     with pytest.raises(ValueError, match=message):
         ds.fit(scene, views, **({"free": FREE} | given))
+
+
+def test_errors_of_lights_that_are_known_are_part_of_the_errors():
+    free, truth = ("k_d", "k_s", "n_s"), np.array([*MATERIAL.k_d, *[0.3] * 3, 20.0])
+    for seed in range(3):
+        scene, views, _ = photographed(12, seed=seed)
+        fit, without = ds.fit(scene, views, free=free, light_error=2.0), ds.fit(scene, views, free=free)
+        np.testing.assert_array_equal(fit.values, without.values)
+        assert (fit.errors >= without.errors).all()
+        assert (np.abs(fit.values - truth) <= 1.96 * fit.errors).all()
+        assert (np.abs(fit.values - truth)[3:] > 1.96 * without.errors[3:]).all()  # wider highlights than any of them
+        hold, one_sided = (note for note in fit.notes if note.kind == "lights")
+        assert "n_s" in hold.names
+        assert one_sided.names == ("k_s", "n_s")
+
+
+def test_errors_of_known_intensities_are_those_of_the_reflections():
+    scene, views, _ = photographed(4, off=0.0)
+    fit = ds.fit(scene, views, free=("k_d",), intensity_error=0.05)
+    by_light = ds.sensitivity(fit, "intensity").reshape(3, 4, 3).sum(-1)  # all channels of a light change together
+    np.testing.assert_allclose(fit.errors, 0.05 * np.linalg.norm(by_light, axis=-1), rtol=0.02)
+    tiled = ds.fit(scene, views, free=("k_d",), intensity_error=0.05, memory=1e5)
+    assert any("was made by tiles" in note for note in tiled.notes)
 
 
 def test_the_error_of_a_position_grows_with_its_distance():

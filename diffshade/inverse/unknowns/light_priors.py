@@ -1,9 +1,10 @@
-"""Light priors: what stated errors of the lights say of their unknown directions, positions and intensities."""
+"""Light priors: what stated errors of the lights say of their directions, positions and intensities."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -14,7 +15,58 @@ from .unknown import Unknown
 LEAST_INTENSITY = 1e-6  # over that of the scene
 
 
-def checked_errors(name: str, errors: ArrayLike, scene: Scene, example: str) -> Float[np.ndarray, " lights"]:
+@dataclass(frozen=True)
+class LightErrors:
+    """Stated errors of lights that a fit takes as known; None where none are stated."""
+
+    direction: Float[np.ndarray, " lights"] | None
+    """Standard deviation of each light's direction about each axis, seen from the objects, radians."""
+    intensity: Float[np.ndarray, " lights"] | None
+    """Relative standard deviation of each light's intensity."""
+
+    def of_known(self, scene: Scene, free: Collection[str]) -> bool:
+        """Whether the errors are those of a light that has none of these paths free."""
+        lights = range(len(scene.lights))
+        places = self.direction is not None and any(_place(scene, i) and not _is_free(scene, i, free) for i in lights)
+        return places or (self.intensity is not None and any(f"lights.{i}.intensity" not in free for i in lights))
+
+    def moved(self, scene: Scene, free: Collection[str], draw: Float[np.ndarray, "lights 4"]) -> Scene:
+        """Return the scene with its known lights moved by their errors times numbers drawn from N(0, 1)."""
+        middle, lights = middle_of(scene), []
+        for i, light in enumerate(scene.lights):
+            place = _place(scene, i)
+            if self.direction is not None and place and not _is_free(scene, i, free):
+                at = np.asarray(getattr(light, place), np.float64)
+                far = np.linalg.norm(at if place == "direction" else at - middle)
+                light = dataclasses.replace(light, **{place: at + far * self.direction[i] * draw[i, :3]})
+            if self.intensity is not None and f"lights.{i}.intensity" not in free:
+                factor = np.exp(self.intensity[i] * draw[i, 3])
+                light = dataclasses.replace(light, intensity=factor * np.asarray(light.intensity))
+            lights.append(light)
+        return dataclasses.replace(scene, lights=tuple(lights))
+
+
+def stated_errors(scene: Scene, light_error: ArrayLike | None, intensity_error: ArrayLike | None) -> LightErrors:
+    """Return the errors as they are stated in a call, in degrees and relative; raise ValueError for wrong ones."""
+    return LightErrors(
+        None if light_error is None else np.deg2rad(_checked("light_error", light_error, scene, "1.0")),
+        None if intensity_error is None else _checked("intensity_error", intensity_error, scene, "0.05"),
+    )
+
+
+def _place(scene: Scene, i: int) -> str:
+    """Return the name of what says where a light is: its position, or its direction if it is at infinity, or ""."""
+    light = scene.lights[i]
+    if hasattr(light, "position"):
+        return "position"
+    return "direction" if hasattr(light, "direction") and not light.is_local else ""
+
+
+def _is_free(scene: Scene, i: int, free: Collection[str]) -> bool:
+    return f"lights.{i}.{_place(scene, i)}" in free
+
+
+def _checked(name: str, errors: ArrayLike, scene: Scene, example: str) -> Float[np.ndarray, " lights"]:
     """Return the error of each light, above 0; raise ValueError for wrong ones."""
     each, count = np.asarray(errors, np.float64), len(scene.lights)
     if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each > 0.0)).all():
@@ -34,20 +86,13 @@ def set_direction_priors(unknowns: Sequence[Unknown], scene: Scene, error: Float
         error: Standard deviation of each light's direction about each axis, seen from the objects, radians.
     """
     middle = middle_of(scene)
-    found = False
     for unknown, i, name in _of_lights(unknowns, ("direction", "position")):
         light = scene.lights[i]
         if name == "direction" and light.is_local:  # where a spot points, which moves no light
             continue
-        found = True
         far = 1.0 if name == "direction" else float(np.linalg.norm(np.asarray(getattr(light, name)) - middle))
         if unknown.prior is None:
             unknown.prior = (unknown.start, float(error[i]) * far)
-    if not found:
-        raise ValueError(
-            "light_error needs a free direction or position of a light; got none. Add 'direction' to free, or leave "
-            "light_error out."
-        )
 
 
 def set_intensity_priors(unknowns: Sequence[Unknown], scene: Scene, error: Float[np.ndarray, " lights"]) -> None:
@@ -60,8 +105,7 @@ def set_intensity_priors(unknowns: Sequence[Unknown], scene: Scene, error: Float
         scene: The scene.
         error: Relative standard deviation of each light's intensity.
     """
-    free = list(_of_lights(unknowns, ("intensity",)))
-    for unknown, i, _ in free:
+    for unknown, i, _ in _of_lights(unknowns, ("intensity",)):
         stated = float(np.ravel(np.asarray(scene.lights[i].intensity))[unknown.places[0][1]])  # pyright: ignore[reportAttributeAccessIssue]
         if not stated > 0.0:
             raise ValueError(
@@ -71,11 +115,6 @@ def set_intensity_priors(unknowns: Sequence[Unknown], scene: Scene, error: Float
         unknown.parameter = dataclasses.replace(unknown.parameter, logarithmic=True)
         unknown.lower, unknown.start = max(unknown.lower, LEAST_INTENSITY * stated), stated
         unknown.prior = (float(np.log(stated)), float(error[i]))
-    if not free:
-        raise ValueError(
-            "intensity_error needs a free intensity of a light; got none. Add 'intensity' to free, or leave "
-            "intensity_error out."
-        )
 
 
 def _of_lights(unknowns: Sequence[Unknown], names: Sequence[str]) -> Iterator[tuple[Unknown, int, str]]:

@@ -16,7 +16,7 @@ from ...model.patterns import Texture
 from ...model.scenes import Scene, bends
 from ..data.views import View
 from .constraints import COLOURS, Grey, Proportional, colourless, has_factor, make_proportional, proportions_of
-from .light_priors import checked_errors, set_direction_priors, set_intensity_priors
+from .light_priors import set_direction_priors, set_intensity_priors, stated_errors
 from .names import check_names, end_of_run, everything, numbers_of, path_with_names, shorten, tied_name
 from .ranges import check_directions, check_names_an_unknown, prior_of, set_range
 from .unknown import Unknown
@@ -92,12 +92,11 @@ def find_unknowns(
     for unknown in unknowns:
         set_range(unknown, bounds, known)
         unknown.prior = prior_of(unknown, priors)
-    if light_error is not None:
-        degrees = checked_errors("light_error", light_error, scene, "1.0")
-        set_direction_priors(unknowns, scene, np.deg2rad(degrees))
-    if intensity_error is not None:
-        relative = checked_errors("intensity_error", intensity_error, scene, "0.05")
-        set_intensity_priors(unknowns, scene, relative)
+    stated = stated_errors(scene, light_error, intensity_error)
+    if stated.direction is not None:
+        set_direction_priors(unknowns, scene, stated.direction)
+    if stated.intensity is not None:
+        set_intensity_priors(unknowns, scene, stated.intensity)
     check_directions(unknowns)
     return unknowns
 

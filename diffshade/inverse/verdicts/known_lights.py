@@ -1,0 +1,77 @@
+"""Known lights: what their stated errors add to the errors of the values, where they are not fitted.
+
+The fit is repeated under lights that are moved by their errors, one way and the opposite way (a parametric bootstrap,
+Efron and Tibshirani 1993, section 6.5). The root mean square change holds what a derivative does not: moved highlights
+that are fitted as one are wider, whichever way they moved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.progress import ReportProgress
+from ...core.words import Note, listing
+from ..laid_out_fit import LaidOutFit
+from ..result import Fit
+from ..unknowns.light_priors import LightErrors
+from ..unknowns.unknown import values_at
+
+PAIRS = 16  # of fits, each to lights moved one way and the opposite way
+LARGE = 0.5  # share of an error's square that makes a value one of those that depend on the lights
+LEFT_OUT = (
+    "this fit was made by tiles, so its errors do not hold the stated errors of the lights that are not fitted. Give "
+    "fit more memory, and neither checkpoint nor mesh; or free the directions and intensities."
+)
+SHIFTED = 1.0  # errors of independent noise by which a mean change is named
+
+
+def widen_by_lights(fit: Fit, errors: LightErrors, by_tiles: bool, report_progress: ReportProgress) -> Fit:
+    """Return a fit whose errors are at least those that the stated errors of its known lights give. In float64."""
+    free = {path for unknown in fit.unknowns for path, _ in unknown.places}
+    if not errors.of_known(fit.scene, free):
+        return fit
+    if by_tiles:
+        return dataclasses.replace(fit, notes=(*fit.notes, Note(LEFT_OUT, "lights")))
+    draws = _draws(4 * len(fit.scene.lights))
+    changes = np.zeros((PAIRS, 2, len(fit.values)))
+    for pair in range(PAIRS):
+        report_progress("errors of the lights", pair / PAIRS)
+        draw = draws[pair].reshape(-1, 4)
+        for side, sign in enumerate((1.0, -1.0)):
+            laid = LaidOutFit(dataclasses.replace(fit, scene=errors.moved(fit.scene, free, sign * draw)))
+            end = laid.minimise({}, laid.theta, laid.chunks, rtol=1e-8)
+            changes[pair, side] = values_at(end.theta, fit.unknowns) - fit.values
+    from_lights = np.sqrt(np.mean(changes**2, (0, 1)))
+    # the views' own scatter, where the errors are made of it, holds the lights' already
+    whole = np.where(fit.determined, np.maximum(fit.errors, np.hypot(fit.plain_errors, from_lights)), fit.errors)
+    return dataclasses.replace(fit, errors=whole, notes=(*fit.notes, *_notes(fit, from_lights, changes.mean((0, 1)))))
+
+
+def _draws(count: int) -> Float[np.ndarray, "pairs count"]:
+    """Return numbers like those drawn from N(0, 1), with pairs, or else numbers, that are exactly uncorrelated."""
+    u, _, v = np.linalg.svd(np.random.default_rng(0).standard_normal((PAIRS, count)), full_matrices=False)
+    return np.sqrt(max(PAIRS, count)) * (u @ v)
+
+
+def _notes(fit: Fit, from_lights: np.ndarray, shift: np.ndarray) -> list[Note]:
+    quantities = [unknown.quantity for unknown in fit.unknowns]
+
+    def named(which: np.ndarray) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for name, here in zip(quantities, which & fit.determined, strict=True) if here))
+
+    found = [Note("the errors hold the stated errors of the lights, which are not fitted.", "lights")]
+    if large := named(from_lights**2 > LARGE * np.maximum(fit.errors, from_lights) ** 2):
+        found[0] = Note(f"{found[0][:-1]}: most of those of {listing(large)}.", "lights", large)
+    if moved := named(np.abs(shift) > SHIFTED * np.maximum(fit.plain_errors, 0.5 * from_lights)):
+        found.append(
+            Note(
+                f"lights that are off by their stated errors change {listing(moved)} to one side, and may have done so "
+                "here. Free the directions, which then have these errors.",
+                "lights",
+                moved,
+            )
+        )
+    return found
