@@ -170,7 +170,7 @@ SOFT = ds.SpotLight((0.8, 1, 1.5), (-1, -1, -1), (5, 4, 3), 60, 3.5, ATTENUATION
 AREA = ds.AreaLight(
     (-1.2, 2.3, 1), (1, 0.1, 0.3), (0.2, -0.3, 1.1), (5, 6, 7), exponent=1.5, attenuation=ATTENUATION, samples=(2, 1)
 )
-FLAPS = ds.Flaps(-0.7, 0.9, -0.9, 0.7, -0.3, 1.4, softness=0.9)
+FLAPS = ds.Flaps(-0.7, 0.9, -0.9, 0.7, 0.1, 1.4, softness=0.9)
 MEASURED = ds.MeasuredLight(
     (-1, 1.7, 2.2),
     (0.4, -0.9, -1.3),
