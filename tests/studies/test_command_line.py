@@ -15,6 +15,7 @@ from folders import ball_under_distant_lights
 
 import diffshade as ds
 from diffshade.cli import main
+from diffshade.report.lecture import FIGURES
 
 PROGRAM = (sys.executable, "-m", "diffshade")
 

@@ -65,7 +65,9 @@ def test_rays_end_where_the_light_falls():
 
 def test_r_ends_as_high_as_l_on_the_other_side():
     _, built = draw_figure("mirror_direction").axes
-    tips = {tuple(np.round(np.asarray(note.xy, float), 6)) for note in built.texts if note.arrow_patch}
+    tips = {
+        tuple(np.round(np.asarray(note.xy, float), 6)) for note in built.texts if getattr(note, "arrow_patch", None)
+    }
     x, y = np.round([np.sin(np.deg2rad(38)), np.cos(np.deg2rad(38))], 6)
     assert {(x, y), (-x, y), (0.0, y)} <= tips
 
