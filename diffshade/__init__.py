@@ -30,7 +30,7 @@ takes as `mp_context`, or fork them before anything is computed.
 ## Lights
 
 `PointLight`, `DirectionalLight`, `SpotLight`, `AreaLight`, `MeasuredLight`, `Profile`, `LampLabel`,
-`RadialAttenuation`, `read_lamp`, `draw_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`,
+`RadialAttenuation`, `Flaps`, `read_lamp`, `draw_lamp`, `as_spot`, `SpotFit`, `fit_falloff`, `Falloff`, `calibrate`,
 `Calibration`, `apply_lights`, `AppliedLights`, `draw_calibration`
 
 ## Pictures

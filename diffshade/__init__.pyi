@@ -67,6 +67,7 @@ from .model.attenuation import Fog as Fog
 from .model.attenuation import RadialAttenuation as RadialAttenuation
 from .model.cameras import Camera as Camera
 from .model.cameras import OrthographicCamera as OrthographicCamera
+from .model.flaps import Flaps as Flaps
 from .model.fresnel import Dielectric as Dielectric
 from .model.fresnel import NoFresnel as NoFresnel
 from .model.fresnel import Schlick as Schlick

@@ -95,6 +95,7 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
             single |= {"CONSTANT_ATTENUATION": a.constant, "LINEAR_ATTENUATION": a.linear}
             single |= {"QUADRATIC_ATTENUATION": a.quadratic}
             notes += [f"OpenGL does not clamp attenuation at 1, as lights[{i}] does."] if a.clamp else []
+            notes += [f"OpenGL has no flaps: those of lights[{i}] are not written."] if light.flaps is not None else []
         if isinstance(light, SpotLight):
             vectors["SPOT_DIRECTION"] = list(np.asarray(light.direction))
             single |= {"SPOT_CUTOFF": light.cutoff, "SPOT_EXPONENT": min(float(light.exponent), HIGHEST)}

@@ -20,6 +20,7 @@ from ..core.words import did_you_mean
 from ..model.area_lights import AreaLight
 from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
+from ..model.flaps import Flaps
 from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
 from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
@@ -45,6 +46,7 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
     "fresnel": (NoFresnel, Schlick, Dielectric),
     "lights": (PointLight, DirectionalLight, SpotLight, AreaLight, MeasuredLight),
     "attenuation": (RadialAttenuation,),
+    "flaps": (Flaps,),
     "profile": (Profile,),
     "label": (LampLabel,),
     "atmosphere": (DepthCueing, Fog),

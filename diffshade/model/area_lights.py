@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.fields import Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete, parameter
 from .attenuation import RadialAttenuation
+from .flaps import Flaps, check_flaps
 from .lights import AbstractEmitter, AbstractLight, PointLight, SpotLight, along_one_line
 from .vectors import Vec3, cross
 
@@ -32,7 +33,7 @@ class AreaLight(AbstractLight):
 
     This intensity arrives at a point. The emitters are at the centres of n_u by n_v cells and share the intensity
     equally. Each is a `SpotLight` along edge_u x edge_v, attenuated with its own distance. As the number of samples
-    grows, the light converges to that of the continuous rectangle. Warn's flaps are not modelled.
+    grows, the light converges to that of the continuous rectangle.
 
     Args:
         corner: One corner, scene units.
@@ -47,6 +48,7 @@ class AreaLight(AbstractLight):
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
         specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
+        flaps: Planes across the axes of the world between which every emitter shines; none by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range, or the edges are along one line.
@@ -61,9 +63,11 @@ class AreaLight(AbstractLight):
     exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
     samples: tuple[int, int] = eqx.field(converter=as_counts, static=True, default=(8, 8))
+    flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
         check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        check_flaps(self)
         counts = self.samples
         if not (isinstance(counts, tuple) and len(counts) == 2 and all(type(n) is int and n > 0 for n in counts)):
             raise ValueError(
@@ -94,6 +98,6 @@ class AreaLight(AbstractLight):
         def at(u: Scalar, v: Scalar) -> SpotLight:
             position = self.corner + u * self.edge_u + v * self.edge_v
             share = self.intensity / (n_u * n_v)
-            return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation)
+            return SpotLight(position, axis, share, self.cutoff, self.exponent, self.attenuation, flaps=self.flaps)
 
         return jax.vmap(at)(u, v)

@@ -87,14 +87,27 @@ def angular_attenuation(
     """
     edge = jnp.maximum(_cos_degrees(cutoff), 0.0)
     width = _cos_degrees(cutoff - softness) - edge
-    soft = width > 0  # false where softness is so small that rounding removes it
     lit = cos_phi >= edge
     inside = cos_phi > 0
     at_90_degrees = jnp.where(exponent == 0, 1.0, 0.0)
     lobe = jnp.where(inside, jnp.exp(exponent * jnp.log(jnp.where(inside, cos_phi, 1.0))), at_90_degrees)
-    t = jnp.where(soft, (cos_phi - edge) / jnp.where(soft, width, 1.0), 1.0)
-    t = jnp.where(t < 1.0, t, 1.0)
+    t = share_of_edge(cos_phi - edge, width)
     return jnp.where(lit, lobe * t * t * (3.0 - 2.0 * t), 0.0)
+
+
+def share_of_edge(inside: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Return how far within a soft edge a value is, up to 1; 1 everywhere where the edge has no width.
+
+    Args:
+        inside: How far the value is beyond the limit, on the lit side.
+        width: Width of the edge.
+
+    Returns:
+        The share, with the shape of `inside`; below 0 on the dark side.
+    """
+    soft = width > 0  # false where softness is so small that rounding removes it
+    t = jnp.where(soft, inside / jnp.where(soft, width, 1.0), 1.0)
+    return jnp.where(t < 1.0, t, 1.0)
 
 
 def _cos_degrees(angle: Scalar) -> Scalar:

@@ -25,6 +25,7 @@ from ..core.fields import (
     parameter,
 )
 from .attenuation import RadialAttenuation, angular_attenuation
+from .flaps import Flaps, check_flaps, confined
 from .vectors import Vec3, dot, length, normalize
 
 
@@ -197,6 +198,7 @@ class PointLight(AbstractLamp):
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
         specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
+        flaps: Planes across the axes of the world between which the light shines; none by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range.
@@ -206,15 +208,17 @@ class PointLight(AbstractLamp):
     position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
         check_kind("PointLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        check_flaps(self)
 
     def path(self, p: Vec3 | None) -> Path:
-        """Return l = (position - p)/d and d."""
+        """Return l = (position - p)/d, d and the factor of the flaps."""
         assert p is not None
         to_light = Vec3.of(self.position) - p
-        return Path(normalize(to_light), length(to_light), None)
+        return Path(normalize(to_light), length(to_light), confined(None, self.flaps, p))
 
 
 class DirectionalLight(AbstractEmitter):
@@ -290,6 +294,7 @@ class SpotLight(AbstractLamp):
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
         specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
+        flaps: Planes across the axes of the world between which the light shines; none by default.
 
     Raises:
         ValueError: A value has the wrong shape, is not finite or is out of its range, or the direction is the zero
@@ -304,10 +309,12 @@ class SpotLight(AbstractLamp):
     exponent: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
     attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
     softness: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 90})
+    flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
         check_direction("SpotLight.direction", self.direction)
         check_kind("SpotLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        check_flaps(self)
         if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
             raise ValueError(
                 f"SpotLight.softness must be at most cutoff; got {self.softness} with cutoff {self.cutoff}. "
@@ -320,12 +327,13 @@ class SpotLight(AbstractLamp):
         return ("position", "direction")
 
     def path(self, p: Vec3 | None) -> Path:
-        """Return l = (position - p)/d, d and f_ang(phi), with cos phi = -l . direction."""
+        """Return l = (position - p)/d, d and f_ang(phi) within the flaps, with cos phi = -l . direction."""
         assert p is not None
         to_light = Vec3.of(self.position) - p
         l = normalize(to_light)
         cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
-        return Path(l, length(to_light), angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness))
+        f_ang = angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness)
+        return Path(l, length(to_light), confined(f_ang, self.flaps, p))
 
 
 def along_one_line(a: Vector, b: Vector) -> bool:

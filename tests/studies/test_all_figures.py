@@ -99,5 +99,29 @@ def test_at_k_t_1_there_is_only_the_wall_and_at_0_only_the_ball():
     assert len(np.unique(np.round(opaque[120:200, 60:160], 3).reshape(-1, 3), axis=0)) > 300
 
 
+def test_the_highlight_grows_into_the_window_in_the_mirror():
+    """The share of what the ideal mirror shows that lies within half of the brightest."""
+    *highlights, mirror = (image[..., 0] - image[..., 0].min() for image in pictures(draw_figure("ideal_mirror")))
+    bright = [image > 0.5 * image.max() for image in (*highlights, mirror)]
+    overlap = [(of & bright[-1]).sum() / (of | bright[-1]).sum() for of in bright[:-1]]
+    assert overlap[0] < 0.5
+    assert overlap[-1] > max(overlap[0], 0.6)
+
+
+def test_light_beyond_a_flap_is_dark():
+    air = pictures(draw_figure("warn_flaps"))[1]  # x from -0.35 to 0.2 of 2.2 across 170 pixels
+    lit = air[160, :, 0] > 0.1
+    np.testing.assert_allclose(np.flatnonzero(lit)[[0, -1]] + 0.5, 85 + 170 / 2.2 * np.array([-0.35, 0.2]), atol=1)
+
+
+def test_two_panes_pass_the_product_of_what_each_passes():
+    panes = pictures(draw_figure("coloured_glass"))[-1]
+    np.testing.assert_allclose(panes[10, 10], 0.95, atol=1e-5)
+    cyan, magenta = panes[50, 110], panes[150, 45]
+    np.testing.assert_allclose(cyan, 0.95 * np.array([0.08, 0.95, 0.95]), atol=1e-5)
+    np.testing.assert_allclose(magenta, 0.95 * np.array([0.95, 0.08, 0.95]), atol=1e-5)
+    np.testing.assert_allclose(panes[100, 75], cyan * magenta / 0.95, atol=1e-5)
+
+
 def test_the_angle_to_h_is_half_the_angle_to_r():
     assert any("= 32.0°" in words and "= 16.0°" in words for words, _ in texts(draw_figure("phong_and_blinn")))

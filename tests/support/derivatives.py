@@ -21,6 +21,7 @@ from jax.flatten_util import ravel_pytree
 
 import diffshade as ds
 from diffshade.core.fields import _KINDS, Checked
+from diffshade.model.flaps import LIMITS
 
 TABLE = Path(__file__).with_name("DERIVATIVES.md")
 MARGIN = 0.05
@@ -169,6 +170,7 @@ SOFT = ds.SpotLight((0.8, 1, 1.5), (-1, -1, -1), (5, 4, 3), 60, 3.5, ATTENUATION
 AREA = ds.AreaLight(
     (-1.2, 2.3, 1), (1, 0.1, 0.3), (0.2, -0.3, 1.1), (5, 6, 7), exponent=1.5, attenuation=ATTENUATION, samples=(2, 1)
 )
+FLAPS = ds.Flaps(-0.7, 0.9, -0.9, 0.7, 0.1, 1.4, softness=0.9)
 MEASURED = ds.MeasuredLight(
     (-1, 1.7, 2.2),
     (0.4, -0.9, -1.3),
@@ -287,6 +289,13 @@ SCENES = {
                 ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=4.5, highlights=[ds.Highlight(0.2, 7)])
             ),
             [dataclasses.replace(light, **APART) for light in (POINT, DIRECTIONAL, SOFT, AREA, MEASURED)],
+        ),
+        ds.Camera(**EYE, fov=40),
+    ),
+    "a ball under lamps with flaps": (
+        ds.Scene(
+            ds.Object(ds.Sphere((0.1, -0.2, 0.15), 1.1), ds.Material(**SHINY, n_s=4.5)),
+            [dataclasses.replace(light, flaps=FLAPS) for light in (POINT, SOFT, AREA)],
         ),
         ds.Camera(**EYE, fov=40),
     ),
@@ -646,6 +655,7 @@ EQUATIONS = {
     "AreaLight": {**OWN, **dict.fromkeys(("corner", "edge_u", "edge_v", "intensity", "cutoff", "exponent"), "E11")},
     "MeasuredLight": {**OWN, "position": "E2-E6", "direction": "E3", "intensity": "E9", "side": "E3"},
     "RadialAttenuation": dict.fromkeys(("constant", "linear", "quadratic"), "E2"),
+    "Flaps": dict.fromkeys((*LIMITS, "softness"), "E3"),
     "DepthCueing": dict.fromkeys(("z_f", "z_b", "s_f", "s_b", "I_dc"), "E14"),
     "Fog": dict.fromkeys(("density", "I_dc"), "E14"),
     "Camera": {
@@ -670,6 +680,7 @@ REMARKS = {
     "Box.size": "at an edge that of one of its faces; the silhouette is a jump that no derivative sees",
     "SpotLight.cutoff": "0 with softness 0: the edge is a jump that no derivative sees",
     "AreaLight.cutoff": "0 everywhere: the edge of an emitter's cone is a jump that no derivative sees",
+    **dict.fromkeys((f"Flaps.{name}" for name in LIMITS), "0 with softness 0: the edge is a jump, as a cutoff's is"),
     "MeasuredLight.direction": "at an angle of the table that of the side of the larger angle; 0 at the poles",
     "DepthCueing.z_f": "at z_f and z_b that of the constant side",
     "DepthCueing.z_b": "at z_f and z_b that of the constant side",

@@ -62,6 +62,22 @@ def angular(light, l):
     return f
 
 
+def flaps(light, p):
+    """E3: each flap that is given keeps the light on its side of a plane, faded over `softness` within it."""
+    given, f = light.get("flaps", {}), 1.0
+    width = given.get("softness", 0)
+    for name, limit in given.items():
+        if name == "softness":
+            continue
+        inside = p["xyz".index(name[0])] - limit
+        inside = inside if name.endswith("min") else -inside
+        if inside < 0:
+            return 0.0
+        t = min(inside / width, 1.0) if width > 0 else 1.0
+        f *= t * t * (3 - 2 * t)
+    return f
+
+
 def emitters(light):
     """E11: an area light is a grid of spots at the centres of its cells, which share its intensity."""
     if light["type"] != "area":
@@ -80,18 +96,19 @@ def emitters(light):
                 "exponent": light.get("exponent", 1),
                 "attenuation": light.get("attenuation", (1, 0, 0)),
                 "clamp": light.get("clamp", False),
+                "flaps": light.get("flaps", {}),
             }
             grid.append(spot)
     return grid
 
 
 def arriving(light, p):
-    """Direction l to the light, and the factor f_rad f_ang."""
+    """Direction l to the light, and the factor f_rad f_ang, with that of the flaps."""
     if light["type"] == "directional":
         return unit([-x for x in light["direction"]]), 1.0
     to_light = add(light["position"], p, -1)
     l = unit(to_light)
-    return l, radial(light, math.sqrt(dot(to_light, to_light))) * angular(light, l)
+    return l, radial(light, math.sqrt(dot(to_light, to_light))) * angular(light, l) * flaps(light, p)
 
 
 def colour_at(colour, p):

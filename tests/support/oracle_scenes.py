@@ -91,6 +91,8 @@ def library_light(light):
     if light["type"] == "directional":
         return ds.DirectionalLight(**numbers)
     attenuation = ds.RadialAttenuation(*light.get("attenuation", (1, 0, 0)), clamp=light.get("clamp", False))
+    if "flaps" in light:
+        numbers["flaps"] = ds.Flaps(**light["flaps"])
     return LIGHTS[light["type"]](**numbers, attenuation=attenuation)
 
 
@@ -218,6 +220,20 @@ SCENES = {
     "spot soft up to its axis": (scene_of([sphere()], [spot(cutoff=15, softness=15)]), perspective()),
     "spot of 90 degrees": (scene_of([sphere()], [spot(cutoff=90, exponent=1)]), perspective()),
     "spot with its back to the sphere": (scene_of([sphere()], [spot(direction=(1, 2, 3), cutoff=90)]), perspective()),
+    "a spot and a point light with flaps": (
+        scene_of(
+            [sphere()],
+            [
+                spot(cutoff=20, exponent=5, flaps={"x_min": -0.31, "x_max": 0.42, "y_max": 0.63}),
+                point(flaps={"y_min": -0.5, "y_max": 0.5, "z_min": 0.6, "softness": 0.35}),
+            ],
+        ),
+        perspective(),
+    ),
+    "an area light with flaps": (
+        scene_of([sphere()], [area(samples=(2, 2), flaps={"x_min": -0.4, "z_max": 0.9, "softness": 0.2})]),
+        perspective(),
+    ),
     "one light of each kind": (scene_of([sphere()], ONE_OF_EACH), perspective(**OFF_AXIS)),
     "several of each kind": (
         scene_of(

@@ -50,7 +50,7 @@ def scene_file_keys(folder):
     lights = [
         ds.PointLight((2, 3, 4), attenuation=attenuation),
         ds.DirectionalLight((0, 0, -1)),
-        ds.SpotLight((2, 3, 4), (-2, -3, -4), attenuation=attenuation),
+        ds.SpotLight((2, 3, 4), (-2, -3, -4), attenuation=attenuation, flaps=ds.Flaps(-1, 1)),
         ds.AreaLight((-1, 2, 2), (1, 0, 0), (0, -1, 1), attenuation=attenuation),
     ]
     glass = ds.Material(k_d=0.5, k_s=0.3, k_t=0.5, eta=1.5, fresnel=ds.Schlick(), lobe=ds.Blinn())

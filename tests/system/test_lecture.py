@@ -50,11 +50,39 @@ def test_the_curves_are_those_of_the_formulas():
     np.testing.assert_allclose(s, np.interp(z, [2, 9], [1, 0.15]), atol=1e-5)
 
 
+def test_rays_end_where_the_light_falls():
+    """On the floor at y = -1, or on the ball; the left lamp's rays start at it."""
+    lamp, sun = draw_figure("rays_of_light").axes
+    for axes in (lamp, sun):
+        tips = np.array([note.xy for note in axes.texts if getattr(note, "arrow_patch", None)])
+        assert len(tips) > 10
+        on_ball = np.abs(np.hypot(tips[:, 0] - 0.9, tips[:, 1] + 0.4) - 0.6) < 1e-6
+        on_floor = np.abs(tips[:, 1] + 1) < 1e-6
+        assert (on_ball | on_floor).sum() == len(tips) - 3  # but for the arrows l
+        assert on_ball.any()
+        assert on_floor.any()
+
+
+def test_r_ends_as_high_as_l_on_the_other_side():
+    _, built = draw_figure("mirror_direction").axes
+    tips = {
+        tuple(np.round(np.asarray(note.xy, float), 6)) for note in built.texts if getattr(note, "arrow_patch", None)
+    }
+    x, y = np.round([np.sin(np.deg2rad(38)), np.cos(np.deg2rad(38))], 6)
+    assert {(x, y), (-x, y), (0.0, y)} <= tips
+
+
+def test_half_of_white_is_as_bright_as_the_stripes():
+    patches = pictures(draw_figure("half_of_white"))[0]
+    means = [patches[:, i * 220 : (i + 1) * 220].mean() for i in range(3)]
+    np.testing.assert_allclose(means, [0.5, 0.5, 0.2140], atol=1e-4)
+
+
 def test_only_some(tmp_path):
     paths = ds.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
-    assert [path.name for path in paths] == ["05_cosine_powers.png", "23_visibility.png"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["05_cosine_powers.png", "23_visibility.png"]
-    assert ds.write_figures(tmp_path / "one", only="cosine_powers") == (tmp_path / "one" / "05_cosine_powers.png",)
+    assert [path.name for path in paths] == ["06_cosine_powers.png", "29_visibility.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["06_cosine_powers.png", "29_visibility.png"]
+    assert ds.write_figures(tmp_path / "one", only="cosine_powers") == (tmp_path / "one" / "06_cosine_powers.png",)
 
 
 def test_an_unknown_name_or_a_file_is_one_sentence_and_writes_nothing(tmp_path):

@@ -20,6 +20,7 @@ RELIEF = ds.GBuffer(NORMALS.normal, np.zeros((10, 12, 3)))
 SPHERE = ds.Object(ds.Sphere())
 GLOSSY = ds.Object(ds.Sphere(), ds.Material(k_d=0.4, eta=1.5, fresnel=ds.Dielectric()))
 PARALLEL = ds.OrthographicCamera((0, 0, 4), shape=(10, 12), local_viewer=False)
+FLAPPED = ds.Scene(SPHERE, ds.PointLight((0, 0, 4), flaps=ds.Flaps(x_min=-0.5)))
 HARD_SPOT = ds.Scene(SPHERE, ds.SpotLight((0, 0, 4), (0, 0, -1)))
 NEGATIVE = eqx.tree_at(lambda s: s.objects[0].material.n_s, SCENE, np.array(-1.0))
 
@@ -110,6 +111,10 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "a moving surface without a mask": (fit(free=("radius",)), "views[0] | needs a mask | got none | Give View.mask"),
     "a hard edge's cutoff": (fit(free="cutoff", scene=HARD_SPOT), "lights.0.cutoff | is 0 | Give lights.0.softness"),
+    "a hard flap": (
+        fit(free="x_min", scene=FLAPPED),
+        "flaps.x_min | is 0 | Give lights.0.flaps.softness | scene units",
+    ),
     "eta beside a G-buffer": (fit(free="eta", scene=BESIDE_GLASS), "material.eta cannot be freed | GBuffer | Leave"),
     "k_s beside Dielectric": (fit(free="k_s", scene=ds.Scene(GLOSSY)), "k_s cannot be freed | Dielectric() | Free eta"),
     "bounds the wrong way round": (fit(bounds={"k_d": (1.0, 0.0)}), "bounds of 'k_d' | (1, 0) | Swap or widen them"),

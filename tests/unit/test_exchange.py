@@ -269,10 +269,11 @@ def test_what_is_lost_is_said(suffix, tmp_path):
 
 def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
     fades = ds.RadialAttenuation(0, 0, 1, clamp=True)
-    spot = ds.SpotLight((0, 0, 1), (0, 0, -1), 1, 30, 200, fades, softness=10)
+    spot = ds.SpotLight((0, 0, 1), (0, 0, -1), 1, 30, 200, fades, softness=10, flaps=ds.Flaps(x_min=0))
     said = str(ds.write_material(tmp_path / "a.c", BLINN, lights=spot))
     assert "OpenGL does not clamp attenuation at 1, as lights[0] does." in said
     assert "softness of lights[0] is not written" in said
+    assert "OpenGL has no flaps: those of lights[0] are not written." in said
     assert "the exponent of lights[0], 200, is written as 128" in said
 
 

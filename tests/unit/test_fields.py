@@ -94,6 +94,7 @@ UNTYPED = {  # what type checks around every call would catch first
     "Object(Sphere(), 0.7)": "Object.material must be a Material; got float. Give for example Material(k_d=0.7).",
     "PointLight((1, 2, 3), attenuation=(1, 0, 1))": "PointLight.attenuation must be a RadialAttenuation; got tuple.",
     f"{SPOT}attenuation=1)": "SpotLight.attenuation must be a RadialAttenuation; got int.",
+    f"{SPOT}flaps=(0, 1))": "SpotLight.flaps must be a Flaps; got tuple. Give for example Flaps(x_min=-1, x_max=1).",
     "material('merl_brass', lobe=Brushed())": "the lobe must be Phong() or Blinn(); got a Brushed. Use with_lobe for",
     "Scene(Object(Sphere()), shadows=1)": "Scene.shadows must be True or False; got 1. Give one of the two.",
     **{

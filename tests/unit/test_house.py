@@ -18,7 +18,7 @@ LAYERS = (
     "core.fields",
     "model.vectors",
     "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",
-    "model.lobes",
+    "model.flaps model.lobes",
     "model.photometry",
     "model.lights model.area_lights model.measured_lights model.materials model.named_materials",
     "model.reflection model.transmission",
@@ -52,7 +52,9 @@ LEVEL = {room: level for level, row in enumerate(LAYERS) for room in row.split()
 # a light never knows a material, nor it a light
 STRANGERS = {
     (f"model.{one}", f"model.{other}")
-    for lights, materials in [(("lights", "area_lights", "measured_lights"), ("lobes", "materials", "named_materials"))]
+    for lights, materials in [
+        (("flaps", "lights", "area_lights", "measured_lights"), ("lobes", "materials", "named_materials"))
+    ]
     for pair in [(light, material) for light in lights for material in materials]
     for one, other in (pair, pair[::-1])
 } | {("exchange", "diagnosis"), ("exchange", "diagnosis.misfit"), ("exchange", "calibration")}

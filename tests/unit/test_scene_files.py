@@ -33,6 +33,7 @@ WHOLE = ds.Scene(
     ],
     [
         ds.AreaLight((1, 2, 3), (1, 0, 0), (0, 0.1, 1), (3, 2, 1), 80, 2, ds.RadialAttenuation(0.5, 0.1, 0.2), (3, 5)),
+        ds.SpotLight((2, 3, 4), (-2, -3, -4), flaps=ds.Flaps(x_min=-1, y_max=1 / 3, softness=0.1)),
         ds.AreaLight((1, 2, 3), (1, 0, 0), (0, 0.1, 1)),
     ],
     atmosphere=ds.DepthCueing(1 / 3, 7, s_f=0.9, s_b=0.1, I_dc=(0.1, 0.2, 0.3), radial=True),

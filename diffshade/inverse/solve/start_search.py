@@ -17,6 +17,7 @@ from jaxtyping import Float
 from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...core.progress import ReportProgress
+from ...model.flaps import LIMITS
 from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
@@ -122,6 +123,11 @@ def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
     return center + 0.25 * _size(scene) * steps
 
 
+def _limits(limit: np.ndarray, scene: Scene) -> np.ndarray:
+    """Return planes across the object, nearer and farther than the scene's."""
+    return limit + _size(scene) * np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75])[:, None]
+
+
 _MOVES = {
     "z_f": lambda values, scene: _scaled(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
     "z_b": lambda values, scene: _scaled(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
@@ -131,6 +137,7 @@ _MOVES = {
     "direction": lambda values, scene: values[None] if len(values) != 3 else _turned(values, (20.0, 45.0, 80.0)),
     "position": _positions,
     "center": _centers,
+    **dict.fromkeys(LIMITS, _limits),
 }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ...core.fields import as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
+from ...model.flaps import LIMITS
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
 from ...model.patterns import Texture
@@ -220,8 +221,9 @@ def _check_object_names(scene: Scene, known: Iterable[str]) -> None:
 def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:
     head, _, last = path.rpartition(".")
     softness = known.get(f"{head}.softness")
-    if last == "cutoff" and softness is not None and not softness[0] > 0:
+    unit = "degrees" if last == "cutoff" else "scene units" if last in LIMITS else ""
+    if unit and softness is not None and not softness[0] > 0:
         raise ValueError(
             f"{path} cannot be freed while softness is 0: a hard edge has no derivative. Give {head}.softness, in "
-            "degrees, at least two pixels wide."
+            f"{unit}, at least two pixels wide."
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...core.progress import showing
 from ...core.words import did_you_mean
 from ...io.files import replacing
-from . import air, diffuse, lamps, specular, transparent, whole
+from . import air, diffuse, display, lamps, mirror, rays, specular, transparent, warn, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,27 +18,34 @@ _DRAWN = (
     diffuse.diffuse_over_k_d,
     diffuse.diffuse_over_theta,
     diffuse.ambient_and_diffuse,
+    mirror.mirror_direction,
     specular.lobes,
     specular.cosine_powers,
     specular.specular_over_k_s_and_n_s,
+    mirror.ideal_mirror,
     specular.fresnel_weight,
     specular.phong_and_blinn,
     specular.viewers,
     whole.terms,
+    rays.rays_of_light,
     lamps.kinds_of_light,
     lamps.attenuation_curves,
     lamps.parallel_faces,
     lamps.radial_attenuation,
     lamps.spot_cone,
+    warn.warn_flaps,
+    warn.warn_grid,
     whole.colour_of_light,
     whole.materials_and_lights,
     whole.teapot_materials,
     transparent.snell,
     transparent.glass_sphere,
     transparent.transmission,
+    transparent.coloured_glass,
     transparent.three_transparent,
     air.visibility,
     air.depth_cueing,
+    display.half_of_white,
 )
 FIGURES = {draw.__name__: draw for draw in _DRAWN}
 
@@ -50,7 +57,7 @@ def write_figures(
 
     Args:
         folder: The folder to write to; it is created if needed.
-        only: Names of figures, without number and suffix; by default all 24 figures.
+        only: Names of figures, without number and suffix; by default all 31 figures.
         progress: Show a progress line on the terminal.
 
     Returns:

@@ -113,7 +113,7 @@ def spot_cone() -> Figure:
     }
     figure = grid(
         "A spot shines into a cone about its axis: $\\phi \\leq \\theta_l$",
-        [[_side_of(light) for light in spots.values()], [_floor_under(light) for light in spots.values()]],
+        [[light_in_the_air(light) for light in spots.values()], [light_on_a_floor(light) for light in spots.values()]],
         columns=list(spots),
         sides=["the light\nin the air", "on the\nfloor"],
     )
@@ -136,7 +136,7 @@ def _cards(law: RadialAttenuation, count: int, height: float, shape: tuple[int, 
     return picture(Scene(faces, lamp, background=DARK), camera)
 
 
-def _side_of(light: SpotLight) -> Picture:
+def light_in_the_air(light: SpotLight) -> Picture:
     """Return the intensity that arrives at each point of an upright plane through the lamp."""
     count = 170 * pictures.RAYS
     y, x = np.meshgrid(np.linspace(1.2, -1.0, count), np.linspace(-1.1, 1.1, count), indexing="ij")
@@ -144,7 +144,8 @@ def _side_of(light: SpotLight) -> Picture:
     return displayed(0.8 * np.asarray(arriving.stack()))
 
 
-def _floor_under(light: SpotLight) -> Picture:
+def light_on_a_floor(light: SpotLight) -> Picture:
+    """Return what a lamp lights of a floor."""
     floor = Object(Plane((0, -1, 0)), Material(0.02, 0.8))
     camera = Camera((0, 1.6, 4), target=(0, -1, 0), fov=28, shape=(170, 170))
     return picture(Scene(floor, light), camera)

@@ -29,12 +29,12 @@ PALE = (0.62, 0.66, 0.72)
 
 def picture(scene: Scene, camera: AbstractCamera) -> Picture:
     """Render 3 x 3 rays a pixel, average their radiance, clip it to [0, 1] and apply the sRGB curve."""
-    return displayed(np.asarray(render(scene, _finer(camera)), np.float64))
+    return displayed(np.asarray(render(scene, finer(camera)), np.float64))
 
 
 def line_drawing(scene: Scene, camera: AbstractCamera) -> Picture:
     """Draw the edges: pixels whose neighbours do not see the same smooth surface."""
-    seen = intersect(scene, _finer(camera))
+    seen = intersect(scene, finer(camera))
     n, inside = np.asarray(seen.normal, np.float64), np.asarray(seen.mask)
     p = np.asarray(seen.position, np.float64)
     lines = np.zeros(inside.shape, bool)
@@ -73,6 +73,7 @@ def toward(degrees: Numbers) -> Vec3:
     return Vec3(*(np.asarray(part) for part in (np.sin(angle), np.cos(angle), 0.0 * angle)))
 
 
-def _finer(camera: AbstractCamera) -> AbstractCamera:
+def finer(camera: AbstractCamera) -> AbstractCamera:
+    """Return the camera with 3 x 3 pixels for each of its own, as `displayed` takes them."""
     height, width = camera.shape
     return dataclasses.replace(camera, shape=(RAYS * height, RAYS * width))

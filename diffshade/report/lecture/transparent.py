@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.fields import Array
+from ...core.fields import Array, Numbers
 from ...model.cameras import Camera, OrthographicCamera, Rays
 from ...model.lights import DirectionalLight, PointLight
 from ...model.materials import Material
@@ -60,6 +60,18 @@ def transmission() -> Figure:
     return grid(title, [row], columns=[f"$k_t$ = {k_t:g}" for k_t in values])
 
 
+def coloured_glass() -> Figure:
+    """Draw balls and panes of coloured glass: k_t of red, green and blue apart."""
+    values = ((0.85, 0.85, 0.85), (0.9, 0.25, 0.1), (0.15, 0.75, 0.2))
+    row = [_before_chequer(k_t, 1.0, k_d=0.05) for k_t in values]
+    labels = [f"$k_t$ = ({', '.join(f'{k:g}' for k in k_t)})" for k_t in values]
+    return grid(
+        "Coloured glass: a $k_t$ for red, green and blue; what passes two panes is their product",
+        [[*row, _filters()]],
+        columns=[*labels, "cyan, magenta and yellow"],
+    )
+
+
 def three_transparent() -> Figure:
     """Draw three balls, one behind the other, over k_t and in another order."""
     panels = {
@@ -73,8 +85,8 @@ def three_transparent() -> Figure:
     return grid(title, [row], columns=list(panels))
 
 
-def _before_chequer(k_t: float, eta: float) -> Picture:
-    glass = Material(0.02, (0.55, 0.25, 0.15), 0.9, 60, k_t=k_t, eta=eta)
+def _before_chequer(k_t: Numbers, eta: float, k_d: Numbers = (0.55, 0.25, 0.15)) -> Picture:
+    glass = Material(0.02, k_d, 0.9, 60, k_t=k_t, eta=eta)
     wall = Object(Plane((0, 0, -3), (0, 0, 1)), Material(k_a=Chequer((0.12, 0.2, 0.3), (0.8, 0.8, 0.75), 1.2)))
     red = Object(Sphere((-0.4, 0.45, -2.75), 0.22), Material((0.1, 0.01, 0.01), (0.75, 0.08, 0.06)))
     scene = Scene([Object(Sphere(), glass), wall, red], PointLight((3, 4, 6)))
@@ -93,6 +105,20 @@ def _balls(k_t: float, depths: tuple[int, int, int]) -> Picture:
     ]
     camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
     return picture(Scene(balls, DirectionalLight((-0.4, -0.5, -1)), background=0.9), camera)
+
+
+def _filters() -> Picture:
+    """Return three panes of glass before white, each of which keeps back one of red, green and blue."""
+    angles = np.deg2rad([90, 210, 330])
+    panes = [
+        Object(
+            Sphere((0.42 * np.cos(a), 0.42 * np.sin(a), 2.0 * i), 0.72),
+            Material(k_a=0, k_t=np.where(np.arange(3) == i, 0.08, 0.95)),
+        )
+        for i, a in enumerate(angles)
+    ]
+    camera = OrthographicCamera((0, 0.1, 8), target=(0, 0.1, 0), height=2.7, shape=(220, 220))
+    return picture(Scene(panes, background=0.95), camera)
 
 
 def _draw_entering(axes: Axes) -> None:

@@ -185,7 +185,7 @@ def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
 def emitter_rows(light: AbstractLight) -> list[list[float]] | None:
     """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
 
-    It knows none whose colours are apart.
+    It knows none whose colours are apart, and none with flaps.
 
     The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
     a1, a2, 1 for a spot; the spot's axis, the cosine of its edge; its exponent, the width of its soft edge, 0, 0.
@@ -200,7 +200,7 @@ def emitter_rows(light: AbstractLight) -> list[list[float]] | None:
     if isinstance(light, DirectionalLight):
         to_light = -np.asarray(light.direction) / np.linalg.norm(light.direction)
         return [[*_floats(to_light), 0.0, *_floats(light.intensity), *[0.0] * 13]]
-    if not isinstance(light, PointLight | SpotLight):
+    if not isinstance(light, PointLight | SpotLight) or light.flaps is not None:
         return None
     row = [*_floats(light.position), 1.0, *_floats(light.intensity), *_fading(light.attenuation)]
     if isinstance(light, PointLight):
