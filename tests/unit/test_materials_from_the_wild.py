@@ -3,11 +3,11 @@
 import dataclasses
 import json
 import logging
-import struct
 
 import numpy as np
 import pytest
 from exchange_formulas import fresh_points, shown
+from hostile import glb
 
 import diffshade as ds
 from diffshade.exchange.metallic_roughness import surface_of
@@ -138,19 +138,13 @@ def gltf(*materials):
     return json.dumps({"asset": {"version": "2.0"}, "materials": materials})
 
 
-def glb(text):
-    chunk = text.encode() + b" " * (-len(text) % 4)
-    body = struct.pack("<I4s", len(chunk), b"JSON") + chunk + struct.pack("<I4s", 4, b"BIN\0") + b"\0\1\2\3"
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
-
-
 def test_gltf_and_glb_are_read(read):
     texture = {"name": "brick", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "roughnessFactor": 0.9}}
     bad = {"name": "bad", "pbrMetallicRoughness": {"roughnessFactor": "rough"}}
     clear = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0.5, 0.25]}}
     unlit = {"name": "unlit", "extensions": {"KHR_materials_unlit": {}, "KHR_materials_sheen": {}}}
     text = gltf({"name": "gold", **METAL}, texture, bad, clear, unlit)
-    for name, data in (("a.gltf", text), ("a.glb", glb(text))):
+    for name, data in (("a.gltf", text), ("a.glb", glb(text.encode()))):
         found, said = read(name, data)
         assert list(found) == ["gold", "brick", "material_3", "unlit"]
         assert "'bad': roughnessFactor must be a finite number; got" in said
