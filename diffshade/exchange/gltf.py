@@ -148,7 +148,8 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
     elif alpha < 1:
         given["k_t"] = 1.0 - alpha
     if "unlit" in found:
-        return Material(**given | {"k_e": colour[:3]})  # all else is for programs that do not know it
+        given["k_e"] = colour[:3]  # all else is for programs that do not know the extension
+        return Material(**given)
     coat = found.get("clearcoat", {})
     weight = as_number(coat, "clearcoatFactor", 0.0, at, most=1.0)
     width = as_number(coat, "clearcoatRoughnessFactor", 0.0, at, most=1.0)

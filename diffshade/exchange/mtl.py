@@ -181,6 +181,9 @@ def _glass(
     rows: Mapping[str, list[str]], one: Any, colour: Any, illum: float, name: str, reading: Reading
 ) -> dict[str, Any]:
     """Return k_t and eta."""
+    for key in ("d", "Tr"):
+        if not 0 <= one(key, 0.0) <= 1:
+            raise ValueError(f"{reading.at(name)}: {key} must be 0 to 1; got {one(key, 0.0):g}. Correct the file.")
     through = 1.0 - one("d", 1.0) if "d" in rows else one("Tr", 0.0)
     if "-halo" in rows.get("d", []):
         reading.note(name, "-halo makes the middle of a surface clearer; its d is read as that of all angles.")

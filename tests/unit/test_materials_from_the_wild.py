@@ -98,6 +98,13 @@ def test_one_bad_material_does_not_lose_a_file(read, tmp_path):
     assert float(ds.read_material(tmp_path / "a.mtl", name="m20").k_d[2]) == 0.5
 
 
+def test_an_opacity_beyond_its_range_is_refused_by_its_key(read):
+    found, said = read("a.mtl", "newmtl a\nKd 1 1 1\nnewmtl b\nd 1.5\nnewmtl c\nTr -0.1\n")
+    assert list(found) == ["a"]
+    assert "'b': d must be 0 to 1; got 1.5. Correct the file." in said
+    assert "'c': Tr must be 0 to 1; got -0.1. Correct the file." in said
+
+
 def test_one_sentence_is_said_once_of_many_materials(read):
     _, said = read("a.mtl", "\n".join(f"newmtl m{i}\nmap_Kd {i}.png" for i in range(40)))
     assert said.count("texture maps are not read") == 1
