@@ -43,6 +43,7 @@ shape = [256, 256] # height and width in pixels; for a fit, those of the photogr
 surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
 # surface = {{ type = "Plane", point = [0, 0, 0], normal = [0, 1, 0] }}
 # surface = {{ type = "Box", center = [0, 0, 0], size = [1, 1, 1], rotation = [0, 0, 0] }}
+#                      # or of every pixel: {{ type = "GBuffer", normal = "n.npy", position = "p.npy", mask = "m.npy" }}
 
 [objects.material]
 {material}
@@ -91,7 +92,8 @@ attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0, clamp = false }}
 # samples = [8, 8]
 # attenuation = {{ constant = 1.0 }}
 
-# [[lights]]                         # a lamp; in place of profile, label and the rest: file = "lamp.ies"
+# [[lights]]                         # a lamp; in place of profile and label that of a file:
+#                                    # file = "lamp.ies", lamp_set = 0 (of a .ldt; or "all"), tilt = "lamp.tlt"
 # type = "MeasuredLight"
 # position = [0, 3, 0]
 # direction = [0, -1, 0]
@@ -107,14 +109,14 @@ ALWAYS = ("k_a", "k_d", "k_s", "n_s", "lobe")  # written always; other keys only
 
 
 def find_material(word: str) -> ds.Material:
-    """Return the material of a file, or a named material of the OpenGL teapots."""
+    """Return the material of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
     return ds.read_material(word) if Path(word).suffix else ds.material(word)
 
 
 def find_materials(word: str) -> Mapping[str, ds.Material]:
-    """Return all materials of a file, or a named material of the OpenGL teapots."""
+    """Return all materials of a file, or the one that `ds.material` has by this name."""
     import diffshade as ds
 
     return ds.read_materials(word) if Path(word).suffix else {word: ds.material(word)}

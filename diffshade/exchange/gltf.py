@@ -24,7 +24,18 @@ from .readings import Reading, as_number, as_numbers, as_table, load_json, textu
 from .reference import differences, radiance, reference_of
 
 PREFIX = "KHR_materials_"
-READ = ("specular", "ior", "emissive_strength", "transmission", "unlit", "clearcoat", "pbrSpecularGlossiness")
+# The extensions that are read, with their keys; and the keys of a material and of its metallic-roughness table.
+READ = {
+    "specular": ("specularFactor", "specularColorFactor"),
+    "ior": ("ior",),
+    "emissive_strength": ("emissiveStrength",),
+    "transmission": ("transmissionFactor",),
+    "unlit": (),
+    "clearcoat": ("clearcoatFactor", "clearcoatRoughnessFactor"),
+    "pbrSpecularGlossiness": ("diffuseFactor", "specularFactor", "glossinessFactor"),
+}
+ROW = ("name", "pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided")
+PBR = ("baseColorFactor", "metallicFactor", "roughnessFactor")
 MOST_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
@@ -110,21 +121,18 @@ def read_gltf(text: str, where: str) -> Reading:
         raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
     reading = Reading(where)
     for i, row in enumerate(rows):
-        row = as_table(row)
-        name = row.get("name")
+        name = as_table(row).get("name")
         name = reading.unused(name if isinstance(name, str) and name else f"material_{i}")
         reading.add(name, lambda row=row, name=name: _read(row, name, reading))
     return reading
 
 
-def _read(row: dict[str, Any], name: str, reading: Reading) -> Material:
-    at, more = reading.at(name), as_table(row.get("extensions"))
-    pbr = as_table(row.get("pbrMetallicRoughness"))
-    found: dict[str, dict[str, Any]] = {key.removeprefix(PREFIX): as_table(value) for key, value in more.items()}
-    _note_textures(row, name, reading)
-    for key in more:
-        if key.removeprefix(PREFIX) not in READ:
-            reading.note(name, f"the extension {short(key)} is not read.")
+def _read(row: Any, name: str, reading: Reading) -> Material:
+    at = reading.at(name)
+    row = _table({"material": row}, "material", at)
+    more, pbr = _table(row, "extensions", at), _table(row, "pbrMetallicRoughness", at)
+    found = {key.removeprefix(PREFIX): _table(more, key, at) for key in more if key.removeprefix(PREFIX) in READ}
+    _note_the_rest(row, pbr, more, found, name, reading)
     glow = as_numbers(row, "emissiveFactor", (0, 0, 0), 3, at)
     given: dict[str, Any] = {"k_e": glow * as_number(found.get("emissive_strength", {}), "emissiveStrength", 1.0, at)}
     glossy = found.get("pbrSpecularGlossiness")
@@ -140,7 +148,8 @@ def _read(row: dict[str, Any], name: str, reading: Reading) -> Material:
     elif alpha < 1:
         given["k_t"] = 1.0 - alpha
     if "unlit" in found:
-        return Material(k_e=colour[:3] + given.pop("k_e"), **given)
+        given["k_e"] = colour[:3]  # all else is for programs that do not know the extension
+        return Material(**given)
     coat = found.get("clearcoat", {})
     weight = as_number(coat, "clearcoatFactor", 0.0, at, most=1.0)
     width = as_number(coat, "clearcoatRoughnessFactor", 0.0, at, most=1.0)
@@ -171,6 +180,38 @@ def _alpha(row: dict[str, Any], alpha: float, name: str, reading: Reading) -> fl
     if alpha < 1:
         reading.note(name, f"the alpha {alpha:.3g} has no effect in glTF while alphaMode is OPAQUE; it is not read.")
     return 1.0
+
+
+def _table(table: dict[str, Any], key: str, where: str) -> dict[str, Any]:
+    """Return a table within a table; one that is not there is empty."""
+    value = table.get(key, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{where}: {key} must be a table; got {short(repr(value)[:80])}. Correct the file.")
+    return value
+
+
+def _note_the_rest(
+    row: dict[str, Any],
+    pbr: dict[str, Any],
+    more: dict[str, Any],
+    read: dict[str, dict[str, Any]],
+    name: str,
+    reading: Reading,
+) -> None:
+    """Note textures, extensions and keys that are not read."""
+    _note_textures(row, name, reading)
+    for key in more:
+        if key.removeprefix(PREFIX) not in READ:
+            reading.note(name, f"the extension {short(key)} is not read.")
+    known = [(row, ROW), (pbr, PBR), *((table, READ[key]) for key, table in read.items())]
+    unknown = [
+        short(key)
+        for table, keys in known
+        for key in table
+        if key not in (*keys, "extensions", "extras") and not key.endswith("Texture")
+    ]
+    if unknown:
+        reading.note(name, f"unknown keys are not read: {', '.join(unknown[:8])}{' and more' * (len(unknown) > 8)}.")
 
 
 def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:

@@ -6,6 +6,7 @@ those of PBR programs (tinyobjloader, Blender). Keys are read in any case of let
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -46,6 +47,7 @@ UNUSED = {
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
 INDEX = (0.1, 10.0)  # of refraction, as Material has it
+_COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
 def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
@@ -68,7 +70,7 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
         rows["Tf"] = plain(k_t / most, " ")  # k_t = (1 - d) Tf
     if m.eta is not None:
         rows["Ni"] = plain(m.eta, " ")
-    rows["illum"] = "2" if np.any(m.k_s) else "1"
+    rows["illum"] = "9" if most == 1 else "2" if np.any(m.k_s) else "1"  # d 0 is read as a slip of an opaque illum
     text = comment(notes, "#") + f"newmtl {word}\n" + "".join(f"{key} {row}\n" for key, row in rows.items()) + "\n"
     return Draft(text, refit.rms, refit.largest, (*notes_on_lights(lights, "MTL"), *notes))
 
@@ -79,7 +81,7 @@ def read_mtl(text: str, where: str) -> Reading:
     rows: dict[str, list[str]] | None = None
     before: list[str] = []
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
-        key, _, rest = line.partition("#")[0].strip().replace("\t", " ").partition(" ")
+        key, _, rest = _COMMENT.split(line, 1)[0].strip().replace("\t", " ").partition(" ")
         if key.lower() == "newmtl":
             name = rest.strip() or "material"
             if not rest.strip():
@@ -130,6 +132,8 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
     illum = _illum(rows, one, name, reading)
     glass = _glass(rows, one, colour, illum, name, reading)
     given: dict[str, Any] = {field: colour(key, 0.0) for key, field in COLOURS.items()}
+    if "Kd" not in rows:
+        given["k_d"] = [_without_colour(rows, name, reading)] * 3
     _note_the_rest(rows, name, reading)
     if illum == 0:  # the colour alone, unlit
         return Material(k_e=given["k_d"], n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
@@ -147,6 +151,15 @@ def _read(rows: Mapping[str, list[str]], name: str, reading: Reading) -> Materia
             reading.note(name, "illum 1 has no highlight; Ks is not read.")
         given["k_s"] = 0.0
     return Material(**given, n_s=max(n_s, 0.0), lobe=Blinn(), **glass)
+
+
+def _without_colour(rows: Mapping[str, list[str]], name: str, reading: Reading) -> float:
+    """Return k_d of a material without Kd: 1, which a map multiplies, or 0."""
+    if any(key.lower() == "map_kd" for key in rows):
+        reading.note(name, "map_Kd stands without Kd; it is read as 1, which the map multiplies.")
+        return 1.0
+    reading.note(name, "it has no Kd, for which each program has a grey of its own; it is read as 0.")
+    return 0.0
 
 
 def _is_physical(rows: Mapping[str, list[str]]) -> bool:
@@ -168,21 +181,25 @@ def _glass(
     rows: Mapping[str, list[str]], one: Any, colour: Any, illum: float, name: str, reading: Reading
 ) -> dict[str, Any]:
     """Return k_t and eta."""
+    for key in ("d", "Tr"):
+        if not 0 <= one(key, 0.0) <= 1:
+            raise ValueError(f"{reading.at(name)}: {key} must be 0 to 1; got {one(key, 0.0):g}. Correct the file.")
     through = 1.0 - one("d", 1.0) if "d" in rows else one("Tr", 0.0)
     if "-halo" in rows.get("d", []):
         reading.note(name, "-halo makes the middle of a surface clearer; its d is read as that of all angles.")
     if "d" in rows and "Tr" in rows and abs(one("Tr", 0.0) - through) > 1e-3:
         reading.note(name, f"Tr {one('Tr', 0.0):g} contradicts d {1.0 - through:g}; d is read.")
-    if "d" not in rows and through == 1 and illum in OPAQUE:
+    if through == 1 and illum in OPAQUE:
+        given = "d 0" if "d" in rows else "Tr 1"
         reading.note(
-            name, f"Tr 1 with the opaque illum {illum:g} is read as opaque, as the programs mean that write it."
+            name, f"{given} with the opaque illum {illum:g} is read as opaque, as the programs mean that write it."
         )
         through = 0.0
     found: dict[str, Any] = {}
     if through != 0:
         found["k_t"] = [through * filtered for filtered in colour("Tf", 1.0)]
-    elif "Tf" in rows and min(colour("Tf", 1.0)) != max(colour("Tf", 1.0)):
-        reading.note(name, "Tf colours what passes through, and nothing does; it is not read.")
+    elif set(colour("Tf", 1.0)) != {1.0}:
+        reading.note(name, "Tf filters what passes through, and by d and Tr nothing does; it is not read.")
     eta = one("Ni", 1.0)
     if not INDEX[0] <= eta <= INDEX[1]:
         reading.note(name, f"Ni {eta:g} is no index of refraction, {INDEX[0]:g} to {INDEX[1]:g}; it is not read.")

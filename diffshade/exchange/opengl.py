@@ -120,12 +120,17 @@ def read_opengl(text: str, where: str) -> Reading:
 
 
 def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
-    set_ = _calls(text, "Material", where)
+    all_ = _calls(text, "Material", where)
+    set_ = [call for call in all_ if call[0] != "GL_BACK"] or all_
+    if len(set_) < len(all_):
+        note("the material of GL_BACK is not read.")
     if not set_:
         raise ValueError(f"{where} has no call of glMaterial. Give C code with glMaterialfv(face, GL_DIFFUSE, ...).")
     values = {"GL_AMBIENT": [0.2] * 3, "GL_DIFFUSE": [0.8] * 3, "GL_SPECULAR": [0.0] * 3, "GL_EMISSION": [0.0] * 3}
     values["GL_SHININESS"] = [0.0]
     for _, key, value in set_:
+        if key not in (*values, "GL_AMBIENT_AND_DIFFUSE"):
+            note(f"{short(key)} is not read.")
         for name in ("GL_AMBIENT", "GL_DIFFUSE") if key == "GL_AMBIENT_AND_DIFFUSE" else (key,):
             values[name] = value
     for name in _COLOURS:

@@ -35,6 +35,12 @@ _NUMBER = re.compile(
     r"\b(ambient|emission|diffuse|phong|phong_size|specular|roughness|metallic|ior)[ \t]+([\w.+-]{1,40})", re.ASCII
 )
 
+_WORD = re.compile(r"[A-Za-z_]\w{0,40}", re.ASCII)
+_READ = re.compile(
+    "declare|texture|pigment|finish|interior|colou?r|rgbt?|ambient|emission|diffuse|phong(_size)?|specular|roughness|"
+    "metallic|ior"
+)
+
 
 def tint(pigment: Float[np.ndarray, "3"], metallic: float, n_l: Cosines) -> Float[np.ndarray, "n 3"]:
     """Return the colour of a highlight."""
@@ -164,6 +170,9 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     blinn = bool(one["specular"])
     if blinn and one["roughness"] <= 0:
         raise ValueError(f"{where}: roughness must be above 0; got {one['roughness']:g}. Give 1/n_s.")
+    words = dict.fromkeys(_WORD.findall(re.sub(r"<[^<>]*>", "", _DECLARED.sub("", texture))))
+    if unread := [word for word in words if not _READ.fullmatch(word)]:
+        note(f"words that are not read: {', '.join(map(short, unread[:8]))}{' and more' * (len(unread) > 8)}.")
     if one["metallic"]:
         note("the tint of a metallic highlight varies with the angle; its value at normal incidence is read.")
     hue = 1.0 + one["metallic"] * (pigment - 1.0)

@@ -39,20 +39,18 @@ _READ = re.compile(
     "roughness|metalness|ior|specularIntensity|specularColor|clearcoat|clearcoatRoughness|transmission"
 )
 _OWN = re.compile(
-    "metadata|userData|version|side|shadowSide|depth\\w*|stencil\\w*|blend\\w*|color(Write|Space)|dithering|fog|toneMapped|"
-    "precision|polygonOffset\\w*|premultipliedAlpha|forceSinglePass|alpha(Test|Hash|ToCoverage)|flatShading|shading|"
-    "wireframeLine\\w*|skinning|morph\\w*|visible|overdraw|envMapIntensity|envMapRotation|normalMapType|\\w*Scale|lights|"
+    "metadata|userData|version|side|shadowSide|depth\\w*|stencil\\w*|blend[A-Z]\\w*|colorSpace|dithering|fog|toneMapped|"
+    "precision|polygonOffset\\w*|premultipliedAlpha|forceSinglePass|alpha(Test|Hash|ToCoverage)|"
+    "wireframeLine\\w*|skinning|morph\\w*|overdraw|envMapIntensity|envMapRotation|normalMapType|\\w*Scale|lights|"
     "refractionRatio|reflectivity|combine|aoMapIntensity|lightMapIntensity|displacementBias|attenuation\\w*|"
     "iridescence(IOR|ThicknessRange)|anisotropyRotation|sheenColor|sheenRoughness|images|textures|vertexTangents"
 )
-_NEUTRAL = {
-    "sheen": 0,
-    "iridescence": 0,
-    "anisotropy": 0,
-    "dispersion": 0,
-    "thickness": 0,
-    "wireframe": False,
-    "vertexColors": False,
+_NEUTRAL: dict[str, tuple[Any, ...]] = {
+    **dict.fromkeys(("sheen", "iridescence", "anisotropy", "dispersion", "thickness"), (0,)),
+    **dict.fromkeys(("wireframe", "vertexColors", "flatShading"), (False, "THREE.NoColors")),
+    **dict.fromkeys(("visible", "colorWrite"), (True,)),
+    "blending": (1, "NormalBlending", "THREE.NormalBlending"),
+    "shading": (2, "smooth", "THREE.SmoothShading"),
 }
 
 
@@ -88,7 +86,9 @@ def _materials_in(document: Any) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def read_js(text: str, where: str) -> Reading:
-    """Read the materials that JavaScript creates with values written out."""
+    """Read the materials that JavaScript creates with values written out; or JSON, which older files have as .js."""
+    if text.lstrip().startswith("{"):
+        return read_json(text, where)
     reading = Reading(where)
     for variable, kind, settings in created(text, where):
         if kind.startswith("Mesh") or kind in ("ShaderMaterial", "RawShaderMaterial"):
@@ -181,8 +181,7 @@ def _note_the_rest(settings: dict[str, Any], name: str, reading: Reading) -> Non
     maps = [key for key in rest if key == "map" or key.endswith("Map") or key == "matcap"]
     if maps:
         reading.note(name, textures_not_read(maps))
-    without = object()
-    others = [key for key in rest if key not in maps and settings[key] != _NEUTRAL.get(key, without)]
+    others = [key for key in rest if key not in maps and settings[key] not in _NEUTRAL.get(key, ())]
     if others:
         more = f" and {len(others) - 8} more" if len(others) > 8 else ""
         reading.note(name, f"settings that are not read: {', '.join(short(key) for key in others[:8])}{more}.")

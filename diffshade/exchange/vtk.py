@@ -23,6 +23,11 @@ from .reference import differences, radiance, reference_of
 
 HIGHEST_N, HIGHEST_K = 128.0, 1.0
 _FUNCTION = re.compile(r"^def set_(\w{1,80})\(", re.ASCII | re.MULTILINE)
+# What else of a vtkProperty changes how it looks.
+_UNREAD = re.compile(
+    "InterpolationTo(Flat|PBR)|Metallic|Roughness|BaseIOR|Coat\\w+|Anisotropy|EmissiveFactor|RepresentationTo(Wireframe|"
+    "Points)|Lighting|Texture"
+)
 _SET = re.compile(r"\bSet([A-Za-z]{1,40})\(([^()\n]{0,400})\)", re.ASCII)
 
 
@@ -73,6 +78,8 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
     known, found = values | colours, False
     for key, inside in _SET.findall(re.sub(r"#[^\n]*", "", text)):
         if key not in known:
+            if _UNREAD.fullmatch(key):
+                note(f"Set{key} is not read.")
             continue
         words = [word.strip() for word in inside.split(",")]
         if not all(NUMBER.fullmatch(word) for word in words) or len(words) != len(known[key]):

@@ -70,8 +70,8 @@ def read_scene(path: str | Path) -> Scene:
     """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
 
     Names are those of the classes and their fields; where there is a choice of classes, `type` names one. A light with
-    `file = "lamp.ies"`, a path from the scene's folder, is that lamp (`read_lamp`); its table's other keys replace the
-    lamp's fields.
+    `file = "lamp.ies"`, a path from the scene's folder, is that lamp; `direction`, `side`, `lamp_set` and `tilt` (a
+    path too) are those of `read_lamp`, and its table's other keys replace the lamp's fields.
 
     Args:
         path: The TOML file; its table `[camera]` is ignored.
@@ -202,9 +202,12 @@ def _with_lamp(light: Any, path: Path, i: int) -> Any:
     where, own = f"{path}: lights[{i}]", {key: value for key, value in light.items() if key != "file"}
     if own.get("type", "MeasuredLight") != "MeasuredLight" or "profile" in own:
         raise ValueError(f"{where} has a file, which is a MeasuredLight with its profile. Leave out type and profile.")
-    if not isinstance(light["file"], str):
-        raise ValueError(f"{where}.file must be the name of a file; got {light['file']!r}. Write it in quotes.")
-    given = {key: own[key] for key in ("direction",) if key in own}  # a lamp with TILT depends on it
+    for key in ("file", "tilt"):
+        if not isinstance(light.get(key, ""), str):
+            raise ValueError(f"{where}.{key} must be the name of a file; got {light[key]!r}. Write it in quotes.")
+    given = {key: own[key] for key in ("direction", "side") if key in own}
+    given |= {key: own.pop(key) for key in ("lamp_set",) if key in own}
+    given |= {"tilt": path.parent / own.pop("tilt")} if "tilt" in own else {}
     try:
         lamp = read_lamp(path.parent / light["file"], **given)
     except (TypeError, ValueError) as error:

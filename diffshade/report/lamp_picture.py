@@ -98,7 +98,7 @@ def _polar(axes: Any, lamp: MeasuredLight) -> None:
     axes.set_theta_zero_location("S")  # the axis points down
     axes.set_thetagrids(np.arange(0, 360, 30), [f"{min(a, 360 - a)}°" for a in range(0, 360, 30)])
     axes.tick_params(labelsize=7)
-    axes.legend(loc="lower right", fontsize=7)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, fontsize=7, frameon=False)  # clear of angles
     axes.set_title(f"intensity, {lamp.label.unit}", fontsize=9)
 
 

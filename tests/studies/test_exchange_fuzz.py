@@ -11,7 +11,7 @@ import tracemalloc
 
 import pytest
 import tomli_w
-from hostile import SCENE, TEXTS, check_reading, good_texts, of_strangers, watch_opening
+from hostile import SCENE, TEXTS, check_reading, glb, good_texts, of_strangers, watch_opening
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,12 +26,13 @@ WORDS = {
     ".json": '{ } [ ] : , "type" "MeshPhongMaterial" "color" "specular" "shininess" "opacity" null true 16777215',
     ".js": "MeshPhongMaterial color: specular: new THREE.Color().setRGB( , ) THREE.LinearSRGBColorSpace shininess:",
     ".gltf": '{ } [ ] : , "asset" "version" "2.0" "materials" "name" "extensions" "pbrMetallicRoughness" null true 1e9',
+    ".glb": 'glTF \x02\0\0\0 \x14\0\0\0 JSON BIN\0 {"asset":{"version":"2.0"},"materials":[{}]} { } [ ]',
     ".ies": "IESNA:LM-63-2002 TILT=NONE TILT=INCLUDE TILT=../x [TEST] 90 180 360 13 37",
     ".ldt": "LED 2 4 6 360 180 16 \r",
     ".toml": '[camera] [[objects]] [[lights]] type = "SpotLight" surface = "Sphere" material { } , k_d eye cutoff',
 }
 NUMERALS = "0 1 -1 2 0.5 1e9 1e999 -1e-999 nan inf 1_0 0x10 ٣ 99999999999999999999 .5 5. + - e5 " + "9" * 5000
-EXAMPLES = {".js": 25, ".json": 40, ".gltf": 25, ".toml": 120}
+EXAMPLES = {".js": 25, ".json": 40, ".gltf": 25, ".glb": 25, ".toml": 120}
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +120,7 @@ LARGE = {
     ".json": lambda n: b'{"type": "MeshPhongMaterial", "a": ' + b"[" * n,
     ".js": lambda n: b"new THREE.MeshPhongMaterial({" + b"color: new THREE.Color().setRGB(" * n,
     ".gltf": lambda n: b'{"asset": {"version": "2.0"}, "materials": [{"a": 1}], "b": ' + b"[" * n,
+    ".glb": lambda n: glb(b'{"asset": {"version": "2.0"}, "materials": [{"a": 1}], "b": ' + b"[" * n),
     ".ies": lambda n: b"TILT=NONE\n1 1 1 2 1 1 1 0 0 0 1 1 1\n" + b"1 " * n,
     ".ldt": lambda n: b"0\n" * n,
     ".toml": lambda n: b"a = [" + b"1, " * n + b"]",
@@ -128,6 +130,7 @@ LARGE = {
 DEEP = {
     ".js": b"a = new THREE.MeshPhongMaterial({ b: [" * 30_000,
     ".gltf": b'{"materials":[' * 100_000,
+    ".glb": glb(b'{"materials":[' * 100_000),
     ".json": b'{"type":' * 100_000,
     ".toml": b"a = " + b"[" * 100_000,
     ".c": b"/* " * 300_000,

@@ -25,17 +25,18 @@ def found(path: Path, folder: Path) -> str:
         text = path.read_text(encoding="utf-8")
         path = folder / "a.ies"
         path.write_text(text[text.index("IESNA") :].partition("`")[0], encoding="utf-8")
-    if path.suffix in (".ies", ".ldt"):
+    if path.suffix.lower() in (".ies", ".ldt"):
         return str(ds.read_lamp(path)).splitlines()[1][12:]
     number = len(ds.read_materials(path))
     return f"{number} material{'s' if number > 1 else ''}"
 
 
 def test_the_table_has_what_was_asked_for():
-    kinds = [Path(file).suffix for _, file, _ in ROWS]
+    kinds = [Path(file).suffix.lower() for _, file, _ in ROWS]
     assert kinds.count(".mtl") >= 40
+    assert len({repository for repository, file, _ in ROWS if file.endswith(".mtl")}) >= 30
     assert kinds.count(".gltf") + kinds.count(".glb") >= 20
-    assert kinds.count(".js") >= 20
+    assert kinds.count(".js") + kinds.count(".json") >= 20
     assert sum(kinds.count(kind) for kind in (".ies", ".ldt", ".ts")) >= 20
 
 

@@ -3,6 +3,7 @@
 import builtins
 import io
 import math
+import struct
 import time
 import warnings
 from collections.abc import Callable
@@ -69,7 +70,7 @@ def _mesh(path: Path) -> None:
 
 
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
-    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf"), (ds.read_materials,)),
+    **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.read_materials,)),
     ".c": (ds.read_material, ds.read_lights),
     **dict.fromkeys((".ies", ".ldt"), (ds.read_lamp,)),
     ".toml": (ds.read_scene, ds.read_camera),
@@ -97,7 +98,14 @@ def good_texts(folder: Path) -> dict[str, bytes]:
     for suffix in (".mtl", ".c", ".py", ".inc", ".json", ".js", ".gltf"):
         lights = ds.SpotLight((0, 0, 1), (0, 0, -1)) if suffix == ".c" else ()
         files[suffix] = ds.write_material(folder / f"good{suffix}", PLAIN, lights=lights).path.read_text()
-    return {suffix: text.encode() for suffix, text in files.items()}
+    return {suffix: text.encode() for suffix, text in files.items()} | {".glb": glb(files[".gltf"].encode())}
+
+
+def glb(text: bytes) -> bytes:
+    """Return glTF's JSON in its binary form, with an empty buffer."""
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 0, b"BIN\0")
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
 def write_good(folder: Path) -> None:

@@ -137,6 +137,10 @@ def test_a_lamp_is_summed_up(tmp_path):
     said = str(ds.read_lamp(write(tmp_path, "b.ies", too_much)))
     assert "314.2 lm integrated, 200 lm of its lamps" in said
     assert "The file contradicts itself: its table has more than the 200 lm of its lamps." in said
+    stated = text.replace("[MANUFAC]", "[_ABSOLUTELUMENS] 314\n[MANUFAC]")
+    said = str(ds.read_lamp(write(tmp_path, "d.ies", stated)))
+    assert "314.2 lm integrated, 314 lm stated" in said
+    assert "contradicts" not in said
     less = ldt(1, 1, 100 * np.cos(np.deg2rad(gamma))[None], gamma)
     assert "table is -69 % off the 1000 lm that it states" in str(ds.read_lamp(write(tmp_path, "c.ldt", less)))
     assert str(ds.MeasuredLight((0, 0, 0), (0, -1, 0), ds.Profile([0, 90], [0], [[1, 0]]))).startswith("a lamp\nflux")
@@ -184,6 +188,30 @@ def test_a_scene_names_a_lamps_file(tmp_path):
     ):
         with pytest.raises((ValueError, FileNotFoundError), match=message):
             ds.read_scene(write(tmp_path, "c.toml", text))
+
+
+def test_a_scene_chooses_the_set_and_the_tilt_of_its_lamp(tmp_path):
+    C = np.arange(0, 361, 22.5)
+    write(tmp_path, "a.ies", ies(C, beam(C[:, None], VERTICAL), tilt="TILT=a.tlt"))
+    write(tmp_path, "a.tlt", "1\n3\n0 45 90\n1 0.8 0.5")
+    two = ["1", "LED", "1000.0", "4000", "80", "10", "1", "LED plus", "2500.0", "3000", "90", "30"]
+    text = ldt(1, 1, ROW).replace("\r\n".join(two[:6]), "\r\n".join(two)).split("\r\n")
+    text[25] = "2"
+    write(tmp_path, "b.ldt", "\n".join(text))
+    rows = 'direction = [1, 0, 0]\nside = [0, 0, 1]\ntilt = "a.tlt"\n[[lights]]\nfile = "b.ldt"\nlamp_set = "all"\n'
+    scene = '[[objects]]\nsurface = "Sphere"\n[[lights]]\nfile = "a.ies"\n' + rows
+    lamps: Any = ds.read_scene(write(tmp_path, "a.toml", scene)).lights
+    tilted = ds.read_lamp(tmp_path / "a.ies", direction=(1, 0, 0), side=(0, 0, 1), tilt=tmp_path / "a.tlt")
+    np.testing.assert_array_equal([*lamps[0].intensity, *lamps[0].side], [*tilted.intensity, *tilted.side])
+    np.testing.assert_allclose(tilted.intensity, 0.5 * ds.read_lamp(tmp_path / "a.ies").intensity)
+    np.testing.assert_array_equal(lamps[1].intensity, ds.read_lamp(tmp_path / "b.ldt", lamp_set="all").intensity)
+    for old, new, message in (
+        ('"all"', "2", r"lights\[1\]: .*b\.ldt has 2 sets of lamps; got lamp_set=2"),
+        ('"a.tlt"', "3", r"lights\[0\]\.tilt must be the name of a file; got 3"),
+        ("tilt =", "tlit =", r"lights\[0\] has no key 'tlit'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ds.read_scene(write(tmp_path, "c.toml", scene.replace(old, new)))
 
 
 def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):

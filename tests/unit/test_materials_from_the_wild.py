@@ -3,11 +3,11 @@
 import dataclasses
 import json
 import logging
-import struct
 
 import numpy as np
 import pytest
 from exchange_formulas import fresh_points, shown
+from hostile import glb
 
 import diffshade as ds
 from diffshade.exchange.metallic_roughness import surface_of
@@ -29,13 +29,15 @@ def read(tmp_path, caplog):
 
 
 SAID = {
-    "unknown keys": ("Kd 1 1 1\nKx 3\nfoo", "unknown keys are not read: 'Kx' and 'foo'."),
+    "unknown keys": ("Kx 3\nfoo", "unknown keys are not read: 'Kx' and 'foo'."),
     "maps": ("map_Kd a.png\nnorm b.png", "texture maps are not read, only colours: 'map_Kd', 'norm'."),
     "classic beside PBR": ("Ks 1 1 1\nNs 9\nPr .5\nPm 0", "Pr and Pm describe the surface for PBR programs; Ks and Ns"),
-    "brushing": ("Kd 1 1 1\naniso 0.5", "aniso, brushing, is not modelled."),
+    "brushing": ("aniso 0.5", "aniso, brushing, is not modelled."),
     "a mirror": ("Ks 1 1 1\nillum 3", "illum 3 mirrors what surrounds it, which is not modelled; its other terms"),
     "no such illum": ("illum 12", "illum 12 is no illumination model, 0 to 10; it is read as 2."),
     "clear and opaque": ("Tr 1\nillum 2", "Tr 1 with the opaque illum 2 is read as opaque"),
+    "dissolved and opaque": ("d 0\nillum 2", "d 0 with the opaque illum 2 is read as opaque"),
+    "a filter of nothing": ("Tf 0.4 0.4 0.4\nillum 2", "Tf filters what passes through, and by d and Tr nothing does"),
     "a contradiction": ("d 0.5\nTr 0.2", "Tr 0.2 contradicts d 0.5; d is read."),
     "halo": ("d -halo 0.5", "-halo makes the middle of a surface clearer"),
     "a clamped exponent": ("Ns -1.960784", "Ns -1.96078 is below 0; it is read as 0, as programs clamp it."),
@@ -46,7 +48,7 @@ SAID = {
 @pytest.mark.parametrize("case", SAID)
 def test_what_an_mtl_loses_is_said_in_one_line(case, read):
     rows, sentence = SAID[case]
-    found, said = read("a.mtl", f"newmtl a\n{rows}\n")
+    found, said = read("a.mtl", f"newmtl a\nKd 1 1 1\n{rows}\n")
     assert sentence in said
     assert len([line for line in said.splitlines() if "a.mtl" in line]) == 1
     k_t = {"halo": 0.5, "a contradiction": 0.5}.get(case)
@@ -58,6 +60,25 @@ def test_a_plain_mtl_is_read_without_a_word(read):
     found, said = read("a.mtl", blender)
     assert list(found) == ["Material.003"]
     assert said == ""
+
+
+def test_a_colour_that_is_not_given_is_said(read):
+    found, said = read("a.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nKs 1 1 1\nnewmtl c\nKd 0 0 0\n")
+    assert [float(m.k_d[0]) for m in found.values()] == [1, 0, 0]
+    assert "'a': map_Kd stands without Kd; it is read as 1, which the map multiplies." in said
+    assert "'b': it has no Kd, for which each program has a grey of its own; it is read as 0." in said
+    assert "'c'" not in said
+
+
+def test_a_hash_within_a_name_is_no_comment(read):
+    found, said = read("a.mtl", "newmtl <M#1> # one\nKd 1 0 0\t# red\nnewmtl <M#2>\nKd 0 1 0\n#newmtl c\n")
+    assert list(found) == ["<M#1>", "<M#2>"]
+    assert said == ""
+
+
+def test_glass_that_lets_all_through_is_written_and_read(tmp_path):
+    written = ds.write_material(tmp_path / "a.mtl", ds.Material(0.1, 0.2, 0.3, 10, ds.Blinn(), k_t=1.0, eta=1.5))
+    np.testing.assert_array_equal(ds.read_material(written.path).k_t, 1.0)
 
 
 def test_what_most_programs_mean(read):
@@ -75,6 +96,13 @@ def test_one_bad_material_does_not_lose_a_file(read, tmp_path):
     with pytest.raises(ValueError, match="'m7': Kd must be a finite number"):
         ds.read_material(tmp_path / "a.mtl", name="m7")
     assert float(ds.read_material(tmp_path / "a.mtl", name="m20").k_d[2]) == 0.5
+
+
+def test_an_opacity_beyond_its_range_is_refused_by_its_key(read):
+    found, said = read("a.mtl", "newmtl a\nKd 1 1 1\nnewmtl b\nd 1.5\nnewmtl c\nTr -0.1\n")
+    assert list(found) == ["a"]
+    assert "'b': d must be 0 to 1; got 1.5. Correct the file." in said
+    assert "'c': Tr must be 0 to 1; got -0.1. Correct the file." in said
 
 
 def test_one_sentence_is_said_once_of_many_materials(read):
@@ -117,19 +145,13 @@ def gltf(*materials):
     return json.dumps({"asset": {"version": "2.0"}, "materials": materials})
 
 
-def glb(text):
-    chunk = text.encode() + b" " * (-len(text) % 4)
-    body = struct.pack("<I4s", len(chunk), b"JSON") + chunk + struct.pack("<I4s", 4, b"BIN\0") + b"\0\1\2\3"
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
-
-
 def test_gltf_and_glb_are_read(read):
     texture = {"name": "brick", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "roughnessFactor": 0.9}}
     bad = {"name": "bad", "pbrMetallicRoughness": {"roughnessFactor": "rough"}}
     clear = {"alphaMode": "BLEND", "pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0.5, 0.25]}}
     unlit = {"name": "unlit", "extensions": {"KHR_materials_unlit": {}, "KHR_materials_sheen": {}}}
     text = gltf({"name": "gold", **METAL}, texture, bad, clear, unlit)
-    for name, data in (("a.gltf", text), ("a.glb", glb(text))):
+    for name, data in (("a.gltf", text), ("a.glb", glb(text.encode()))):
         found, said = read(name, data)
         assert list(found) == ["gold", "brick", "material_3", "unlit"]
         assert "'bad': roughnessFactor must be a finite number; got" in said
@@ -139,8 +161,20 @@ def test_gltf_and_glb_are_read(read):
         np.testing.assert_array_equal(found["unlit"].k_e, 1)
         gold = np.asarray(found["gold"].k_s)
         np.testing.assert_allclose(gold[1:] / gold[0], [0.667, 0.333], rtol=0.1)
+    np.testing.assert_array_equal(found["unlit"].k_d, 0)
     glowing, _ = read("a.gltf", gltf({"emissiveFactor": [1, 0.5, 0], **METAL}))
     np.testing.assert_array_equal(glowing["material_0"].k_e, (1, 0.5, 0))
+
+
+def test_what_a_gltf_material_loses_is_said(read):
+    sheen = {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatTint": 1}, "KHR_materials_unlit": {}}
+    strange = {"name": "a", "pbrMetallicRoughness": {"roughnesFactor": 1}, "extensions": sheen, "colour": [1, 0, 0]}
+    glowing = {"name": "b", "extensions": {"KHR_materials_unlit": {}}, "emissiveFactor": [1, 1, 1]}
+    found, said = read("a.gltf", gltf(strange, {"name": "c", "pbrMetallicRoughness": [1]}, 3, glowing))
+    assert "'a': unknown keys are not read: 'colour', 'roughnesFactor', 'clearcoatTint'." in said
+    assert "'c': pbrMetallicRoughness must be a table; got '[1]'. Correct the file. This material is left out." in said
+    assert "'material_2': material must be a table; got '3'. Correct the file." in said
+    np.testing.assert_array_equal(found["b"].k_e, 1)
 
 
 def test_two_highlights_stand_for_one_that_phong_cannot_show(read):
@@ -162,7 +196,7 @@ JSON = {
             "metalness": 1,
             "roughness": 0.3,
         },
-        {"uuid": "2", "type": "MeshLambertMaterial", "name": "wall", "color": "#667eea", "map": "x"},
+        {"uuid": "2", "type": "MeshLambertMaterial", "name": "wall", "color": "#667eea", "map": "x", "blending": 2},
         {"uuid": "3", "type": "MeshBasicMaterial", "color": [1, 0.5, 0]},
         {"uuid": "4", "type": "MeshPhongMaterial", "name": "glass", "opacity": 0.5, "transparent": False, "sheen": 1},
         {"uuid": "5", "type": "ShaderMaterial", "name": "own"},
@@ -179,8 +213,9 @@ JSON = {
 }
 
 
-def test_scenes_of_three_js_are_read(read):
-    found, said = read("a.json", json.dumps(JSON))
+@pytest.mark.parametrize("file", ["a.json", "a.js"])
+def test_scenes_of_three_js_are_read(file, read):
+    found, said = read(file, json.dumps(JSON))
     assert list(found) == ["steel", "wall", "3", "glass", "car"]
     np.testing.assert_allclose(found["wall"].k_d, [0.133, 0.209, 0.823], atol=1e-3)
     assert not np.any(found["wall"].k_s)
@@ -190,7 +225,29 @@ def test_scenes_of_three_js_are_read(read):
     assert "'glass': opacity 0.5 has no effect in three.js unless transparent is true; it is not read." in said
     assert "'glass': settings that are not read: 'sheen'." in said
     assert "'own': a ShaderMaterial is not read." in said
+    assert "'wall': settings that are not read: 'blending'." in said
     assert "depthWrite" not in said
+
+
+LOST = {
+    ".c": ("glMaterialfv(GL_FRONT, GL_DIFFUSE, (GLfloat[]){1, 0, 0, 1});\n", "glMaterialfv(GL_BACK, GL_DIFFUSE, b);"),
+    ".py": ("p.SetDiffuseColor(1, 0, 0)\n", "p.SetMetallic(0.5)\np.SetLineWidth(2)"),
+    ".inc": ("#declare m = texture { pigment { rgb <1, 0, 0> }\n finish { diffuse 1 ambient 0 ", "reflection 0.5 } }"),
+}
+SENTENCES = {
+    ".c": "the material of GL_BACK is not read.",
+    ".py": "SetMetallic is not read.",
+    ".inc": "words that are not read: 'reflection'.",
+}
+
+
+@pytest.mark.parametrize("suffix", LOST)
+def test_what_code_loses_is_said(suffix, read):
+    first, lost = LOST[suffix]
+    found, said = read(f"a{suffix}", f"float b[] = {{0, 0, 1, 1}};\n{first} {lost}" if suffix == ".c" else first + lost)
+    np.testing.assert_array_equal(next(iter(found.values())).k_d, (1, 0, 0))
+    assert said.strip().endswith(SENTENCES[suffix])
+    assert said.count("\n") == 1
 
 
 def test_materials_in_javascript_are_read(read):

@@ -90,6 +90,7 @@ def _label(lines: list[str], words: list[str]) -> LampLabel:
         name=found.get("LUMINAIRE", "") or found.get("LUMCAT", ""),
         source=found.get("LAMP", "") or found.get("LAMPCAT", ""),
         watts=above_0(words[12]),
+        lumens=above_0(found.get("_ABSOLUTELUMENS", "")),
         source_lumens=lamps * lumens if lamps and lumens else None,
         unit=found.get("_INTENSITYUNITS", "") or "cd",
     )
