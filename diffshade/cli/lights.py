@@ -177,7 +177,7 @@ def find_lights(
         found = ds.find_lights(
             read.scene,
             read.views,
-            light_error=error if light_error is not None or error is None else error[list(read.indices)],
+            light_error=error if error is None or isinstance(error, float) else error[list(read.indices)],
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )

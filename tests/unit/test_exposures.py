@@ -91,8 +91,7 @@ def save(path, image, *, time=None, number=None, iso=None):
     given = {0x829A: time, 0x829D: number, 0x8827: iso}
     tags.get_ifd(0x8769).update({tag: value for tag, value in given.items() if value is not None})
     pixels = np.rint(255.0 * np.asarray(ds.srgb_encode(np.clip(image, 0.0, 1.0)))).astype(np.uint8)
-    options = {"quality": 98, "subsampling": 0} if path.suffix == ".jpg" else {}
-    Image.fromarray(pixels).save(path, exif=tags.tobytes(), **options)
+    Image.fromarray(pixels).save(path, exif=tags.tobytes(), quality=98, subsampling=0)
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".tif", ".png"])

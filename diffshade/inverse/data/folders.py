@@ -117,14 +117,19 @@ def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs
             raise ValueError(
                 f"{path} must have a name and three numbers a line; got '{' '.join(row)}' on line {number}. Correct it."
             )
-        if abs(float(np.linalg.norm(l)) - 1.0) > UNIT:
-            raise ValueError(
-                f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {number}. Divide "
-                "each by its length if they are directions."
-            )
+        check_unit(path, l, number)
         names.append(PureWindowsPath(" ".join(row[:-3])).name)  # which takes both kinds of slashes
         directions.append(l / np.linalg.norm(l))
     return tuple(names), np.array(directions).reshape(len(names), 3)
+
+
+def check_unit(path: Path, l: Float[np.ndarray, " 3"], line: int) -> None:
+    """Refuse a direction that is no unit vector: it may be a position, or have the light's intensity in it."""
+    if not abs(float(np.linalg.norm(l)) - 1.0) <= UNIT:
+        raise ValueError(
+            f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {line}. Divide each by "
+            "its length if they are directions."
+        )
 
 
 def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> str:

@@ -20,7 +20,7 @@ from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from .exposures import by_light, exposures_of, merge_exposures
-from .folders import as_lp, list_folder, text_of
+from .folders import as_lp, check_unit, list_folder, text_of
 from .views import View
 
 _LOGGER = logging.getLogger("diffshade")
@@ -114,6 +114,8 @@ def read_folder(
                 "calibrate` finds the lights from a ball."
             )
         directions = _numbers(folder / "light_directions.txt", names, (3,))
+        for line, l in enumerate(directions, 1):
+            check_unit(folder / "light_directions.txt", l, line)
     notes = list(listed.notes)
     if (folder / "light_intensities.txt").is_file():
         intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
@@ -126,23 +128,32 @@ def read_folder(
     groups = by_light(rows, exposures)
     if len(groups) < len(names):
         said.append(f"photographs under one light are merged: {len(names)} become {count(len(groups), 'view')}.")
-    for note in (*notes, *said):
-        _LOGGER.warning("%s: %s", folder, note)
     mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
-    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
-    surface = GBuffer(known, mask=mask)
     indices = [group[0] for group in groups]
     lamps = [DirectionalLight(-directions[i], intensities[i]) for i in indices]
     views = []
     for i, group in enumerate(groups):
+        file = files[group[0]]
         try:
             image, exposure, saturation = _exposed([files[k] for k in group], exposures[group], srgb)
+            _check_size(file, image.shape[:2], mask.shape, views)
             views.append(View(image, camera, mask, lit=(i,), exposure=exposure, saturation=saturation))
         except ValueError as error:
-            raise ValueError(f"{files[group[0]]}: {error}") from None
-    scene = Scene(Object(surface, Material()), lamps)
+            raise ValueError(f"{error}" if f"{file}" in f"{error}" else f"{file}: {error}") from None
+    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
+    scene = Scene(Object(GBuffer(known, mask=mask), Material()), lamps)
+    for note in (*notes, *said):
+        _LOGGER.warning("%s: %s", folder, note)
     return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices))
+
+
+def _check_size(file: Path, size: tuple[int, ...], mask: tuple[int, ...], before: Sequence[View]) -> None:
+    """Refuse a photograph of another size than the mask and the photographs before it."""
+    if size != mask and before:
+        raise ValueError(f"{file} must have the size of the other photographs, {mask}; got {size}. Crop them alike.")
+    if size != mask:
+        raise ValueError(f"the mask must have the size of the photographs, {size}; got {mask}. Crop both alike.")
 
 
 def _exposed(
