@@ -41,8 +41,8 @@ takes as `mp_context`, or fork them before anything is computed.
 ## Fits
 
 `View`, `Noise`, `Sensor`, `Vignetting`, `fit`, `Fit`, `Prediction`, `fit_function`, `FitFunction`, `FittedValues`,
-`Grey`, `Proportional`, `read_photographs`, `sensitivity`, `image_sensitivity`, `draw_comparison`, `write_comparison`,
-`write_report`, `LostProcess`
+`Grey`, `Proportional`, `read_photographs`, `merge_exposures`, `MergedExposures`, `sensitivity`, `image_sensitivity`,
+`draw_comparison`, `write_comparison`, `write_report`, `LostProcess`
 
 ## What a fit can tell
 

@@ -31,6 +31,8 @@ from .exchange.mesh_files import ExportedMesh as ExportedMesh
 from .exchange.mesh_files import write_mesh as write_mesh
 from .exchange.rti_folders import ExportedRti as ExportedRti
 from .exchange.rti_folders import write_rti as write_rti
+from .inverse.data.exposures import MergedExposures as MergedExposures
+from .inverse.data.exposures import merge_exposures as merge_exposures
 from .inverse.data.photographs import read_photographs as read_photographs
 from .inverse.data.relightable import photographs_of as photographs_of
 from .inverse.data.sensors import Sensor as Sensor

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.words import Note, count
+from ..inverse.data.exposures import exposures_of
 from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
 from ..inverse.data.photographs import as_given, mask_file, write_photographs
@@ -36,6 +37,7 @@ class AppliedLights:
     errors: Float[np.ndarray, " photographs"]
     """Root mean square error of each direction, degrees."""
     intensities: Vectors
+    """R, G, B of each, with the photograph's exposure where its EXIF states it."""
     notes: tuple[str, ...]
     """What was assumed, and what looks wrong: a sentence each."""
 
@@ -74,7 +76,12 @@ class AppliedLights:
 
 
 def apply_lights(
-    balls: Sequence[Calibration] | Calibration, photographs: str | Path, *, mask: Any = None, srgb: bool | None = None
+    balls: Sequence[Calibration] | Calibration,
+    photographs: str | Path,
+    *,
+    mask: Any = None,
+    srgb: bool | None = None,
+    exif: bool = True,
 ) -> AppliedLights:
     """Carry the lights of one ball, or of several in other places, over to photographs of an object.
 
@@ -90,6 +97,9 @@ def apply_lights(
         srgb: Whether to decode files from the sRGB curve. By default as the photographs show: linear ones of a matte
             object are three numbers a texel times three a light; where that is not clear, by their type, as in
             `read_image`.
+        exif: Whether exposures that the photographs' EXIF states become part of the intensities of a mirror ball's
+            lights; default True. The intensities of another ball have the exposures of its own photographs, and the
+            object's are taken to be the same.
 
     Returns:
         Photographs, mask and lights.
@@ -126,9 +136,12 @@ def apply_lights(
     notes += why
     directions, errors, said = between(balls)
     known = [ball.intensities for ball in balls if ball.intensities is not None]
-    intensities = np.mean(known, 0) if known else np.ones_like(directions)
-    if not known:
-        notes.append("all lights are taken to have the intensity 1, which a mirror ball does not show.")
+    if known:
+        intensities = np.mean(known, 0)
+    else:
+        exposures, exposed = exposures_of(files) if exif else (np.ones(len(files)), [])
+        intensities = exposures[:, None] * np.ones_like(directions)
+        notes += ["all lights are taken to have the intensity 1, which a mirror ball does not show.", *exposed]
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:
         notes.append("the list of lights in the folder is not used.")
     return AppliedLights(

@@ -28,10 +28,7 @@ MODELS = ("phong", "blinn", "matte")
 )
 @as_json
 def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json: bool) -> None:
-    """Fit parameters to photographs, with errors.
-
-    SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
-    """
+    """Fit parameters to photographs, with errors. SOURCE: a folder of them, or a scene (.toml) with PHOTOS."""
     check_out(out, [typed.source, *typed.photos])
     source = typed.read()
     found = typed.fit(source, checkpoint=checkpoint)
@@ -54,10 +51,7 @@ def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json:
 @click.option("--hold-out", type=int, metavar="N", help="Of maps: every N-th photograph was left out of them")
 @as_json
 def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json: bool) -> None:
-    """Fit, and write a report as an HTML page; or write one of maps.
-
-    SOURCE: a scene with PHOTOS, a folder of photographs, or maps with theirs.
-    """
+    """Fit, and write a report as an HTML page. SOURCE: a folder of photographs, or a scene or maps with PHOTOS."""
     import diffshade as ds
 
     from ..report.page.checks import check_page

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .sources import ENCODING, Encodings, by_name, with_names
+from .sources import ENCODING, EXIF, Encodings, by_name, with_names
 from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
 
 BALLS = ("mirror", "matte", "glossy")
@@ -18,6 +18,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
 @click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")
 @ENCODING
+@EXIF
 @click.option("--camera", type=FILE, help="Scene with the [camera]  [default: far away]")
 @click.option("--radius", type=float, default=1.0, help="Radius of the ball, scene units  [default: 1]")
 @click.option("--directions", type=FILE, help="Known directions; find only the intensities")
@@ -31,6 +32,7 @@ def calibrate(
     ball: str,
     mask: tuple[Path, ...],
     srgb: bool | None,
+    no_exif: bool,
     camera: Path | None,
     radius: float,
     directions: Path | None,
@@ -77,7 +79,7 @@ def calibrate(
     ]
     found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
-    applied = None if thing is None else ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb)
+    applied = None if thing is None else ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif)
     written = []
     if out is not None:
         (found if applied is None else applied).write(out)
@@ -127,6 +129,7 @@ def calibrate(
 @click.argument("photos", metavar="FOLDER", type=FOLDER)
 @click.option("--mask", type=FILE, help="Pixels of the object  [default: the folder's]")
 @ENCODING
+@EXIF
 @click.option("--light-error", type=float, metavar="DEGREES", help="Error of the directions  [default: the folder's]")
 @click.option("--unknown", is_flag=True, help="Find the directions without those of the folder")
 @click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
@@ -137,6 +140,7 @@ def find_lights(
     photos: Path,
     mask: Path | None,
     srgb: bool | None,
+    no_exif: bool,
     light_error: float | None,
     unknown: bool,
     intensity_error: float,
@@ -153,7 +157,7 @@ def find_lights(
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import NORMALS, light_errors, photograph_names, write_photographs
+    from ..inverse.data.photographs import NORMALS, light_errors, read_folder, write_photographs
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -167,20 +171,21 @@ def find_lights(
             f"{photos} does not say how exact its directions are. Give --light-error DEGREES, or --unknown to find "
             "them without."
         )
-    names = tuple(photograph_names(photos))
-    scene, views = ds.read_photographs(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb)
+    read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
+    names = read.names
     with by_name(names):
         found = ds.find_lights(
-            scene,
-            views,
-            light_error=error,
+            read.scene,
+            read.views,
+            light_error=error if error is None or isinstance(error, float) else error[list(read.indices)],
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )
     if out is not None:
         intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+        intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
         errors = found.errors if np.isfinite(found.errors).all() else None
-        images = (np.asarray(view.image[:], np.float64) for view in views)
+        images = (np.asarray(view.image[:], np.float64) for view in read.views)
         inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
         write_photographs(out, names, images, inside, found.directions, intensities, errors)
         for name in (name for name in NORMALS if (photos / name).is_file()):

@@ -55,10 +55,7 @@ def texels(
     suffix: str | None,
     as_json: bool,
 ) -> None:
-    """Find maps: a material for every pixel.
-
-    SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
-    """
+    """Find maps: a material for every pixel. SOURCE: a folder of photographs, or a scene (.toml) with PHOTOS."""
     import numpy as np
 
     import diffshade as ds
@@ -77,7 +74,7 @@ def texels(
     error: Any = light_error
     if error is None and found.folder is not None and set(free) == {*FREE, "normal"} and typed.loss != "squares":
         errors = light_errors(found.folder)
-        error = None if errors is None else errors[seen]
+        error = None if errors is None else errors[[found.indices[i] for i in seen]]
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
 
     def fitted(error: Any) -> ds.TexelMaps:

@@ -27,10 +27,12 @@ SOURCE = (
     click.argument("photos", nargs=-1, type=click.Path(path_type=Path)),
 )
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by file type]")
+EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
     click.option("--lit", type=Lit(), help="each (default: one per photo), all, or as in 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
+    EXIF,
 )
 MODEL = (
     click.option("--free", type=Names(), default=FREE, help="Parameters to fit  [default: k_a,k_d,k_s,n_s]"),
@@ -91,6 +93,8 @@ class Source:
     folder: Path | None
     """The folder of photographs; None for a scene file."""
     encodings: Encodings
+    indices: tuple[int, ...] = ()
+    """Which of the folder's photographs names each view."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,7 @@ class Options:
     lit: Any = None
     mask: Path | None = None
     srgb: bool | None = None
+    no_exif: bool = False
     free: tuple[str, ...] = FREE
     tied: tuple[str, ...] = ()
     grey: tuple[str, ...] = ()
@@ -149,9 +154,7 @@ class Options:
             )
 
     def _of_folder(self, normals: bool | None) -> Source:
-        import diffshade as ds
-
-        from ..inverse.data.photographs import has_normals, mask_file, photograph_names
+        from ..inverse.data.photographs import has_normals, mask_file, photograph_names, read_folder
 
         for name, given in (("PHOTOS", self.photos), ("--lit", self.lit)):
             if given:
@@ -164,12 +167,10 @@ class Options:
             mask = self.mask or mask_file(self.source)
             return replace(self, source=near, photos=photos, mask=mask)._of_scene()
         shaped = has_normals(self.source) if normals is None else normals
-        scene, views = ds.read_photographs(self.source, normals=shaped, mask=self.mask, srgb=self.srgb)
-        if self.noise is not None:
-            views = tuple(replace(view, noise=self.noise) for view in views)
-        names = tuple(photograph_names(self.source))
-        encodings = Encodings.of((self.source / name for name in names), self.srgb)
-        return Source(scene, views, names, self.source, encodings)
+        read = read_folder(self.source, normals=shaped, mask=self.mask, srgb=self.srgb, exif=not self.no_exif)
+        views = read.views if self.noise is None else tuple(replace(view, noise=self.noise) for view in read.views)
+        encodings = Encodings.of((self.source / name for name in read.names), self.srgb)
+        return Source(read.scene, views, read.names, self.source, encodings, read.indices)
 
     def _of_scene(self) -> Source:
         import diffshade as ds

@@ -1,4 +1,4 @@
-"""Image formats: bytes to numbers and back. The only module that knows imageio, Pillow and OpenEXR.
+"""Image formats: bytes to numbers and back. The only module that knows imageio, Pillow's pixels and OpenEXR.
 
 Pillow reads and writes files of 8 bits, and OpenCV the others: Pillow silently drops the low byte of 16-bit RGB, and
 OpenCV premultiplies the alpha of 8-bit TIFF and returns grey + alpha as RGBA. A file is checked before it is decoded
@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .image_headers import NPY_HEADER, UnsupportedError, check_exr, check_pixels, check_png, check_tiff
+from .raw_files import SUFFIXES as RAW_SUFFIXES
+from .raw_files import decode_raw
 
 _OPENCV_LOG = threading.Lock()
 
@@ -25,7 +27,7 @@ class Format(NamedTuple):
 
     name: str
     decode: Callable[[Path, bytes], np.ndarray]
-    dtypes: tuple[type, ...]  # types that can be written, the default first
+    dtypes: tuple[type, ...]  # types that can be written, the default first; none if it is read alone
 
 
 def format_of(path: Path) -> Format:
@@ -183,4 +185,5 @@ FORMATS = {
     ".tga": Format("TGA", partial(_decode_with_pillow, "TGA"), (np.uint8,)),
     ".exr": Format("EXR", _decode_exr, (np.float32, np.float16)),
     ".npy": Format("NPY", _decode_npy, (np.float64,)),
+    **dict.fromkeys(RAW_SUFFIXES, Format("RAW", decode_raw, ())),
 }

@@ -23,7 +23,9 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     (255, 65535) and are in [0, 1]; floats are returned unchanged, whatever their range.
 
     Formats: PNG (up to 16 bits, palette), JPEG (turned upright by its EXIF tag), TIFF (up to 16 bits, 32-bit float),
-    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). Colour profiles are ignored.
+    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). Colour profiles are ignored. RAW files of cameras
+    (.dng, .cr2, .cr3, .nef, .arw, .orf, .pef, .raf, .rw2, .srw; `pip install 'diffshade[raw]'`) are linear: black is
+    taken off, 1 is where the sensor is full, and the colours are the camera's own, without white balance.
 
     Args:
         path: The image file.
@@ -38,6 +40,7 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
         IsADirectoryError: `path` is a folder.
         ValueError: The suffix, layout or type of number is not supported.
         OSError: The file is empty, truncated, damaged or not of the format of its suffix.
+        ImportError: The file is RAW, and rawpy is not installed.
     """
     path = Path(path)
     stored = _read(path)
@@ -246,6 +249,8 @@ def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
     """Return the number type of a file's format for a number of bits; refuse what it does not support."""
     name, _, types = format_of(path)
     dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
+    if not dtypes:
+        raise ValueError(f"cannot write {path}: {name} is only read. Write .png, .tif, .exr or .npy.")
     if bits is not None and bits not in dtypes:
         raise ValueError(f"cannot write {path} with bits={bits}. {name} takes {' or '.join(map(str, dtypes))}.")
     return dtypes[bits] if bits is not None else next(iter(dtypes.values()))

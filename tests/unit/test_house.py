@@ -69,6 +69,7 @@ ONLY_IN = {
     "pyamg": "texels.heights",
     "trimesh": "io",
     "fast_simplification": "io",
+    "rawpy": "io",
     "tifffile": "io",
     "zarr": "io",
 }

@@ -101,7 +101,15 @@ BAD = {
     "no photograph": (_remove("1.png"), "there is no file .*1.png"),
     "photograph of another size": (
         lambda folder: ds.write_image(folder / "1.png", np.zeros((4, 4, 3)), bits=16),
-        r"1.png: View.image must have the camera's shape \(10, 12\); got \(4, 4\)",
+        r"1.png must have the size of the other photographs, \(10, 12\); got \(4, 4\). Crop",
+    ),
+    "mask of another size": (
+        lambda folder: ds.write_image(folder / "mask.png", np.ones((4, 4))),
+        r"the mask must have the size of the photographs, \(10, 12\); got \(4, 4\). Crop",
+    ),
+    "truncated photograph": (
+        lambda folder: (folder / "1.png").write_bytes((folder / "1.png").read_bytes()[:-40]),
+        r"1.png: it is no PNG, or is empty, truncated or damaged. Make or copy the file again",
     ),
     "too few lights": (
         _write("light_directions.txt", "0 0 1\n1 0 1\n"),
@@ -112,7 +120,14 @@ BAD = {
     "two numbers everywhere": (_write("light_directions.txt", "0 1\n" * 3), "3 numbers a line; got 2 on line 1"),
     "one and three": (_write("light_intensities.txt", "1\n1 1 1\n1\n"), "1 or 3 numbers a line; got 3 on line 2"),
     "a word": (_write("light_directions.txt", "0 0 1\n0 up 1\n0 0 1\n"), "must hold numbers only: .*'up'"),
-    "a light from nowhere": (_write("light_directions.txt", "0 0 1\n0 0 0\n0 0 1\n"), "zero vector"),
+    "a light from nowhere": (
+        _write("light_directions.txt", "0 0 1\n0 0 0\n0 0 1\n"),
+        "unit vectors; got one of length 0 on line 2",
+    ),
+    "a light that is no unit vector": (
+        _write("light_directions.txt", "0 0 1\n0 6 8\n0 0 1\n"),
+        "light_directions.txt must hold unit vectors; got one of length 10 on line 2. Divide each by its length",
+    ),
     "no mask": (_remove("mask.png"), "there is no mask .*mask.png"),
     "no normals": (_remove("normal_gt.npy"), "has no normals. Add one of normal_gt.npy, Normal_gt.mat, normal.txt"),
     "normals of another size": (

@@ -2,7 +2,8 @@
 
 A folder says so itself by `filenames.txt` (DiLiGenT) or by a list of lights, `NAME.lp` (reflectance transformation
 imaging: the count, then a name and x y z a line). Otherwise its photographs are all images but masks and normals, in
-natural order, and images that are named unlike most are left out, as reference photographs are.
+natural order, and images that are named unlike most are left out, as reference photographs are. Of a RAW file and what
+the camera made of it, which has the same name, the RAW file counts.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from jaxtyping import Float
 
 from ...core.words import count, listing
 from ...io.image_formats import FORMATS
+from ...io.raw_files import SUFFIXES as RAW_SUFFIXES
 
 OTHERS = ("mask", "normal")  # in the names of images that are no photographs
 ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
@@ -66,12 +68,18 @@ def list_folder(folder: Path) -> Listing:
         return Listing(names, masks, directions, tuple(folder / name for name in left), notes)
     if not photographs:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
+    raw = {Path(name).stem for name in photographs if _is_raw(name)}
+    twice = [name for name in photographs if Path(name).stem in raw and not _is_raw(name)]
+    photographs = [name for name in photographs if name not in twice]
     alike = Counter(_pattern(name) for name in photographs).most_common(1)[0]
     kept = [name for name in photographs if _pattern(name) == alike[0]]
     if len(kept) < max(ALIKE * len(photographs), 3):
         kept = photographs
     left = [name for name in photographs if name not in kept]
-    notes = _left_out(left, f"the others are named as {kept[0]}")
+    notes = (
+        *_left_out(twice, "the RAW file of the same name is read"),
+        *_left_out(left, f"the others are named as {kept[0]}"),
+    )
     return Listing(tuple(kept), masks, None, tuple(folder / name for name in left), notes)
 
 
@@ -109,14 +117,19 @@ def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs
             raise ValueError(
                 f"{path} must have a name and three numbers a line; got '{' '.join(row)}' on line {number}. Correct it."
             )
-        if abs(float(np.linalg.norm(l)) - 1.0) > UNIT:
-            raise ValueError(
-                f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {number}. Divide "
-                "each by its length if they are directions."
-            )
+        check_unit(path, l, number)
         names.append(PureWindowsPath(" ".join(row[:-3])).name)  # which takes both kinds of slashes
         directions.append(l / np.linalg.norm(l))
     return tuple(names), np.array(directions).reshape(len(names), 3)
+
+
+def check_unit(path: Path, l: Float[np.ndarray, " 3"], line: int) -> None:
+    """Refuse a direction that is no unit vector: it may be a position, or have the light's intensity in it."""
+    if not abs(float(np.linalg.norm(l)) - 1.0) <= UNIT:
+        raise ValueError(
+            f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {line}. Divide each by "
+            "its length if they are directions."
+        )
 
 
 def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> str:
@@ -177,6 +190,10 @@ def _left_out(names: list[str], why: str) -> tuple[str, ...]:
         return ()
     shown = listing(names) if len(names) <= SHOWN else f"{count(len(names), 'image')}, such as {names[0]},"
     return (f"{shown} {'is' if len(names) == 1 else 'are'} left out: {why}.",)
+
+
+def _is_raw(name: str) -> bool:
+    return Path(name).suffix.lower() in RAW_SUFFIXES
 
 
 def _pattern(name: str) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.words import listing
+from ...core.words import count, listing
 from ...io.files import replacing
 from ...io.images import read_image, read_mask, without_alpha, write_image
 from ...io.lazy_images import open_image
@@ -19,7 +19,8 @@ from ...model.gbuffers import GBuffer, as_mask
 from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
-from .folders import as_lp, list_folder, text_of
+from .exposures import by_light, exposures_of, merge_exposures
+from .folders import as_lp, check_unit, list_folder, text_of
 from .views import View
 
 _LOGGER = logging.getLogger("diffshade")
@@ -37,7 +38,13 @@ NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
 def read_photographs(
-    folder: str | Path, *, normals: bool = True, lights: bool = True, mask: Any = None, srgb: bool | None = None
+    folder: str | Path,
+    *,
+    normals: bool = True,
+    lights: bool = True,
+    mask: Any = None,
+    srgb: bool | None = None,
+    exif: bool = True,
 ) -> tuple[Scene, tuple[View, ...]]:
     """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
 
@@ -51,6 +58,10 @@ def read_photographs(
     on in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may
     be larger than memory.
 
+    Where the photographs' EXIF says that they differ in t ISO / N^2 (exposure time, sensitivity, F-number), that is
+    `View.exposure`, 1 for the first. Photographs of different exposures under one light, which have the same direction
+    and intensity in the lists, become one view by `merge_exposures`, and the scene has that light once.
+
     Args:
         folder: The folder.
         normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), which
@@ -59,6 +70,7 @@ def read_photographs(
             and `find_lights` can find where it comes from.
         mask: A file or an array (H, W), in place of `mask.png` or the one image with "mask" in its name.
         srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
+        exif: Whether to use the exposures that the files state; default True. Without, all are 1.
 
     Returns:
         The scene and its views.
@@ -66,7 +78,28 @@ def read_photographs(
     Raises:
         FileNotFoundError: Where the folder or one of its files does not exist.
         ValueError: Where a file does not hold what it should; one sentence that names the file and the remedy.
+        OSError: Where a photograph is truncated or damaged.
+        ImportError: Where a photograph is RAW, and rawpy is not installed.
     """
+    read = read_folder(folder, normals=normals, lights=lights, mask=mask, srgb=srgb, exif=exif)
+    return read.scene, read.views
+
+
+class PhotographFolder(NamedTuple):
+    """A folder of photographs, as it was read."""
+
+    scene: Scene
+    views: tuple[View, ...]
+    names: tuple[str, ...]
+    """The photograph of each view, the first of those that were merged."""
+    indices: tuple[int, ...]
+    """Which of the folder's photographs that is."""
+
+
+def read_folder(
+    folder: str | Path, *, normals: bool, lights: bool = True, mask: Any = None, srgb: bool | None = None, exif: bool
+) -> PhotographFolder:
+    """Read a folder as `read_photographs` does, and return which photograph each view is."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
@@ -81,26 +114,57 @@ def read_photographs(
                 "calibrate` finds the lights from a ball."
             )
         directions = _numbers(folder / "light_directions.txt", names, (3,))
+        for line, l in enumerate(directions, 1):
+            check_unit(folder / "light_directions.txt", l, line)
     notes = list(listed.notes)
     if (folder / "light_intensities.txt").is_file():
         intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
     else:
         intensities = np.ones((len(names), 1))
         notes.append("there is no light_intensities.txt: all lights are taken to have the intensity 1.")
-    for note in notes:
-        _LOGGER.warning("%s: %s", folder, note)
+    files = [folder / name for name in names]
+    exposures, said = exposures_of(files) if exif else (np.ones(len(names)), [])
+    rows = [(*l, *i) for l, i in zip(directions, intensities, strict=True)] if lights else range(len(names))
+    groups = by_light(rows, exposures)
+    if len(groups) < len(names):
+        said.append(f"photographs under one light are merged: {len(names)} become {count(len(groups), 'view')}.")
     mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
-    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
-    surface = GBuffer(known, mask=mask)
-    lamps = [DirectionalLight(-to_light, i) for to_light, i in zip(directions, intensities, strict=True)]
+    indices = [group[0] for group in groups]
+    lamps = [DirectionalLight(-directions[i], intensities[i]) for i in indices]
     views = []
-    for i, name in enumerate(names):
+    for i, group in enumerate(groups):
+        file = files[group[0]]
         try:
-            views.append(View(read_photograph(folder / name, srgb=srgb), camera, mask, lit=(i,)))
+            image, exposure, saturation = _exposed([files[k] for k in group], exposures[group], srgb)
+            _check_size(file, image.shape[:2], mask.shape, views)
+            views.append(View(image, camera, mask, lit=(i,), exposure=exposure, saturation=saturation))
         except ValueError as error:
-            raise ValueError(f"{folder / name}: {error}") from None
-    return Scene(Object(surface, Material()), lamps), tuple(views)
+            raise ValueError(f"{error}" if f"{file}" in f"{error}" else f"{file}: {error}") from None
+    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
+    scene = Scene(Object(GBuffer(known, mask=mask), Material()), lamps)
+    for note in (*notes, *said):
+        _LOGGER.warning("%s: %s", folder, note)
+    return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices))
+
+
+def _check_size(file: Path, size: tuple[int, ...], mask: tuple[int, ...], before: Sequence[View]) -> None:
+    """Refuse a photograph of another size than the mask and the photographs before it."""
+    if size != mask and before:
+        raise ValueError(f"{file} must have the size of the other photographs, {mask}; got {size}. Crop them alike.")
+    if size != mask:
+        raise ValueError(f"the mask must have the size of the photographs, {size}; got {mask}. Crop both alike.")
+
+
+def _exposed(
+    files: Sequence[Path], exposures: Float[np.ndarray, " files"], srgb: bool | None
+) -> tuple[Any, float, float | None]:
+    """Return the photograph of a file, or of several of one light, with its exposure and saturation."""
+    images = [read_photograph(file, srgb=srgb) for file in files]
+    if len(images) == 1:
+        return images[0], float(exposures[0]), None
+    merged = merge_exposures(images, exposures)
+    return merged.image, 1.0, merged.saturation
 
 
 def write_lights(
