@@ -109,6 +109,8 @@ def _notes_on_ambient(maps: TexelMaps, program: str) -> list[str]:
 
 def _write_ply(path: Path, mesh: HeightMesh, maps: TexelMaps | None, notes: list[str]) -> Path:
     """Write a binary PLY: corners with normals, errors of the heights and colours; triangles."""
+    from scipy.ndimage import map_coordinates
+
     names = ["x", "y", "z", "nx", "ny", "nz", "s", "t", "height_error"]
     kinds = [(name, "<f4") for name in names] + [(name, "u1") for name in ("red", "green", "blue")] * (maps is not None)
     corners = np.zeros(len(mesh.corner), kinds)
@@ -118,10 +120,11 @@ def _write_ply(path: Path, mesh: HeightMesh, maps: TexelMaps | None, notes: list
     ):
         corners[name] = column
     if maps is not None:
-        k_d, _ = stored(surface_of(maps, mesh).k_d, srgb=True)
-        row, column = np.clip((mesh.uv[:, ::-1] * k_d.shape[:2]).astype(int), 0, np.array(k_d.shape[:2]) - 1).T
+        k_d = surface_of(maps, mesh).k_d
+        place = (mesh.uv[:, ::-1] * k_d.shape[:2] - 0.5).T  # from centre to centre
         for i, name in enumerate(("red", "green", "blue")):
-            corners[name] = k_d[row, column, i]
+            between = map_coordinates(k_d[..., i], place, order=1, mode="nearest")
+            corners[name] = stored(between, srgb=True)[0]
         notes.append("a PLY has no highlights: its colours are k_d, in sRGB.")
     faces = np.zeros(len(mesh.face), [("count", "u1"), ("corner", "<i4", 3)])
     faces["count"], faces["corner"] = 3, mesh.face

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 Points = Float[np.ndarray, "n 3"]
 
@@ -25,15 +25,6 @@ class Triangles(NamedTuple):
             [np.bincount(self.face.ravel(), np.repeat(across[:, k], 3), len(self.corner)) for k in range(3)], -1
         )
         return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
-
-    @property
-    def inner(self) -> Bool[np.ndarray, " n"]:
-        """Whether each corner is surrounded by triangles: the others are on the border, whose edges have one alone."""
-        edge = np.sort(self.face[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), -1)
-        edges, times = np.unique(edge, axis=0, return_counts=True)
-        inner = np.ones(len(self.corner), bool)
-        inner[edges[times == 1]] = False
-        return inner
 
     def used(self) -> tuple[Triangles, Int[np.ndarray, " kept"]]:
         """Return the mesh without corners of no triangle, and the indices of those that are kept."""

@@ -44,8 +44,12 @@ class Rays(NamedTuple):
         return self.toward.ndim == 1
 
 
-def rays_of(camera: AbstractCamera) -> Rays:
-    """Return the rays through the centres of a camera's texels; raise ValueError for an unusual camera."""
+def rays_of(camera: AbstractCamera, *, corners: bool = False) -> Rays:
+    """Return the rays through the centres of a camera's texels, or through their corners, one more each way.
+
+    Raises:
+        ValueError: The rays are neither parallel nor from one eye.
+    """
     with in_float64(camera) as seen_by:
         found = seen_by.projection()
         o, o_column, o_row, d, d_column, d_row, backward = (
@@ -60,7 +64,8 @@ def rays_of(camera: AbstractCamera) -> Rays:
                 found.backward,
             )
         )
-    row, column = (np.indices(camera.shape) + 0.5)[..., None]
+    rows, columns = camera.shape
+    row, column = (np.indices((rows + 1, columns + 1)) if corners else np.indices(camera.shape) + 0.5)[..., None]
     distance = distance_to_target(camera)
     if not d_column.any() and not d_row.any():
         return Rays(backward, (o_column, o_row), o + o_column * column + o_row * row, distance)

@@ -11,6 +11,7 @@ from ...core.backend import in_float64
 from ...core.fields import check_kind
 from ...io.triangles import Triangles, first_hits, simplified
 from ...model.cameras import AbstractCamera, axes
+from .corners import corners_of
 from .differences import rays_of
 from .map import HeightMap
 
@@ -28,8 +29,8 @@ class HeightMesh:
         uv: Place of each corner in the image: u to the right and v down, from 0 to 1.
         errors: Standard errors of the heights at the corners, scene units, as in `HeightMap.errors`.
         camera: The camera of the heights.
-        largest: Largest distance from the heights, measured at every pixel but the border's: the difference along the
-            line of sight, across the surface there, scene units; 0 where no triangle was taken away.
+        largest: Largest distance from the mesh of all triangles, measured at every pixel: the difference along the line
+            of sight, across the surface there, scene units; 0 where no triangle was taken away.
     """
 
     corner: Float[np.ndarray, "n 3"]
@@ -53,99 +54,82 @@ class HeightMesh:
         error = f"{np.median(finite):.2g}" if finite.size else "infinite"
         return (
             f"{len(self.face):,} triangles, {len(self.corner):,} corners, standard error of the heights {error} in the "
-            f"median; {self.largest:.2g} scene units off the heights at most"
+            f"median; {self.largest:.2g} scene units off the mesh of all triangles at most"
         )
 
 
 def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> HeightMesh:
-    """Return heights as a mesh of triangles between the centres of neighbouring pixels, none of them across a jump.
+    """Return heights as a mesh of two triangles a pixel, none of them across a jump.
+
+    Its corners are those of the pixels: each is as near as it can be to the planes of the pixels that share it, across
+    their normals and through their points (least squares). So a pixel's two triangles face along its own normal, which
+    triangles between the centres of pixels, of four normals each, do not.
 
     With a tolerance, edges are collapsed where the surface changes least (quadric error metrics; Garland and Heckbert
-    1997), those of the border excepted, and the fewest triangles are kept whose distance from the heights, measured at
-    every pixel, is at most the tolerance. Needs fast-simplification, trimesh and embreex (`pip install
+    1997), those of the border excepted, and the fewest triangles are kept whose distance from the mesh of all triangles,
+    measured at every pixel, is at most the tolerance. Needs fast-simplification, trimesh and embreex (`pip install
     'diffshade[mesh]'`).
 
     Args:
         heights: The heights.
-        tolerance: Largest distance from the heights, scene units, above 0; None, the default, keeps all triangles.
+        tolerance: Largest distance from the mesh of all triangles, scene units, above 0; None, the default, keeps all triangles.
 
     Returns:
         The mesh. Its normals are those of the triangles; `write_mesh` adds the measured ones as a map.
 
     Raises:
-        ValueError: No three neighbouring pixels have heights, or the tolerance is not above 0.
+        ValueError: The tolerance is not above 0.
         TypeError: `heights` is no `HeightMap`.
         ImportError: A tolerance is given, and fast-simplification, trimesh or embreex is not installed.
     """
     check_kind("heights", heights, HeightMap, "integrate_normals(normal, camera)")
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise ValueError(f"tolerance must be above 0 scene units; got {tolerance}. Leave it out to keep all triangles.")
-    position = heights.position
-    corners = Triangles(position.reshape(-1, 3), _faces(heights))
-    if not len(corners.face):
-        raise ValueError("heights have no three neighbouring pixels, hence no triangle. Give heights of a surface.")
-    whole, pixel = corners.used()
-    mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, pixel, heights, float(tolerance))
+    corner, errors, of_pixel = corners_of(heights)
+    whole = Triangles(corner, of_pixel[:, [[0, 2, 1], [1, 2, 3]]].reshape(-1, 3))
+    mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, of_pixel, heights, float(tolerance))
     place = pixels_of(mesh.corner, heights.camera)
     shape = np.asarray(heights.camera.shape)
-    if mesh is whole:
-        errors = heights.errors.ravel()[pixel]
-    else:
+    if mesh is not whole:
         row, column = np.clip(place.astype(int), 0, shape - 1).T
-        near = _spread(heights)
-        errors = near[row, column]
+        errors = _spread(heights)[row, column]
     return HeightMesh(
         mesh.corner, mesh.face, mesh.normals, place[:, ::-1] / shape[::-1], errors, heights.camera, largest
     )
 
 
-def _faces(heights: HeightMap) -> Int[np.ndarray, "faces 3"]:
-    """Return the triangles of the image: the halves of each square of four pixels that no jump crosses.
-
-    Where one corner of a square is missing, the half of the other three is taken, along the other diagonal if need be.
-    """
-    index = np.arange(heights.mask.size).reshape(heights.mask.shape)
-    inside = heights.mask
-    right = inside[:, :-1] & inside[:, 1:] & ~heights.jump_right[:, :-1]
-    below = inside[:-1] & inside[1:] & ~heights.jump_below[:-1]
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    top, bottom, left, beside = right[:-1], right[1:], below[:, :-1], below[:, 1:]
-    first, second = top & left, bottom & beside  # a c b, b c d
-    faces = [(first, (a, c, b)), (second, (b, c, d))]
-    faces += [(top & beside & ~first & ~second, (a, d, b)), (bottom & left & ~first & ~second, (a, c, d))]
-    return np.concatenate([np.stack([corner[where] for corner in face], -1) for where, face in faces])
-
-
 def _fewest(
-    whole: Triangles, pixel: Int[np.ndarray, " n"], heights: HeightMap, tolerance: float
+    whole: Triangles, of_pixel: Int[np.ndarray, "pixels 4"], heights: HeightMap, tolerance: float
 ) -> tuple[Triangles, float]:
-    """Return the fewest triangles within the tolerance, and their largest distance from the heights.
+    """Return the fewest triangles within the tolerance, and their largest distance from all of them.
 
     The number of triangles is found by bisection of its logarithm.
     """
+    middle = whole.corner[of_pixel[:, 1:3]].mean(1)  # of each pixel, where its two triangles meet
     low, high = np.log(FEWEST), np.log(max(len(whole.face), FEWEST + 1))
-    best, seen = (whole, 0.0), pixel[whole.inner]
+    best = (whole, 0.0)
     for _ in range(TRIALS):
-        middle = 0.5 * (low + high)
-        mesh = simplified(whole, int(np.exp(middle)))
-        largest = _distance(mesh, seen, heights)
+        trial = 0.5 * (low + high)
+        mesh = simplified(whole, int(np.exp(trial)))
+        largest = _distance(mesh, middle, heights)
         if largest <= tolerance:
-            best, high = (mesh, largest), middle
+            best, high = (mesh, largest), trial
         else:
-            low = middle
+            low = trial
     return best
 
 
-def _distance(mesh: Triangles, pixel: Int[np.ndarray, " n"], heights: HeightMap) -> float:
-    """Return the largest distance of a mesh from heights: across the surface; where a ray misses it, from a corner."""
+def _distance(mesh: Triangles, middle: Float[np.ndarray, "pixels 3"], heights: HeightMap) -> float:
+    """Return the largest distance of a mesh from points of a surface, one a pixel.
+
+    The distance is across the surface, along the line of sight; where that misses the mesh, from the nearest corner.
+    """
     from scipy.spatial import KDTree
 
-    rays, points = rays_of(heights.camera), heights.position.reshape(-1, 3)
-    start, toward = (np.broadcast_to(of, heights.position.shape).reshape(-1, 3) for of in (rays.start, -rays.toward))
-    hits = first_hits(mesh, start[pixel], toward[pixel])
-    seen = pixel[hits.ray]
-    across = ((hits.point - points[seen]) * heights.normal.reshape(-1, 3)[seen]).sum(-1)
-    nearest = KDTree(mesh.corner).query(points[np.setdiff1d(pixel, seen)])[0]
+    start = np.broadcast_to(rays_of(heights.camera).start, heights.normal.shape)[heights.mask]
+    hits = first_hits(mesh, start, middle - start)
+    across = ((hits.point - middle[hits.ray]) * heights.normal[heights.mask][hits.ray]).sum(-1)
+    nearest = KDTree(mesh.corner).query(np.delete(middle, hits.ray, 0))[0]
     return float(max(np.abs(across).max(initial=0.0), nearest.max(initial=0.0)))
 
 

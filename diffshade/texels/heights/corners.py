@@ -1,0 +1,72 @@
+"""Corners between pixels: a surface of one square a pixel, each nearly in the plane that its normal gives.
+
+A pixel's plane passes through its integrated point P, across its normal n. Pixels without a jump between them share
+their corners. A corner stands on its line of sight, at the distance d of the least
+
+    sum ((n . (S - d t - P))^2 + LEVEL^2 (d - d_P)^2)
+
+over the pixels that share it. The second term, d_P the distance of their points, decides only at the border, where a
+plane seen from its edge would leave the surface.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float, Int
+
+from .differences import rays_of
+from .map import HeightMap
+
+LEVEL = 0.1  # weight of a pixel's height beside its plane
+
+
+class Corners(NamedTuple):
+    """Corners of pixels, and the four of each pixel inside."""
+
+    position: Float[np.ndarray, "n 3"]
+    errors: Float[np.ndarray, " n"]
+    """Means of the standard errors of the pixels that share them, scene units."""
+    of_pixel: Int[np.ndarray, "pixels 4"]
+    """Top left, top right, bottom left, bottom right."""
+
+
+def corners_of(heights: HeightMap) -> Corners:
+    """Return the corners of the pixels of heights."""
+    inside = heights.mask
+    owner = _shared(heights)
+    count = int(owner.max()) + 1
+    rays = rays_of(heights.camera, corners=True)
+    shape = tuple(side + 1 for side in inside.shape)
+    row, column = np.nonzero(inside)
+    at = np.stack([(row + down) * shape[1] + column + right for down in (0, 1) for right in (0, 1)], -1)
+    start, toward = (np.broadcast_to(of, (*shape, 3)).reshape(-1, 3) for of in (rays.start, rays.toward))
+    n, depth, P = (of[inside][:, None] for of in (heights.normal, heights.depth, heights.position))
+    facing = (n * toward[at]).sum(-1)
+    ahead = (n * (start[at] - P)).sum(-1)
+
+    def total(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " n"]:
+        return np.bincount(owner.ravel(), of.ravel(), count)
+
+    d = total(facing * ahead + LEVEL**2 * depth) / total(facing**2 + LEVEL**2)
+    line = np.zeros(count, int)
+    line[owner] = at
+    errors = total(np.broadcast_to(heights.errors[inside][:, None], owner.shape)) / np.bincount(owner.ravel())
+    return Corners(start[line] - d[:, None] * toward[line], errors, owner)
+
+
+def _shared(heights: HeightMap) -> Int[np.ndarray, "pixels 4"]:
+    """Return the number of each pixel's corners: neighbours without a jump between them share two."""
+    inside, count = heights.mask, int(heights.mask.sum())
+    number = np.full(inside.shape, -1)
+    number[inside] = 4 * np.arange(count)  # of the pixel's top left; the others follow
+    right = inside[:, :-1] & inside[:, 1:] & ~heights.jump_right[:, :-1]
+    below = inside[:-1] & inside[1:] & ~heights.jump_below[:-1]
+    one, other = number[:, :-1][right], number[:, 1:][right]
+    upper, lower = number[:-1][below], number[1:][below]
+    from_ = np.concatenate([one + 1, one + 3, upper + 2, upper + 3])
+    to = np.concatenate([other, other + 2, lower, lower + 1])
+    same = scipy.sparse.coo_array((np.ones(len(from_), bool), (from_, to)), (4 * count, 4 * count))
+    return scipy.sparse.csgraph.connected_components(same, directed=False)[1].reshape(count, 4)
