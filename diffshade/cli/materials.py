@@ -79,7 +79,7 @@ attenuation = {{ constant = 1.0, linear = 0.0, quadratic = 0.0, clamp = false }}
 # exponent = 0.0                     # of the cosine off the axis
 # softness = 0.0                     # degrees within the cutoff over which the light fades
 # attenuation = {{ constant = 1.0 }}
-# flaps = {{ x_min = -1.0, x_max = 1.0, softness = 0.1 }} # y_min, y_max, z_min, z_max too; of any lamp but a measured
+# flaps = {{ x_min = -1.0, x_max = 1.0, softness = 0.1 }}  # also y_min, y_max, z_min, z_max; point and area lights too
 
 # [[lights]]
 # type = "AreaLight"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from figures import coarse, pictures, texts  # noqa: F401
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 
 import diffshade as ds
 from diffshade.report.lecture import draw_figure
@@ -54,7 +55,7 @@ def test_rays_end_where_the_light_falls():
     """On the floor at y = -1, or on the ball; the left lamp's rays start at it."""
     lamp, sun = draw_figure("rays_of_light").axes
     for axes in (lamp, sun):
-        tips = np.array([note.xy for note in axes.texts if getattr(note, "arrow_patch", None)])
+        tips = np.array([note.xy for note in axes.texts if isinstance(note, Annotation)])
         assert len(tips) > 10
         on_ball = np.abs(np.hypot(tips[:, 0] - 0.9, tips[:, 1] + 0.4) - 0.6) < 1e-6
         on_floor = np.abs(tips[:, 1] + 1) < 1e-6
@@ -65,9 +66,7 @@ def test_rays_end_where_the_light_falls():
 
 def test_r_ends_as_high_as_l_on_the_other_side():
     _, built = draw_figure("mirror_direction").axes
-    tips = {
-        tuple(np.round(np.asarray(note.xy, float), 6)) for note in built.texts if getattr(note, "arrow_patch", None)
-    }
+    tips = {tuple(np.round(np.asarray(note.xy, float), 6)) for note in built.texts if isinstance(note, Annotation)}
     x, y = np.round([np.sin(np.deg2rad(38)), np.cos(np.deg2rad(38))], 6)
     assert {(x, y), (-x, y), (0.0, y)} <= tips
 

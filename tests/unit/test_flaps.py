@@ -1,6 +1,7 @@
 """Flaps: what reaches a point between planes across the axes of the world, and how a fit finds them."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -47,7 +48,7 @@ def test_flaps_of_several_axes_multiply():
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 def test_derivatives_are_finite_at_the_limits_and_0_there(softness):
     """At a limit, at the end of its soft edge, and where the edge is hard."""
-    flaps = ds.Flaps(*[-1.0, 1.0] * 3, softness)
+    flaps = ds.Flaps(-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, softness)
     points = jnp.asarray(np.array(np.meshgrid(*[[-1.0, -0.5, 0.5, 1.0]] * 3)).reshape(3, -1).T)
     value, slopes = jax.jvp(lambda f, p: f(Vec3.of(p)), (flaps, points), jax.tree.map(jnp.ones_like, (flaps, points)))
     back = jax.grad(lambda f, p: f(Vec3.of(p)).sum(), (0, 1))(flaps, points)
@@ -94,7 +95,8 @@ def test_limits_are_found_with_the_material():
     moved = dataclasses.replace(flaps, x_min=0.1, x_max=0.9)
     start = dataclasses.replace(scene, lights=(dataclasses.replace(light, flaps=moved),))
     fit = ds.fit(start, [view], free=("k_d", "x_min", "x_max"))
-    found = fit.scene.lights[0].flaps
+    lamp: Any = fit.scene.lights[0]
+    found = lamp.flaps
     np.testing.assert_allclose([found.x_min, found.x_max], [-0.4, 0.5], atol=1e-5)
     np.testing.assert_allclose(fit.scene.objects[0].material.k_d, 0.7, atol=1e-5)
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ...core.fields import Array
 from ...model.area_lights import AreaLight
+from ...model.attenuation import RadialAttenuation
 from ...model.cameras import AbstractCamera, Camera
 from ...model.materials import Material
 from ...model.rendering import intersect, render
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 LIGHT = "#b07a00"
 BALL = Object(Sphere(), Material(k_a=0, k_d=0, k_s=1, n_s=1))
-WINDOW = AreaLight((-3.2, 0.6, 2.4), (0, 3.2, 0), (3.4, 0, 1.2), exponent=0, samples=16)
+# cos phi / d^2 of each spot: equally bright from everywhere, as a window is
+WINDOW = AreaLight(
+    (-3.2, 0.6, 2.4), (0, 3.2, 0), (3.4, 0, 1.2), exponent=1, attenuation=RadialAttenuation(0, 0, 1), samples=16
+)
 
 
 def mirror_direction() -> Figure:

@@ -72,11 +72,12 @@ def _floor_under(light: AreaLight) -> Picture:
 def _draw_grid(axes: Axes, light: AreaLight) -> None:
     """Draw the cells of an area light seen from above at a slant, and of each emitter its axis and its lobe."""
     sheet(axes, (-1.25, 1.35), (-1.3, 0.1))
+    corner, u, v = (np.asarray(vector) for vector in (light.corner, light.edge_u, light.edge_v))
     n_u, n_v = light.samples
     for i in range(n_u + 1):
-        _line(axes, light.corner + i / n_u * light.edge_u, light.edge_v)
+        _line(axes, corner + i / n_u * u, v)
     for j in range(n_v + 1):
-        _line(axes, light.corner + j / n_v * light.edge_v, light.edge_u)
+        _line(axes, corner + j / n_v * v, u)
     phi = np.linspace(-89.0, 89.0, 90)
     off = toward(phi)
     reach = LOBE * evaluate(angular_attenuation, off.y, light.cutoff, light.exponent, np.zeros(()))
