@@ -149,9 +149,10 @@ def _write_ply(path: Path, mesh: HeightMesh, surface: Surface | None, notes: lis
         corners[name] = column
     if surface is not None:
         place = (mesh.uv[:, ::-1] * surface.inside.shape - 0.5).T  # from centre to centre
+        k_d = [map_coordinates(surface.k_d[..., i], place, order=1, mode="nearest") for i in range(3)]
+        (colours,), _ = stored(np.stack(k_d, -1)[None], srgb=True)
         for i, name in enumerate(("red", "green", "blue")):
-            between = map_coordinates(surface.k_d[..., i], place, order=1, mode="nearest")
-            corners[name] = stored(between, srgb=True)[0]
+            corners[name] = colours[:, i]
         beside = " and no emission" if surface.k_e.any() else ""
         notes.append(f"a PLY has no highlights{beside}: its colours are k_d, in sRGB.")
     faces = np.zeros(len(mesh.face), [("count", "u1"), ("corner", "<i4", 3)])

@@ -69,7 +69,7 @@ def textures(maps: TexelMaps, surface: Surface) -> Textures:
     def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
         h = l + np.array([0.0, 0.0, 1.0])
         h /= np.linalg.norm(h)
-        n_l, n_h, grazing = np.maximum(normal @ l, 0.0), np.maximum(normal @ h, 0.0), fresnel(h[2])
+        n_l, n_h, grazing = np.maximum(normal @ l, 0.0), np.maximum(normal @ h, 0.0), fresnel(h[2:])
         highlight = 0.25 * (n_s / 2 + 1) * n_h**n_s
         weight = back["specularMap"] * (c * (1.0 - grazing) + grazing)
         return n_l[..., None] * (back["map"] + weight * highlight[..., None]) + glow * k_e
