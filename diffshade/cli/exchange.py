@@ -25,7 +25,7 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: 
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
     glTF 2.0, .toml a diffshade scene. All materials of FROM are written, or the one of --name. From a folder of maps: a
-    mesh as .glb, .gltf, .obj, .ply, or (no suffix) a folder for the viewers Relight and OpenLIME.
+    mesh as .glb, .gltf, .json (three.js), .obj, .ply, or (no suffix) a folder for the viewers Relight and OpenLIME.
 
     They look the same there: if that program shades differently, a material is refitted, and the remaining error is
     printed and written to the file.

@@ -58,7 +58,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
 
     check_page(out)
     if is_maps(typed.source):
-        report_maps(typed, out, hold_out, as_json=as_json)
+        report_maps(typed, out, hold_out, quick=quick, as_json=as_json)
         return
     if hold_out is not None:
         raise ValueError(f"--hold-out belongs to a folder of maps; got {typed.source}. Leave it out.")

@@ -13,6 +13,8 @@ from .pictures import check_picture, put_picture
 from .sources import Options
 from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
 
+OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "lobe")  # options that maps do not use
+
 
 class TowardLight(click.ParamType):
     """The direction toward a light, and its intensity."""
@@ -89,10 +91,17 @@ def is_maps(source: Path) -> bool:
     return (source / "maps.toml").is_file()
 
 
-def report_maps(typed: Options, out: Path, hold_out: int | None, *, as_json: bool) -> None:
+def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool, as_json: bool) -> None:
     """Write the page of the maps in a folder, with the folder of their photographs if one is given after it."""
     import diffshade as ds
 
+    plain = Options(typed.source, typed.photos)
+    unused = [f"--{name}" for name in OF_FITS if getattr(typed, name) != getattr(plain, name)]
+    if unused := unused + ["--quick"] * quick:
+        raise ValueError(
+            f"{', '.join(unused)} belong to a fit, and maps are not fitted again; got them with the maps "
+            f"{typed.source}. Leave them out."
+        )
     if len(typed.photos) > 1 or (hold_out is not None and not typed.photos):
         raise ValueError(
             f"maps are reported with the one folder of their photographs, which --hold-out needs; got "

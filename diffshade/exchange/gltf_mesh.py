@@ -21,24 +21,18 @@ from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from .gltf import fitted
-from .map_textures import GREY, PERCENTILE, Difference, difference, refitted, stored, surface_of
+from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
 from .metallic_roughness import F0, ggx, kept
 from .reference import EDGE, Reference
 
 FLOAT, UNSIGNED, ARRAY, ELEMENTS = 5126, 5125, 34962, 34963
 STEPS = 64  # roughnesses for which multiple scattering is computed, where each texel has its own
-Pictures = dict[str, np.ndarray]
 
 
-def textures(maps: TexelMaps, mesh: HeightMesh) -> tuple[Pictures, dict[str, Any], Difference]:
-    """Return the textures of maps, the material that uses them, and how far it is from the maps.
-
-    Args:
-        maps: The maps.
-        mesh: The mesh that they lie on.
-    """
-    surface = surface_of(maps, mesh)
-    numbers, _ = refitted(maps, _numbers)
+def textures(maps: TexelMaps, surface: Surface) -> Textures:
+    """Return the textures of maps, the material that uses them, and how far it is from the maps."""
+    highlights = highlights_of(maps)
+    numbers = highlights.at_texels(np.array([_numbers(material) for material in highlights.materials]))
     roughness, head_on, base = np.moveaxis(numbers, -1, 0)
     f0 = np.clip(surface.k_s * head_on[..., None], 0.0, 1.0)
     most = f0.max(-1, keepdims=True)
@@ -61,12 +55,12 @@ def textures(maps: TexelMaps, mesh: HeightMesh) -> tuple[Pictures, dict[str, Any
     normal = surface.normals_of(back["normal"])
 
     def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
-        return reflected(normal, l, back["colour"], back["hue"] * back["strength"] * strength, rough)
+        return reflected(normal, l, back["colour"], back["hue"] * back["strength"] * strength, rough) + surface.k_e
 
     factors: dict[str, Any] = (
         {"roughnessFactor": float(roughness)} if alone else {"metallicRoughnessTexture": "roughness"}
     )
-    material = {
+    material: dict[str, Any] = {
         "name": "maps",
         "pbrMetallicRoughness": {"baseColorTexture": "colour", "metallicFactor": 0.0, **factors},
         "normalTexture": "normal",
@@ -79,7 +73,11 @@ def textures(maps: TexelMaps, mesh: HeightMesh) -> tuple[Pictures, dict[str, Any
             }
         },
     }
-    return pictures, material, difference(maps, surface, shade)
+    if surface.k_e.any():
+        glow = max(1.0, float(surface.k_e.max()))
+        material["emissiveFactor"] = (surface.k_e / glow).tolist()
+        material["extensions"] |= {"KHR_materials_emissive_strength": {"emissiveStrength": glow}} if glow > 1.0 else {}
+    return Textures(pictures, material, difference(maps, surface, shade))
 
 
 def _numbers(material: Material) -> tuple[float, float, float]:
@@ -111,10 +109,9 @@ def reflected(
     return np.where(seen[:, None], radiance, 0.0).reshape(normal.shape)
 
 
-def write(
-    path: Path, mesh: HeightMesh, pictures: Pictures, material: dict[str, Any] | None, notes: list[str]
-) -> list[Path]:
+def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
     """Write a .glb, which contains all, or a .gltf with .bin and pictures beside it; return the paths."""
+    pictures = {} if found is None else found.pictures
     arrays = [
         ("POSITION", mesh.corner, "VEC3", FLOAT, ARRAY),
         ("NORMAL", mesh.normal, "VEC3", FLOAT, ARRAY),
@@ -152,11 +149,11 @@ def write(
         "bufferViews": views,
         "buffers": [{"byteLength": len(binary)}],
     }
-    if material is not None:
+    if found is not None:
         index = {name: {"index": i} for i, name in enumerate(pictures)}
         document |= {
-            "extensionsUsed": list(material["extensions"]),
-            "materials": [_with_indices(material, index)],
+            "extensionsUsed": list(found.material["extensions"]),
+            "materials": [_with_indices(found.material, index)],
             "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
             "images": images,
             "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],

@@ -7,7 +7,7 @@ measured by computing the other program's picture, from the textures as they are
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ class Surface(NamedTuple):
     inside: Bool[np.ndarray, "h w"]
     k_d: Float[np.ndarray, "h w 3"]
     k_s: Float[np.ndarray, "h w 3"]
+    k_e: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "h w 3"]
     frame: Float[np.ndarray, "h w 3 3"]
     """Tangent, bitangent and normal of the mesh."""
@@ -70,9 +71,9 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
     axes = np.stack(camera_axes(maps.camera))
     normal = maps.values["normal"] if "normal" in maps.values else _surface_normals(item.surface)
     frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
-    return Surface(
-        inside, coefficient("k_d"), coefficient("k_s"), (np.asarray(normal, np.float64) @ axes.T)[near], frame
-    )
+    k_e = np.broadcast_to(np.asarray(item.material.k_e, np.float64), (3,))
+    normal = (np.asarray(normal, np.float64) @ axes.T)[near]
+    return Surface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
 
 
 def _surface_normals(surface: AbstractSurface) -> Float[np.ndarray, "h w 3"]:
@@ -99,15 +100,27 @@ def _frames(mesh: HeightMesh, shape: tuple[int, int]) -> tuple[Float[np.ndarray,
     return t, np.cross(n, t), n
 
 
-def refitted(
-    maps: TexelMaps, refit: Callable[[Material], Sequence[float]]
-) -> tuple[Float[np.ndarray, "h w numbers"] | Float[np.ndarray, " numbers"], Float[np.ndarray, "h w"] | None]:
-    """Return the numbers of a refit at each pixel, and the exponents; of one refit where all texels share a highlight.
+class Highlights(NamedTuple):
+    """A few grey materials whose highlights stand for those of all texels; k_d is typical, k_s is `GREY`."""
 
-    Args:
-        maps: The maps.
-        refit: Returns a few numbers of a grey material whose diffuse reflection is typical and whose k_s is `GREY`.
-    """
+    materials: tuple[Material, ...]
+    place: Float[np.ndarray, "h w"] | None
+    """Of each texel among them, 0 for the first; None where one stands for all."""
+    light: Float[np.ndarray, " materials"]
+    """Sum of the squares of k_s of the texels that each stands for."""
+
+    def at_texels(
+        self, numbers: Float[np.ndarray, "materials numbers"]
+    ) -> Float[np.ndarray, "h w numbers"] | Float[np.ndarray, " numbers"]:
+        """Return numbers of each material at each texel, interpolated; those of the one that stands for all."""
+        if self.place is None:
+            return numbers[0]
+        at = np.arange(len(numbers))
+        return np.stack([np.interp(self.place, at, column) for column in numbers.T], -1)
+
+
+def highlights_of(maps: TexelMaps) -> Highlights:
+    """Return materials for the one highlight of all texels; or for a few n_s, where every texel has its own."""
     material = maps.scene.objects[0].material
     lobe = material.lobe
     assert isinstance(lobe, AbstractLobe)
@@ -117,21 +130,26 @@ def refitted(
         "k_d": float(np.clip(np.median(k_d[known] if k_d.ndim == 3 else k_d), 1e-3, 0.9)),
         "lobe": lobe,
     }
+
+    def one(**highlight: Any) -> Highlights:
+        return Highlights((Material(**highlight, **plain),), None, np.ones(1))
+
     if maps.highlights:
         (weight, n_s), *others = ((float(np.mean(w)), n) for w, n in maps.highlights)
         further = tuple(Highlight(k_s=GREY * w, n_s=n, lobe=lobe) for w, n in others)
-        return np.array(refit(Material(k_s=GREY * weight, n_s=n_s, highlights=further, **plain))), None
+        return one(k_s=GREY * weight, n_s=n_s, highlights=further)
     if "n_s" not in maps.values:
-        return np.array(refit(Material(k_s=GREY, n_s=float(np.mean(np.asarray(material.n_s))), **plain))), None
+        return one(k_s=GREY, n_s=float(np.mean(np.asarray(material.n_s))))
     n_s = np.asarray(maps.values["n_s"][..., 0], np.float64)
-    seen = n_s[maps.determined & (n_s > 0)]
-    if not seen.size:
-        return np.array(refit(Material(k_s=GREY, n_s=10.0, **plain))), None
-    low, high = (float(n) for n in np.maximum(np.percentile(seen, (0.5, PERCENTILE)), 1.0))
+    shines = maps.determined & (n_s > 0)
+    if not shines.any():
+        return one(k_s=GREY, n_s=10.0)
+    low, high = (float(n) for n in np.maximum(np.percentile(n_s[shines], (0.5, PERCENTILE)), 1.0))
     knots = np.unique(np.geomspace(low, high, EXPONENTS))
-    table = np.array([refit(Material(k_s=GREY, n_s=float(n), **plain)) for n in knots])
-    x = np.log(np.clip(n_s, knots[0], knots[-1]))
-    return np.stack([np.interp(x, np.log(knots), column) for column in table.T], -1), n_s
+    place = np.interp(np.log(np.clip(n_s, knots[0], knots[-1])), np.log(knots), np.arange(len(knots)))
+    k_s = np.broadcast_to(maps.values.get("k_s", np.asarray(material.k_s)), (*n_s.shape, 3))
+    light = np.bincount(np.rint(place[shines]).astype(int), (k_s[shines] ** 2).sum(-1), len(knots))
+    return Highlights(tuple(Material(k_s=GREY, n_s=float(n), **plain) for n in knots), place, light)
 
 
 def stored(values: Image, *, srgb: bool = False) -> tuple[UInt8[np.ndarray, "h w c"], Image]:
@@ -140,6 +158,15 @@ def stored(values: Image, *, srgb: bool = False) -> tuple[UInt8[np.ndarray, "h w
     bytes_ = np.rint(255.0 * (np.asarray(srgb_encode(values)) if srgb else values)).astype(np.uint8)
     back = bytes_ / 255.0
     return bytes_, np.asarray(srgb_decode(back)) if srgb else back
+
+
+class Textures(NamedTuple):
+    """What a format holds of maps, and how far it is from them."""
+
+    pictures: dict[str, UInt8[np.ndarray, "h w c"]]
+    material: dict[str, Any]
+    """The material that shows them, by the format's own names."""
+    difference: Difference
 
 
 class Difference(NamedTuple):

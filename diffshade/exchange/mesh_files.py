@@ -1,4 +1,4 @@
-"""Mesh files: surfaces with their maps for other programs: glTF, OBJ with MTL, PLY."""
+"""Mesh files: surfaces with their maps for other programs: glTF, three.js, OBJ with MTL, PLY."""
 
 from __future__ import annotations
 
@@ -16,12 +16,29 @@ from ..model.lobes import Blinn
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
-from . import gltf_mesh
+from . import gltf_mesh, threejs_mesh
+from .exports import plain
 from .lobe_refits import with_lobe
-from .map_textures import GREY, PERCENTILE, Difference, difference, refitted, stored, surface_of
+from .map_textures import GREY, PERCENTILE, Difference, Surface, Textures, difference, highlights_of, stored, surface_of
 from .mtl import HIGHEST
 
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+SUFFIXES = (".glb", ".gltf", ".json", ".obj", ".ply")
+
+GLTF = (
+    "multiply the intensity of each light by pi: glTF divides the diffuse term by pi.",
+    "the normal map's green is up, along normal x tangent; base colour and specular colour are sRGB.",
+)
+THREE = (
+    "multiply the intensity of each light by pi, and use no AmbientLight.",
+    "MeshPhongMaterial has one shininess and one specular colour for all texels: those nearest to the maps; "
+    "specularMap holds the strength. Files of glTF have a roughness and a colour of the highlight at every texel.",
+    "the normal map's green is up, along normal x tangent; map is sRGB.",
+)
+OBJ = (
+    "map_Kd and map_Ks are sRGB, map_Ns and norm are not; norm is in the mesh's tangent space, its green up.",
+    "an OBJ has no tangents and no errors: programs compute tangents themselves; PLY, glTF and JSON hold errors.",
+    "the error is that of MTL's own formula; three.js reads an MTL as MeshPhongMaterial, without map_Ns.",
+)
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,7 @@ class ExportedMesh:
     difference: Difference | None
     """None without maps, and for PLY, whose colours have no meaning that could be compared."""
     notes: tuple[str, ...]
-    """What the format cannot hold, and what to do about it; glTF, OBJ and PLY have them in the file."""
+    """What the format cannot hold, and what to do about it; the file has them too."""
 
     def __str__(self) -> str:
         """Return the notes, each with the name of the file."""
@@ -49,8 +66,9 @@ def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = N
 
     Args:
         path: The file: `.glb` or `.gltf` (glTF 2.0 with KHR_materials_specular; errors of the heights as the attribute
-            `_HEIGHT_ERROR`, -1 where infinite), `.obj` (with `.mtl` and pictures beside it) or `.ply` (binary; errors
-            as the property `height_error`, colours as k_d in sRGB).
+            `_HEIGHT_ERROR`, -1 where infinite), `.json` (three.js: a Mesh with a MeshPhongMaterial, for ObjectLoader,
+            with pictures beside it; errors as the attribute `height_error`), `.obj` (with `.mtl` and pictures beside
+            it) or `.ply` (binary; errors as the property `height_error`, colours as k_d in sRGB).
         mesh: The mesh, from `height_mesh`.
         maps: The maps of the same camera; None writes the shape alone.
 
@@ -77,21 +95,21 @@ def write_mesh(path: str | Path, mesh: HeightMesh, *, maps: TexelMaps | None = N
         if "normal" not in maps.values and not isinstance(maps.scene.objects[0].surface, GBuffer):
             raise ValueError("maps must have normals, or a G-buffer that has them; got neither. Free the normal.")
     writable(path)
-    notes = [f"{mesh}."]
+    notes, surface, found = [f"{mesh}."], None, None
+    if maps is not None:
+        surface = surface_of(maps, mesh)
+        notes += _notes_on_maps(maps, surface)
     if suffix == ".ply":
-        return ExportedMesh((_write_ply(path, mesh, maps, notes),), None, tuple(notes))
-    if suffix == ".obj":
-        return _write_obj(path, mesh, maps, notes)
-    if maps is None:
-        return ExportedMesh(tuple(gltf_mesh.write(path, mesh, {}, None, notes)), None, tuple(notes))
-    pictures, material, off = gltf_mesh.textures(maps, mesh)
-    notes += [
-        f"{off}",
-        "multiply the intensity of each light by pi: glTF divides the diffuse term by pi.",
-        "the normal map's green is up, along normal x tangent; base colour and specular colour are sRGB.",
-        *_notes_on_ambient(maps, "glTF"),
-    ]
-    return ExportedMesh(tuple(gltf_mesh.write(path, mesh, pictures, material, notes)), off, tuple(notes))
+        return ExportedMesh((_write_ply(path, mesh, surface, notes),), None, tuple(notes))
+    textures, write, about = {
+        ".obj": (_mtl_textures, _write_obj, OBJ),
+        ".json": (threejs_mesh.textures, threejs_mesh.write, THREE),
+    }.get(suffix, (gltf_mesh.textures, gltf_mesh.write, GLTF))
+    if maps is not None and surface is not None:
+        found = textures(maps, surface)
+        notes += [f"{found.difference}", *about]
+    paths = write(path, mesh, found, notes)
+    return ExportedMesh(tuple(paths), None if found is None else found.difference, tuple(notes))
 
 
 def check_suffix(path: Path) -> str:
@@ -101,31 +119,42 @@ def check_suffix(path: Path) -> str:
     return suffix
 
 
-def _notes_on_ambient(maps: TexelMaps, program: str) -> list[str]:
-    """Return a note that ambient reflection is not written, where there is any."""
-    k_a = maps.values.get("k_a", np.asarray(maps.scene.objects[0].material.k_a))
-    return [f"{program} has no ambient reflection: k_a is not written."] if np.any(k_a) else []
+def _notes_on_maps(maps: TexelMaps, surface: Surface) -> list[str]:
+    """Return notes on ambient reflection, which no format has, and on k_d that is too large for a picture."""
+    notes = []
+    if np.any(maps.values.get("k_a", np.asarray(maps.scene.objects[0].material.k_a))):
+        notes.append("a mesh has no ambient reflection: k_a is not written.")
+    k_d = surface.k_d[surface.inside]
+    if (above := float(np.mean((k_d > 1.0).any(-1)))) > 0.0:
+        notes.append(
+            f"k_d is above 1 at {above:.2g} of the texels, and is written as 1 there, the most that pictures hold; its "
+            f"largest is {k_d.max():.3g}. In a fit to lights as many times as bright it is at most 1."
+        )
+    return notes
 
 
-def _write_ply(path: Path, mesh: HeightMesh, maps: TexelMaps | None, notes: list[str]) -> Path:
+def _write_ply(path: Path, mesh: HeightMesh, surface: Surface | None, notes: list[str]) -> Path:
     """Write a binary PLY: corners with normals, errors of the heights and colours; triangles."""
     from scipy.ndimage import map_coordinates
 
     names = ["x", "y", "z", "nx", "ny", "nz", "s", "t", "height_error"]
-    kinds = [(name, "<f4") for name in names] + [(name, "u1") for name in ("red", "green", "blue")] * (maps is not None)
+    kinds = [(name, "<f4") for name in names] + [(name, "u1") for name in ("red", "green", "blue")] * (
+        surface is not None
+    )
     corners = np.zeros(len(mesh.corner), kinds)
     flipped = np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1)
     for name, column in zip(
         names, np.concatenate([mesh.corner, mesh.normal, flipped, mesh.errors[:, None]], -1).T, strict=True
     ):
         corners[name] = column
-    if maps is not None:
-        k_d = surface_of(maps, mesh).k_d
-        place = (mesh.uv[:, ::-1] * k_d.shape[:2] - 0.5).T  # from centre to centre
+    if surface is not None:
+        place = (mesh.uv[:, ::-1] * surface.inside.shape - 0.5).T  # from centre to centre
+        k_d = [map_coordinates(surface.k_d[..., i], place, order=1, mode="nearest") for i in range(3)]
+        (colours,), _ = stored(np.stack(k_d, -1)[None], srgb=True)
         for i, name in enumerate(("red", "green", "blue")):
-            between = map_coordinates(k_d[..., i], place, order=1, mode="nearest")
-            corners[name] = stored(between, srgb=True)[0]
-        notes.append("a PLY has no highlights: its colours are k_d, in sRGB.")
+            corners[name] = colours[:, i]
+        beside = " and no emission" if surface.k_e.any() else ""
+        notes.append(f"a PLY has no highlights{beside}: its colours are k_d, in sRGB.")
     faces = np.zeros(len(mesh.face), [("count", "u1"), ("corner", "<i4", 3)])
     faces["count"], faces["corner"] = 3, mesh.face
     header = ["ply", "format binary_little_endian 1.0", *(f"comment {note}" for note in notes)]
@@ -137,47 +166,44 @@ def _write_ply(path: Path, mesh: HeightMesh, maps: TexelMaps | None, notes: list
     return path
 
 
-def _write_obj(path: Path, mesh: HeightMesh, maps: TexelMaps | None, notes: list[str]) -> ExportedMesh:
-    """Write an OBJ, and with maps an MTL and its pictures."""
-    written, off = [], None
-    if maps is not None:
-        pictures, rows, off = _mtl_maps(maps, mesh, path.stem)
-        notes += [
-            f"{off}",
-            "map_Kd and map_Ks are sRGB, map_Ns and norm are not; norm is in the mesh's tangent space, its green up.",
-            "an OBJ has no tangents and no errors: programs compute tangents themselves, and PLY and glTF hold errors.",
-            "the error is that of MTL's own formula; three.js reads an MTL as MeshPhongMaterial, without map_Ns.",
-        ]
-        for name, picture in pictures.items():
-            written.append(path.with_name(f"{path.stem}_{name}.png"))
+def _write_obj(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
+    """Write an OBJ, and with maps an MTL and its pictures; return the paths."""
+    written = []
+    if found is None:
+        notes.append("an OBJ has no errors: PLY, glTF and JSON hold those of the heights.")
+    else:
+        named = {name: f"{path.stem}_{name}.png" for name in found.pictures}
+        for name, picture in found.pictures.items():
+            written.append(path.with_name(named[name]))
             with replacing(written[-1]) as temporary:
                 temporary.write_bytes(encode(".png", picture))
+        rows = ["newmtl maps", *(f"{key} {value}" for key, value in found.material.items())]
+        rows += [f"{name if name == 'norm' else f'map_{name}'} {file}" for name, file in named.items()]
         written.append(path.with_suffix(".mtl"))
         with replacing(written[-1]) as temporary:
             temporary.write_text("".join(f"# {note}\n" for note in notes) + "\n".join(rows) + "\n", encoding="utf-8")
-    else:
-        notes.append("an OBJ has no errors: PLY and glTF hold those of the heights.")
     face = np.repeat(mesh.face + 1, 3, axis=1)  # place, texture and normal of a corner have one index
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.writelines(f"# {note}\n" for note in notes)
-        if maps is not None:
+        if found is not None:
             file.write(f"mtllib {path.stem}.mtl\nusemtl maps\n")
         np.savetxt(file, mesh.corner, "v %.9g %.9g %.9g")
         np.savetxt(file, np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1), "vt %.9g %.9g")
         np.savetxt(file, mesh.normal, "vn %.6f %.6f %.6f")
         np.savetxt(file, face, "f %d/%d/%d %d/%d/%d %d/%d/%d")
-    return ExportedMesh((*written, path), off, tuple(notes))
+    return [*written, path]
 
 
-def _mtl_maps(maps: TexelMaps, mesh: HeightMesh, stem: str) -> tuple[dict[str, np.ndarray], list[str], Difference]:
+def _mtl_textures(maps: TexelMaps, surface: Surface) -> Textures:
     """Return the pictures of an MTL, its rows, and how far its formula (Blinn's lobe) is from the maps."""
 
     def numbers(material: Material) -> tuple[float, float]:
         refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST).material
         return float(np.mean(np.asarray(refit.n_s))), float(np.mean(refit.k_s)) / GREY
 
-    surface = surface_of(maps, mesh)
-    n_s, scale = np.moveaxis(refitted(maps, numbers)[0], -1, 0)
+    highlights = highlights_of(maps)
+    found = highlights.at_texels(np.array([numbers(material) for material in highlights.materials]))
+    n_s, scale = np.moveaxis(found, -1, 0)
     k_s = surface.k_s * scale[..., None]
     most, highest = float(max(np.percentile(k_s[surface.inside], PERCENTILE), 1e-3)), float(np.max(n_s))
     pictures, back = {}, {}
@@ -195,15 +221,8 @@ def _mtl_maps(maps: TexelMaps, mesh: HeightMesh, stem: str) -> tuple[dict[str, n
         h = l + np.array([0.0, 0.0, 1.0])
         n_l, n_h = np.maximum(normal @ l, 0.0), np.maximum(normal @ (h / np.linalg.norm(h)), 0.0)
         highlight = np.where(n_l > 0.0, n_h**exponent, 0.0)[..., None]
-        return back["Kd"] * n_l[..., None] + most * back["Ks"] * highlight
+        return back["Kd"] * n_l[..., None] + most * back["Ks"] * highlight + surface.k_e
 
-    rows = [
-        "newmtl maps",
-        "Ka 0 0 0",
-        "Kd 1 1 1",
-        f"Ks {most:.6g} {most:.6g} {most:.6g}",
-        f"Ns {highest:.6g}",
-        "illum 2",
-    ]
-    rows += [f"map_{name} {stem}_{name}.png" for name in pictures if name != "norm"] + [f"norm {stem}_norm.png"]
-    return pictures, rows, difference(maps, surface, shade)
+    rows = {"Ka": "0 0 0", "Kd": "1 1 1", "Ks": plain([most] * 3, " "), "Ns": plain(highest), "illum": "2"}
+    rows |= {"Ke": plain(surface.k_e, " ")} if surface.k_e.any() else {}
+    return Textures(pictures, rows, difference(maps, surface, shade))

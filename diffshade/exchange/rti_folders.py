@@ -72,15 +72,18 @@ def write_rti(folder: str | os.PathLike[str], maps: TexelMaps, *, basis: str = "
     folder, count = Path(folder), COUNTS[basis]
     axes = np.stack(camera_axes(maps.camera))
 
+    inside, above = maps.status != OUTSIDE, list[float]()
+
     def shown(toward: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
-        return np.asarray(srgb_encode(np.clip(maps.shade(DirectionalLight(-toward @ axes)), 0.0, 1.0)))
+        radiance = maps.shade(DirectionalLight(-toward @ axes))
+        above.append(float(np.mean(radiance[inside] > 1.0)))
+        return np.asarray(srgb_encode(np.clip(radiance, 0.0, 1.0)))
 
     lights = dome(LIGHTS, LOWEST)
     solve = np.linalg.pinv(np.stack([terms(basis, count, l) for l in lights]))[ORDER[basis]]
     coefficients = np.zeros((count, *maps.status.shape, 3), np.float32)
     for weight, l in zip(solve.T, lights, strict=True):
         coefficients += weight[:, None, None, None].astype(np.float32) * shown(l).astype(np.float32)
-    inside = maps.status != OUTSIDE
     low, high = np.percentile(coefficients[:, inside], (PERCENT, 100.0 - PERCENT), axis=1)  # (terms, 3)
     scale = np.maximum(high - low, 1e-6)
     bias = -low / scale
@@ -112,6 +115,7 @@ def write_rti(folder: str | os.PathLike[str], maps: TexelMaps, *, basis: str = "
         f"under {OTHERS} other lights its pictures, as displayed, differ by {rms:.2g} (rms) from those of the maps.",
         f"{basis.upper()} of {count} terms has no highlight sharper than its basis, and no errors.",
         "its numbers are encoded by the sRGB curve, as viewers display them.",
+        *([f"{clipped:.2g} of its pictures is brighter than 1, and clipped."] if (clipped := np.mean(above)) else []),
     )
     with replacing(folder / "info.json") as temporary:
         temporary.write_text(json.dumps(info | {"notes": list(notes)}, indent=1), encoding="utf-8")

@@ -130,6 +130,20 @@ def test_controls_of_the_material_do_what_they_say(stage, bumpy):
     assert off(drawn, stage.shown(image, 1), maps.status > 0) < 1.5
 
 
+def test_maps_of_known_normals_are_drawn_without_heights(browser, bumpy, tmp_path):
+    maps, _, views = bumpy
+    values, errors = ({name: of[name] for name in ("k_d", "k_s", "n_s")} for of in (maps.values, maps.errors))
+    item = maps.scene.objects[0]
+    surface = ds.GBuffer(maps.values["normal"], item.surface.position, maps.status > 0)
+    scene = dataclasses.replace(maps.scene, objects=(dataclasses.replace(item, surface=surface),))
+    known = dataclasses.replace(maps, values=values, errors=errors, scene=scene)
+    ds.write_report(tmp_path / "known.html", known, views=views)
+    stage = Stage(browser, tmp_path / "known.html")
+    assert stage.told["heights"] is None
+    assert off(stage.draw(view="3"), stage.shown(known.shade(lit=3), 3), known.status > 0) < 1
+    assert browser.get_log("browser") == []
+
+
 def test_regions_and_lamps_nearby_are_drawn_as_shade_does(browser, tmp_path):
     maps, heights, views = made_maps.bumpy(regions=True)
     ds.write_report(tmp_path / "regions.html", maps, views=views, heights=heights)

@@ -1,5 +1,6 @@
 """Mesh files with maps in three.js: its pictures are those of `TexelMaps.shade`, to the error that is stated."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -17,13 +18,16 @@ ZOOM = 9
 
 
 def test_three_js_shows_the_maps(tmp_path):
-    """Full meshes and decimated ones, in glTF and OBJ, under the three lights for which the error is stated."""
+    """Full meshes and decimated ones, with emission, in each format, under the three lights of the stated error."""
     maps, heights = bumpy(64)
+    item = maps.scene.objects[0]
+    glowing = dataclasses.replace(item, material=dataclasses.replace(item.material, k_e=(0.05, 0.02, 0.0)))
+    maps = dataclasses.replace(maps, scene=dataclasses.replace(maps.scene, objects=(glowing,)))
     meshes = {"": ds.height_mesh(heights), "small_": ds.height_mesh(heights, tolerance=0.004)}
     assert len(meshes["small_"].face) < 0.5 * len(meshes[""].face)
     stated = {}
     for start, mesh in meshes.items():
-        for name in ("a.glb", "b.gltf", "c.obj"):
+        for name in ("a.glb", "b.gltf", "c.obj", "d.json"):
             stated[f"{start}{name}"] = ds.write_mesh(tmp_path / f"{start}{name}", mesh, maps=maps).difference
     height, width = maps.status.shape
     cases = {
@@ -47,7 +51,7 @@ def test_three_js_shows_the_maps(tmp_path):
             size.append(drawn[inside])
         rms, whole = (np.sqrt(np.mean(np.concatenate(of) ** 2)) for of in (off, size))
         print(f"{file}: {rms:.4f} rms where {stated[file].rms:.4f} is stated, of {whole:.3f}")
-        if file.endswith(".obj"):  # three.js reads an MTL as MeshPhongMaterial, whose highlight is another, without Ns
-            assert rms < 0.1 * whole
+        if file.endswith(".obj"):  # three.js: another highlight, without Ns; Ks and Ke as sRGB
+            assert rms < 0.13 * whole
         else:
             assert rms < 1.1 * stated[file].rms + 0.005 * whole

@@ -65,6 +65,10 @@ def _folder(path: Path) -> None:
     ds.read_photographs(path.parent)
 
 
+def _unshaped(path: Path) -> None:
+    ds.read_photographs(path.parent, normals=False)
+
+
 def _mesh(path: Path) -> None:
     ds.read_mesh(path, CAMERA)
 
@@ -82,6 +86,8 @@ OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys(("a.npy", "8.tif", "16.tif", "tiles.tif"), (ds.read_image, first_rows)),
     **dict.fromkeys(("a.zarr/zarr.json", "b.zarr/.zarray", "b.zarr/0.0"), (lambda path: first_rows(path.parent),)),
     **dict.fromkeys(("ball/filenames.txt", "ball/light_directions.txt", "ball/normal_gt.npy"), (_folder,)),
+    "list/dirs.lp": (_unshaped,),
+    "m.glb": (ds.read_materials,),
     **dict.fromkeys(("mat/Normal_gt.mat", "text/normal.txt"), (_folder,)),
     **dict.fromkeys(("rgb.ptm", "lrgb.ptm", "a.rti", "b.rti"), (ds.read_rti,)),
     "maps/maps.toml": (lambda path: ds.read_maps(path.parent),),
@@ -136,6 +142,10 @@ def write_good(folder: Path) -> None:
         (folder / name / "filenames.txt").write_text("0.png\n1.png\n")
         (folder / name / "light_directions.txt").write_text("0 0 1\n0 0.6 0.8\n")
         (folder / name / "light_intensities.txt").write_text("1\n1\n")
+    (folder / "list").mkdir()
+    for of in "01":
+        ds.write_image(folder / "list" / f"{of}.png", image, bits=16)
+    (folder / "list" / "dirs.lp").write_text("2\n0.png 0 0 1\n1.png 0 0.6 0.8\n")
     np.save(folder / "ball" / "normal_gt.npy", normal)
     scipy.io.savemat(folder / "mat" / "Normal_gt.mat", {"Normal_gt": normal}, do_compression=True)
     np.savetxt(folder / "text" / "normal.txt", normal.reshape(-1, 3), "%.1f")
@@ -150,6 +160,10 @@ def write_good(folder: Path) -> None:
     camera = ds.OrthographicCamera((0, 0, 4), shape=(6, 7))
     maps = ds.TexelMaps(k_d, k_d, np.ones((6, 7), np.uint8), image[..., 0].astype(np.float32), scene, camera)
     maps.write(folder / "maps", suffix=".npy")
+    text = ds.write_material(folder / "m.gltf", PLAIN).path.read_bytes()
+    text += b" " * (-len(text) % 4)
+    chunk = struct.pack("<I4s", len(text), b"JSON") + text
+    (folder / "m.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk)
     box = trimesh.creation.box((1, 1, 1))
     for kind in ("obj", "ply", "stl", "glb", "off"):
         box.export(folder / f"a.{kind}")

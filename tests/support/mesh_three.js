@@ -8,6 +8,7 @@ const said = [];
 for (const kind of ["warn", "error", "log"]) console[kind] = (...words) => said.push(words.join(" "));
 
 async function load(file) {
+  if (file.endsWith(".json")) return new THREE.ObjectLoader().loadAsync(file);
   if (!file.endsWith(".obj")) return (await new GLTFLoader().loadAsync(file)).scene;
   const materials = await new MTLLoader().loadAsync(file.replace(".obj", ".mtl"));
   return new OBJLoader().setMaterials(materials).loadAsync(file);
@@ -25,7 +26,7 @@ async function main() {
   for (const file of files) {
     const manager = new Promise((done) => (THREE.DefaultLoadingManager.onLoad = done));
     const model = await load(file);
-    if (file.endsWith(".obj")) await manager; // the pictures of its materials
+    if (!/gl(b|tf)$/.test(file)) await manager; // the pictures of its materials
     model.traverse((part) => part.material && textures(part.material).forEach((of) => {
       of.magFilter = of.minFilter = THREE.NearestFilter; // a pixel shows its own texel
       of.generateMipmaps = false;

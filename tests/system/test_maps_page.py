@@ -163,6 +163,9 @@ def test_the_command_writes_the_page_of_a_folder_of_maps(bumpy, tmp_path):
     assert len(told(Page(page))["views"]) == len(bumpy[0].scene.lights)
     refused = CliRunner().invoke(diffshade, ["report", str(tmp_path / "maps"), "--hold-out", "2", "-o", str(page)])
     assert "photographs --hold-out 4" in str(refused.exception)
+    for option in (["--free", "k_d"], ["--loss", "huber"], ["--quick"]):
+        refused = CliRunner().invoke(diffshade, ["report", str(tmp_path / "maps"), *option, "-o", str(page)])
+        assert f"{option[0]} belong to a fit" in str(refused.exception)
 
 
 def test_exponents_that_do_not_double_are_refused(bumpy, tmp_path):

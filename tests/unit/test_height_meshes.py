@@ -1,5 +1,6 @@
 """Heights as triangles, in files that independent programs read; what they show is what is stated."""
 
+import dataclasses
 import json
 import shutil
 import subprocess
@@ -160,7 +161,8 @@ def assert_read(path, mesh):
 def test_trimesh_reads_gltf(given, written):
     read = assert_read(written[0], given[2])
     np.testing.assert_allclose(read.visual.uv, np.stack([given[2].uv[:, 0], 1.0 - given[2].uv[:, 1]], -1), atol=1e-6)
-    np.testing.assert_allclose(read.vertex_attributes["_HEIGHT_ERROR"].ravel(), given[2].errors, rtol=1e-6, atol=1e-30)
+    errors = np.where(np.isfinite(given[2].errors), given[2].errors, -1.0)
+    np.testing.assert_allclose(read.vertex_attributes["_HEIGHT_ERROR"].ravel(), errors, rtol=1e-6, atol=1e-30)
 
 
 def test_trimesh_reads_obj(given, tmp_path):
@@ -172,6 +174,43 @@ def test_trimesh_reads_obj(given, tmp_path):
     assert {row.split()[0] for row in (tmp_path / "a.mtl").read_text().splitlines()} >= {"map_Kd", "map_Ks", "norm"}
     assert done.difference is not None
     assert done.difference.rms < 0.06 * done.difference.radiance
+
+
+def test_three_js_gets_a_mesh_with_one_shininess(given, tmp_path):
+    maps, _, mesh = given
+    done = ds.write_mesh(tmp_path / "a.json", mesh, maps=maps)
+    assert set(done.paths) == set(tmp_path.iterdir())
+    document = json.loads((tmp_path / "a.json").read_text())
+    (material,), (geometry,) = document["materials"], document["geometries"]
+    assert {"map", "normalMap", "specularMap"} <= material.keys()
+    assert 5.0 < material["shininess"] < 200.0
+    places = geometry["data"]["attributes"]["position"]["array"]
+    np.testing.assert_allclose(np.reshape(places, (-1, 3)), mesh.corner, atol=1e-6)
+    assert {image["url"] for image in document["images"]} == {path.name for path in done.paths[:-1]}
+    assert done.difference is not None
+    assert done.difference.rms < 0.06 * done.difference.radiance
+    assert any("one shininess" in note for note in done.notes)
+
+
+@pytest.mark.thorough
+def test_what_pictures_cannot_hold_is_said_and_emission_is_written(given, tmp_path):
+    maps, _, mesh = given
+    item = maps.scene.objects[0]
+    glowing = dataclasses.replace(item, material=dataclasses.replace(item.material, k_e=(2.0, 1.0, 0.0)))
+    bright = dataclasses.replace(
+        maps,
+        values={**maps.values, "k_d": 2.0 * maps.values["k_d"]},
+        scene=dataclasses.replace(maps.scene, objects=(glowing,)),
+    )
+    for name, words in {
+        "a.obj": "Ke 2.0 1.0 0.0",
+        "a.gltf": "KHR_materials_emissive_strength",
+        "a.json": '"emissiveIntensity":2.0',
+    }.items():
+        done = ds.write_mesh(tmp_path / name, mesh, maps=bright)
+        assert any("k_d is above 1 at" in note for note in done.notes)
+        assert words in (tmp_path / name.replace("obj", "mtl")).read_text()
+    assert any("no emission" in note for note in ds.write_mesh(tmp_path / "a.ply", mesh, maps=bright).notes)
 
 
 def test_trimesh_reads_ply(given, tmp_path):

@@ -66,13 +66,14 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> Height
     triangles between the centres of pixels, of four normals each, do not.
 
     With a tolerance, edges are collapsed where the surface changes least (quadric error metrics; Garland and Heckbert
-    1997), those of the border excepted, and the fewest triangles are kept whose distance from the mesh of all triangles,
-    measured at every pixel, is at most the tolerance. Needs fast-simplification, trimesh and embreex (`pip install
-    'diffshade[mesh]'`).
+    1997), those of the border excepted, and the fewest triangles are kept whose distance from the mesh of all
+    triangles, measured at every pixel, is at most the tolerance. Needs fast-simplification, trimesh and embreex (`pip
+    install 'diffshade[mesh]'`).
 
     Args:
         heights: The heights.
-        tolerance: Largest distance from the mesh of all triangles, scene units, above 0; None, the default, keeps all triangles.
+        tolerance: Largest distance from the mesh of all triangles, scene units, above 0; None, the default, keeps all
+            triangles.
 
     Returns:
         The mesh. Its normals are those of the triangles; `write_mesh` adds the measured ones as a map.

@@ -87,7 +87,7 @@ const mapTextures = (() => {
       await numbers(name, 0, (samplers) => fill(gl, attach, wide, decode, samplers));
     }
     for (const of of new Set([index.low_bytes, index.high_bytes])) gl.deleteTexture(of);
-    found.relief = relief(gl, scene, found, size);
+    if (scene.heights) found.relief = relief(gl, scene, found, size);
     for (const name of ["errors0", "errors1"]) found[name] = await bytes(gl, `${name}-0`);
     found.palette = table(gl, scene.status.map((level) => level.colour));
     found.colours = table(gl, scene.colours);

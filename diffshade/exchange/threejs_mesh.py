@@ -1,0 +1,165 @@
+"""A mesh with maps in three.js's JSON: a BufferGeometry and a MeshPhongMaterial, for THREE.ObjectLoader.
+
+The material has one shininess n and one specular colour c for all texels. A texel has its diffuse colour (map), its
+normal (normalMap, in the mesh's tangent space, green along normal x tangent) and, of specularMap's red, a strength s:
+
+    I (n.l) (diffuse + s F (n/2 + 1)/4 (n.h)^n)
+
+F is Schlick's weight of c (see `threejs`).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..io.files import replacing
+from ..io.image_formats import encode
+from ..texels.heights.mesh import HeightMesh
+from ..texels.maps import TexelMaps
+from .hex_colours import from_hex, to_hex
+from .lobe_refits import N_S_RANGE, Shape, lowest
+from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
+from .reference import Cosines, Reference, radiance, reference_of
+from .threejs import fresnel
+
+CLAMPED, MIPMAPS, LINEAR, ON_UV = 1001, 1008, 1006, 300  # three.js's constants of textures
+
+
+class Highlight(NamedTuple):
+    """The highlight of a MeshPhongMaterial with maps."""
+
+    n_s: float
+    size: Float[np.ndarray, "h w"] | Float[np.ndarray, ""]
+    """Strength times specular colour of a k_s of 1."""
+
+
+def textures(maps: TexelMaps, surface: Surface) -> Textures:
+    """Return the textures of maps, the material that uses them, and how far it is from the maps."""
+    n_s, size = _highlight(maps)
+    k = surface.k_s * size[..., None]
+    mean = k[surface.inside].mean(0)
+    hue = mean / max(float(mean.max()), 1e-9) if mean.any() else np.ones(3)
+    strength = k @ hue / (hue @ hue)
+    most = float(np.clip(np.percentile(strength[surface.inside], PERCENTILE), 1e-3, 1.0))
+    pictures, back = {}, {}
+    for name, values, srgb in (
+        ("map", surface.k_d, True),
+        ("normalMap", 0.5 * (surface.of_mesh + 1.0), False),
+        ("specularMap", (strength / most)[..., None], False),
+    ):
+        pictures[name], back[name] = stored(values, srgb=srgb)
+    specular = to_hex(most * hue)
+    glow = max(1.0, float(surface.k_e.max()))
+    material = {
+        "type": "MeshPhongMaterial",
+        "name": "maps",
+        "color": 0xFFFFFF,
+        "specular": specular,
+        "shininess": n_s,
+        "emissive": to_hex(surface.k_e / glow),
+        "emissiveIntensity": glow,
+    }
+    normal, c, k_e = surface.normals_of(back["normalMap"]), from_hex(specular), from_hex(to_hex(surface.k_e / glow))
+
+    def shade(l: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w 3"]:
+        h = l + np.array([0.0, 0.0, 1.0])
+        h /= np.linalg.norm(h)
+        n_l, n_h, grazing = np.maximum(normal @ l, 0.0), np.maximum(normal @ h, 0.0), fresnel(h[2:])
+        highlight = 0.25 * (n_s / 2 + 1) * n_h**n_s
+        weight = back["specularMap"] * (c * (1.0 - grazing) + grazing)
+        return n_l[..., None] * (back["map"] + weight * highlight[..., None]) + glow * k_e
+
+    return Textures(pictures, material, difference(maps, surface, shade))
+
+
+def _highlight(maps: TexelMaps) -> Highlight:
+    """Return the one shininess, and the size of its highlight at each texel, nearest to the highlights of maps."""
+    highlights = highlights_of(maps)
+    each = [reference_of(material) for material in highlights.materials]
+    points = Reference(*(np.concatenate([getattr(of, name) for of in each]) for name in ("n", "l")))
+    diffuse = points.n_l[:, None]
+    targets = [radiance(material, points) - diffuse * np.asarray(material.k_d) for material in highlights.materials]
+
+    def lobe(n: float) -> Cosines:
+        return points.n_l * 0.25 * (n / 2 + 1) * points.n_h**n
+
+    shape = Shape(lobe, N_S_RANGE)
+
+    def cost(log_n: float) -> float:
+        n = float(np.exp(log_n))
+        off = [np.sum((shape.of(n, shape.weights(n, target)) - target) ** 2) for target in targets]
+        return float(np.dot(highlights.light, off))
+
+    n_s = float(np.exp(lowest(cost, *np.log(N_S_RANGE))))
+    sizes = np.array([[shape.weights(n_s, target)[0] / GREY] for target in targets])
+    return Highlight(n_s, highlights.at_texels(sizes)[..., 0])
+
+
+def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
+    """Write the JSON, and pictures beside it; return the paths."""
+    pictures, material = ({}, {"type": "MeshPhongMaterial"}) if found is None else (found.pictures, found.material)
+    written = []
+    for name, picture in pictures.items():
+        written.append(path.with_name(f"{path.stem}_{name}.png"))
+        with replacing(written[-1]) as temporary:
+            temporary.write_bytes(encode(".png", picture))
+    attributes = {
+        "position": mesh.corner,
+        "normal": mesh.normal,
+        "tangent": np.concatenate([mesh.tangent, np.ones((len(mesh.corner), 1))], -1),
+        "uv": np.stack([mesh.uv[:, 0], 1.0 - mesh.uv[:, 1]], -1),
+        "height_error": np.where(np.isfinite(mesh.errors), mesh.errors, -1.0)[:, None],
+    }
+    document: dict[str, Any] = {
+        "metadata": {"version": 4.6, "type": "Object", "generator": "diffshade"},
+        "geometries": [
+            {
+                "uuid": "surface",
+                "type": "BufferGeometry",
+                "data": {
+                    "attributes": {name: _numbers(array, "Float32Array") for name, array in attributes.items()},
+                    "index": {"type": "Uint32Array", "array": mesh.face.ravel().tolist()},
+                },
+            }
+        ],
+        "materials": [{"uuid": "maps", **material, **{name: name for name in pictures}}],
+        "textures": [_texture(name) for name in pictures],
+        "images": [{"uuid": name, "url": f"{path.stem}_{name}.png"} for name in pictures],
+        "object": {
+            "uuid": "object",
+            "type": "Mesh",
+            "name": path.stem,
+            "geometry": "surface",
+            "material": "maps",
+            "userData": {"diffshade": notes},
+        },
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(document, separators=(",", ":"), ensure_ascii=False), encoding="utf-8")
+    return [*written, path]
+
+
+def _numbers(array: Float[np.ndarray, "n size"], kind: str) -> dict[str, Any]:
+    """Return an attribute of a BufferGeometry, to seven digits."""
+    digits = [float(f"{x:.7g}") for x in array.ravel()]
+    return {"itemSize": array.shape[1], "type": kind, "array": digits, "normalized": False}
+
+
+def _texture(name: str) -> dict[str, Any]:
+    """Return a texture that shows the picture of the same name."""
+    return {
+        "uuid": name,
+        "name": name,
+        "image": name,
+        "mapping": ON_UV,
+        "wrap": [CLAMPED, CLAMPED],
+        "minFilter": MIPMAPS,
+        "magFilter": LINEAR,
+        "flipY": True,
+        "colorSpace": "srgb" if name == "map" else "",
+    }
