@@ -177,7 +177,7 @@ def find_lights(
         found = ds.find_lights(
             read.scene,
             read.views,
-            light_error=error if error is None or isinstance(error, float) else error[list(read.indices)],
+            light_error=error[list(read.indices)] if isinstance(error, np.ndarray) else error,
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )

@@ -139,7 +139,7 @@ class Options:
             tied = tied if "sensor" in tied else (*tied, "sensor")
         errors = None if source.folder is None else light_errors(source.folder)
         if errors is not None and (errors > 0.0).all():  # a calibrated folder
-            options["light_error"] = errors
+            options["light_error"] = errors[list(source.indices)]
         with by_name(source.names):
             return ds.fit(
                 source.scene if scene is None else scene,

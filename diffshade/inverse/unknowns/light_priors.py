@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
@@ -41,7 +42,7 @@ class LightErrors:
                 light = dataclasses.replace(light, **{place: at + far * self.direction[i] * draw[i, :3]})
             if self.intensity is not None and f"lights.{i}.intensity" not in free:
                 factor = np.exp(self.intensity[i] * draw[i, 3])
-                light = dataclasses.replace(light, intensity=factor * np.asarray(light.intensity))
+                light = eqx.tree_at(lambda of: of.intensity, light, factor * np.asarray(light.intensity))  # pyright: ignore[reportAttributeAccessIssue]
             lights.append(light)
         return dataclasses.replace(scene, lights=tuple(lights))
 
