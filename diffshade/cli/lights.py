@@ -165,19 +165,20 @@ def find_lights(
         raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
         check_folder(out)
-    error = None if unknown else light_errors(photos) if light_error is None else light_error
-    if error is None and not unknown:
+    listed = light_errors(photos) if light_error is None and not unknown else None
+    if listed is None and light_error is None and not unknown:
         raise ValueError(
             f"{photos} does not say how exact its directions are. Give --light-error DEGREES, or --unknown to find "
             "them without."
         )
     read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
     names = read.names
+    error = None if unknown else light_error if listed is None else listed[list(read.indices)]
     with by_name(names):
         found = ds.find_lights(
             read.scene,
             read.views,
-            light_error=error[list(read.indices)] if isinstance(error, np.ndarray) else error,
+            light_error=error,
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )

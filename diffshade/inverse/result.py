@@ -169,10 +169,12 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """A photograph and what a fit says it should be: exposure * radiance + black, unclipped, in its channels."""
+    """A photograph and what a fit says it should be, unclipped: as in `View`, through its `Sensor` where it has one."""
 
     target: Float[np.ndarray, "h w c"]
+    """The photograph."""
     image: Float[np.ndarray, "h w c"]
+    """What the fit predicts, in the photograph's channels."""
     counts: Bool[np.ndarray, "h w c"]
     """Samples that count: on the object, inside the mask, not clipped."""
 

@@ -175,9 +175,9 @@ def test_texels_tell_an_undeclared_gamma():
 
 
 def test_a_response_is_found_from_plain_views_alone():
-    ball = textured_ball(16, 8)
-    with pytest.raises(ValueError, match="find_response needs at least 8 views; got 7"):
-        ds.find_response(facing_us(ball), ball.views[:7])
+    ball = textured_ball(16, 12)
+    with pytest.raises(ValueError, match="find_response needs at least 12 views; got 11"):
+        ds.find_response(facing_us(ball), ball.views[:11])
     known = [dataclasses.replace(view, sensor=ds.Sensor()) for view in ball.views]
     with pytest.raises(ValueError, match=r"views\[0\] has a sensor"):
         ds.find_response(facing_us(ball), known)

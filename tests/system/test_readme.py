@@ -40,15 +40,15 @@ COMMANDS = [
 
 def unknown_shape(folder: Path) -> Path:
     """Write a folder of photographs of a ball, one a light, in the layout of DiLiGenT."""
-    ball = textured_ball(size=24, lights=8)
+    ball = textured_ball(size=24, lights=12)
     folder.mkdir()
-    names = [f"{i}.exr" for i in range(8)]
+    names = [f"{i}.exr" for i in range(12)]
     for name, view in zip(names, ball.views, strict=True):
         ds.write_image(folder / name, view.image)
     ds.write_image(folder / "mask.png", ball.mask[..., None] * 1.0, srgb=False)
     (folder / "filenames.txt").write_text("\n".join(names))
-    np.savetxt(folder / "light_directions.txt", lights_about(8))
-    np.savetxt(folder / "light_intensities.txt", np.ones((8, 3)))
+    np.savetxt(folder / "light_directions.txt", lights_about(12))
+    np.savetxt(folder / "light_intensities.txt", np.ones((12, 3)))
     return folder
 
 

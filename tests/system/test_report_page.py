@@ -63,6 +63,13 @@ def test_what_is_not_known_is_said_in_words(fit, tmp_path):
     assert "9 of the 10 parameters" in lead
 
 
+def test_a_page_of_a_camera_with_a_sensor_says_that_it_shows_linear_light(fit, page, tmp_path):
+    assert not any("they show linear light" in text for _, text in page.all("p"))
+    views = tuple(dataclasses.replace(view, sensor=ds.Sensor(gamma=1.8)) for view in fit.views)
+    ds.write_report(tmp_path / "sensor.html", dataclasses.replace(fit, views=views))
+    assert any("they show linear light" in text for _, text in Page(tmp_path / "sensor.html").all("p"))
+
+
 def test_it_runs_nothing_but_its_own_scripts_and_asks_for_nothing(page):
     (policy,) = [a["content"] for a, _ in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy"]
     assert policy.startswith("default-src 'none'; img-src data:;")

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from ...core.backend import in_float64
 from ...core.fields import Numbers
 from ...core.words import count
 from ...io.exif import stated_exposures
@@ -107,7 +108,8 @@ def _variance(z: Any, t: Any, image: Any, weight: Any, noise: Noise | float | No
     """Return the variance of every sample: that of a known noise, or how much photographs of one level differ."""
     known = as_noise(noise)
     if known is not None:
-        return np.asarray(known.variance(t * image), np.float64)
+        with in_float64(known) as known:
+            return np.asarray(known.variance(t * image))
     used = (weight > 0.0).sum(0)
     several = used > 1
     squares = np.where(weight > 0.0, (z - t * image) ** 2, 0.0).sum(0)

@@ -78,7 +78,10 @@ class AbstractForwardModel(eqx.Module):
 
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
-        """Return exposure * radiance + black of a block, one array per channel; a grey view has the channels' mean."""
+        """Return what the samples of a block should be, unclipped, one array per channel.
+
+        That is exposure * radiance + black, or what the view's sensor makes of it; a grey view has the channels' mean.
+        """
 
     @abstractmethod
     def summary(self, theta: Float[Array, " p"], chunk: Block) -> Any:

@@ -129,6 +129,7 @@ def _write_fit(
         showing("report", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
+        with_sensor = any(view.sensor is not None for view in fit.views)
         fit = dataclasses.replace(fit, views=tuple(map(developed, fit.views)))  # the page draws linear light
         residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
@@ -147,6 +148,7 @@ def _write_fit(
             notes=fit.notes if examination is None else examination.notes,
             parameters=tables.parameters(fit, examination),
             gallery=gallery,
+            with_sensor=with_sensor,
             shown=len(which),
             ball=ball,
             missing=missing,

@@ -30,7 +30,7 @@ from ..tiles import TexelTile
 from .finding import FREE
 
 SAMPLE = 1024  # texels
-FEWEST_VIEWS = 8
+FEWEST_VIEWS = 12  # of 8, a texel's four numbers fit the brightest, whatever the gamma
 RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 NARROW = (0.12, 0.04)  # half widths, of log gamma, of the parabolas through three points that follow
 GROUPS = 4  # of the views, left out in turn
@@ -80,7 +80,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
 
     Args:
         scene: One opaque object and all lights, as for `fit_texels`.
-        views: At least 8 photographs of one camera, black at 0 and without a sensor; sRGB ones are decoded as usual.
+        views: At least 12 photographs of one camera, black at 0 and without a sensor; sRGB ones are decoded as usual.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -132,7 +132,7 @@ def _found(
     for width in NARROW:
         gamma = lowest(misfit, gamma, width)
     linear, least = misfit(1.0), misfit(gamma)
-    clear = min(tried[0], tried[-1]) > FLAT * least
+    clear = min(tried[0], tried[-1]) > FLAT * least and RANGE[0] < gamma < RANGE[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
