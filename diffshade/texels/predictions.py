@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.data.recording import developed
-from ..inverse.data.views import View, is_grey
+from ..inverse.data.views import View, has_alpha, is_grey
 from ..inverse.result import Prediction
+from ..io.images import without_alpha
 from ..model.gbuffers import as_mask
 
 
@@ -16,9 +17,9 @@ def prediction_of(view: View, radiance: Float[np.ndarray, "h w 3"], inside: Bool
     view = developed(view)
     image = np.asarray(view.image, np.float64)
     counts = inside if view.mask is None else inside & np.asarray(as_mask(np.asarray(view.mask)))
-    if image.shape[2] in (2, 4):
+    if has_alpha(view):
         counts = counts & as_mask(image[..., -1])
-    target = image[..., : 1 if is_grey(view) else 3]
+    target = without_alpha(image)
     radiance = radiance.mean(-1, keepdims=True) if is_grey(view) else radiance
     expected = np.where(counts[..., None], float(view.exposure) * radiance + float(view.black), target)
     return Prediction(target, expected, np.broadcast_to(counts[..., None], target.shape))

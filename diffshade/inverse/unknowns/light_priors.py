@@ -89,7 +89,7 @@ def set_direction_priors(unknowns: Sequence[Unknown], scene: Scene, error: Float
     middle = middle_of(scene)
     for unknown, i, name in _of_lights(unknowns, ("direction", "position")):
         light = scene.lights[i]
-        if name == "direction" and light.is_local:  # where a spot points, which moves no light
+        if name != _place(scene, i):  # where a spot points, which moves no light
             continue
         far = 1.0 if name == "direction" else float(np.linalg.norm(np.asarray(getattr(light, name)) - middle))
         if unknown.prior is None:

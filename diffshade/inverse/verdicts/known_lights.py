@@ -21,11 +21,11 @@ from ..unknowns.unknown import values_at
 
 PAIRS = 16  # of fits, each to lights moved one way and the opposite way
 LARGE = 0.5  # share of an error's square that makes a value one of those that depend on the lights
+SHIFTED = 1.0  # errors of independent noise by which a mean change is named
 LEFT_OUT = (
     "this fit was made by tiles, so its errors do not hold the stated errors of the lights that are not fitted. Give "
     "fit more memory, and neither checkpoint nor mesh; or free the directions and intensities."
 )
-SHIFTED = 1.0  # errors of independent noise by which a mean change is named
 
 
 def widen_by_lights(fit: Fit, errors: LightErrors, by_tiles: bool, report_progress: ReportProgress) -> Fit:
@@ -62,9 +62,9 @@ def _notes(fit: Fit, from_lights: np.ndarray, shift: np.ndarray) -> list[Note]:
     def named(which: np.ndarray) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for name, here in zip(quantities, which & fit.determined, strict=True) if here))
 
-    found = [Note("the errors hold the stated errors of the lights, which are not fitted.", "lights")]
-    if large := named(from_lights**2 > LARGE * np.maximum(fit.errors, from_lights) ** 2):
-        found[0] = Note(f"{found[0][:-1]}: most of those of {listing(large)}.", "lights", large)
+    large = named(from_lights**2 > LARGE * np.maximum(fit.errors, from_lights) ** 2)
+    most = f": most of those of {listing(large)}" if large else ""
+    found = [Note(f"the errors hold the stated errors of the lights, which are not fitted{most}.", "lights", large)]
     if moved := named(np.abs(shift) > SHIFTED * np.maximum(fit.plain_errors, 0.5 * from_lights)):
         found.append(
             Note(
