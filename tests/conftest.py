@@ -1,7 +1,7 @@
 """Strict settings for every test, and its tier; the library itself changes no JAX configuration.
 
-Three tiers: the default one, which must stay quick; `-m thorough`, half an hour or so; `-m slow`, studies of
-minutes to hours. What stands in `studies/` is thorough unless it is marked slow.
+Three tiers: the default one, which must stay quick; `-m thorough`, half an hour or so; `-m slow`, statistics over many
+fits, and studies of minutes to hours. What stands in `studies/` is thorough unless it is marked slow.
 """
 
 import os
@@ -55,6 +55,9 @@ def pytest_configure(config):
         os.environ[PROGRAMS] = config.programs = tempfile.mkdtemp(prefix="diffshade-programs-")
     jax.config.update("jax_compilation_cache_dir", os.environ[PROGRAMS])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    # commands, scripts and notebooks that tests start as processes of their own
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ[PROGRAMS]
+    os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.3"
 
 
 def pytest_unconfigure(config):

@@ -103,6 +103,7 @@ def taken() -> list[np.ndarray]:
     return [e * image + b for e, b, image in zip(EXPOSURES, BLACKS, photographs(three_lights()), strict=True)]
 
 
+@pytest.mark.thorough
 def test_exposure_and_black_of_two_views_are_found_where_the_third_is_known():
     images = taken()
     freed = tuple(f"views.{i}.{name}" for i in (1, 2) for name in ("exposure", "black"))

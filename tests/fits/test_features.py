@@ -207,6 +207,7 @@ def assert_agree(fast: Gram, generic: Gram) -> None:
     assert np.all(np.abs(fast.gradient - generic.gradient) <= 1e-8 * length * residual[:, None])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", CASES)
 def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknowns_are_the_best(make):
     """The cost is quadratic in them, so that the best within their bounds is where no slope leads down.

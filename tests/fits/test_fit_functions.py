@@ -94,7 +94,7 @@ def test_a_thousand_fits_end_at_or_below_the_cost_of_the_truth():
     assert found.converged.all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_any_scene_views_in_colour_and_unknowns_at_a_bound():
     """Fog, two objects, two views of one light each; a k_s of 0, which no derivative moves."""
     fog = ds.Fog(0.1, I_dc=(0.3, 0.4, 0.5))

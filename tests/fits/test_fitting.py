@@ -105,6 +105,7 @@ def traces():
     jax.monitoring.unregister_event_duration_listener(listen)
 
 
+@pytest.mark.thorough
 def test_a_second_fit_of_the_same_shapes_traces_nothing(traces):
     jax.jit(lambda x: x + 1)(1.0)
     assert traces  # the listener hears a trace

@@ -10,6 +10,7 @@ import diffshade as ds
 BLANK = np.zeros((*CAMERA.shape, 3))
 
 
+@pytest.mark.thorough
 def test_the_errors_are_those_that_a_fit_then_has_whatever_the_images_hold():
     scene = standard_scene()
     foresight = ds.forecast(scene, one_light_each([BLANK] * 8), free=FREE, tied=TIED, noise=SIGMA)

@@ -51,6 +51,7 @@ def refined(matte, unequal):
     return stated, ds.find_lights(scene, matte.views, light_error=DEGREES, intensity_error=RELATIVE)
 
 
+@pytest.mark.thorough
 def test_directions_and_intensities_are_refined_and_their_errors_hold(refined, unequal):
     (stated, found), true = refined, lights_about(COUNT)
     assert found.settled
@@ -83,6 +84,7 @@ def test_the_found_scene_has_the_found_lights(refined, unequal):
     assert found.light_error.shape == (COUNT,)
 
 
+@pytest.mark.thorough
 def test_intensities_are_found_where_directions_are_exact(matte, unequal):
     true = lights_about(COUNT)
     found = ds.find_lights(told(facing_us(matte), true, unequal), matte.views, light_error=0.0, intensity_error=None)
@@ -93,7 +95,7 @@ def test_intensities_are_found_where_directions_are_exact(matte, unequal):
     assert not any("map" in note for note in found.notes)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lights_of_which_nothing_is_known_are_found_but_for_what_is_said(matte):
     true = lights_about(COUNT)
     nothing = told(facing_us(matte), np.tile([0.0, 0.0, 1.0], (COUNT, 1)), np.ones(COUNT))
@@ -108,7 +110,7 @@ def test_lights_of_which_nothing_is_known_are_found_but_for_what_is_said(matte):
     assert np.median(off) < 4.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lamps_nearby_are_turned_about_the_object():
     places = 5.0 * lights_about(COUNT)
     ball = textured_ball(64, noise=0.005, gloss=0.0, at=places, intensity=np.array(25.0))

@@ -211,6 +211,7 @@ def test_residual_images_are_those_of_the_channels_together():
     np.testing.assert_array_equal(counts[3], inside.counts[..., 0])
 
 
+@pytest.mark.thorough
 def test_one_view_has_patches_for_clusters():
     clean = clean_images()[0]
     field = ndimage.gaussian_filter(np.random.default_rng(0).standard_normal(clean.shape[:2]), 1.5)

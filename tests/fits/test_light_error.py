@@ -144,6 +144,7 @@ def test_seeds_take_unknowns_together_that_no_view_shows_both_of():
         assert (seeds[seed, row] == 1.0).all()
 
 
+@pytest.mark.thorough
 def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams():
     """Plain, by jackknife, the tests of independence, and with a cluster added, an unknown held or left out."""
     scene, views, _ = photographed(9, noise=0.02)
@@ -176,6 +177,7 @@ def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams(
 # --- what lies beside it
 
 
+@pytest.mark.thorough
 def test_intensities_with_relative_errors_keep_the_mean_of_the_stated_ones():
     """The scale is that of the stated intensities, to their error over the root of their number."""
     scene, views, towards = photographed(16)
@@ -195,6 +197,7 @@ def test_intensities_with_relative_errors_keep_the_mean_of_the_stated_ones():
     assert (relative < 1.5 * 0.05 / 4.0).all()
 
 
+@pytest.mark.thorough
 def test_a_view_of_fewer_lights_is_padded():
     scene, views, _ = photographed(3)
     more = [*views, ds.View(views[0].image, CAMERA, lit=(0, 1, 2))]
@@ -242,6 +245,7 @@ def test_errors_of_lights_that_are_known_are_part_of_the_errors():
         assert one_sided.names == ("k_s", "n_s")
 
 
+@pytest.mark.thorough
 def test_errors_of_known_intensities_are_those_of_the_reflections():
     scene, views, _ = photographed(4, off=0.0)
     fit = ds.fit(scene, views, free=("k_d",), intensity_error=0.05)

@@ -219,6 +219,7 @@ def test_what_is_not_of_the_right_form_is_named():
         number(1.5, lower=2, upper=1)
 
 
+@pytest.mark.thorough
 def test_the_command_line_imports_them_where_it_is_told_to(tmp_path):
     source = FilePath(own_parts.__file__).read_text(encoding="utf-8").replace("TorranceSparrow", "Cook")
     (tmp_path / "parts_of_mine.py").write_text(source, encoding="utf-8")

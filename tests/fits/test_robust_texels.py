@@ -78,6 +78,7 @@ def test_bands_are_the_whole_map(shadowed, tmp_path):
     np.testing.assert_array_equal(bands.status, maps.status)
 
 
+@pytest.mark.thorough
 def test_bands_are_the_whole_map_under_near_lamps_too():
     at = 3.0 * lights_about(20)
     ball = textured_ball(40, noise=0.005, shadows=0.1, at=at)
@@ -103,6 +104,7 @@ def test_what_shows_nothing_is_not_known(shadowed):
     assert np.isinf(maps.errors["normal"][~ball.mask]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n_s", [20.0, 300.0])
 def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
     ball, lights, rng = textured_ball(40), lights_about(30), np.random.default_rng(0)
@@ -124,6 +126,7 @@ def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
     assert error < 0.5 * n_s
 
 
+@pytest.mark.thorough
 def test_a_matte_object_has_no_highlight():
     ball = textured_ball(40, noise=0.005, shadows=0.1, gloss=0.0)
     maps = ds.fit_texels(facing_us(ball), ball.views, free=FREE, loss="cauchy", light_error=0.01)
@@ -131,6 +134,7 @@ def test_a_matte_object_has_no_highlight():
     assert np.mean(maps.known[ball.mask]) > 0.8
 
 
+@pytest.mark.thorough
 def test_lamps_without_a_channel_are_fitted_texel_by_texel():
     colours = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])[np.arange(21) % 3]
     ball = textured_ball(24, 21, noise=0.005, intensity=colours)
@@ -141,6 +145,7 @@ def test_lamps_without_a_channel_are_fitted_texel_by_texel():
         ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=1.0)
 
 
+@pytest.mark.thorough
 def test_faint_lamps_change_nothing(shadowed):
     ball, views = with_bounced_light(24)
     scene = facing_us(ball)
@@ -165,6 +170,7 @@ def test_light_errors_enlarge_the_errors_of_normals(shadowed):
     assert 0.5 < np.median(added) < 3.0
 
 
+@pytest.mark.thorough
 def test_a_covariance_is_an_error_of_each_direction(shadowed):
     ball, _ = shadowed
     variance = np.deg2rad(3.0) ** 2
@@ -202,6 +208,7 @@ def test_wrong_light_errors_are_refused(given, message):
         ds.fit_texels(facing_us(ball), ball.views, free=FREE, **given)
 
 
+@pytest.mark.thorough
 def test_a_normal_alone_keeps_its_own(shadowed):
     ball, maps = shadowed
     alone = ds.fit_texels(facing_us(ball), ball.views, free=FREE, neighbours=False)
@@ -257,6 +264,7 @@ def test_halves_of_lights_give_the_size_of_errors():
     assert np.isinf(calibrated(np.zeros((2, 5)), np.ones(5), np.ones((2, 5))).errors)
 
 
+@pytest.mark.thorough
 def test_a_photograph_that_disagrees_is_named():
     ball = textured_ball(40, noise=0.005, shadows=0.1)
     views = list(ball.views)
@@ -281,6 +289,7 @@ def with_bounced_light(lights):
     return ball, views
 
 
+@pytest.mark.thorough
 def test_what_repeats_from_light_to_light_is_predicted():
     ball, views = with_bounced_light(40)
     maps = ds.fit_texels(facing_us(ball), views[::2], free=FREE, loss="cauchy", light_error=0.1)
@@ -294,6 +303,7 @@ def test_what_repeats_from_light_to_light_is_predicted():
         maps.relative_errors([ds.View(np.zeros((4, 4, 3)), ds.OrthographicCamera((0, 0, 4), shape=(4, 4)))])
 
 
+@pytest.mark.thorough
 def test_unexplained_light_is_that_of_lamps_too(tmp_path):
     ball, views = with_bounced_light(24)
     maps = ds.fit_texels(facing_us(ball), views, free=FREE, loss="cauchy", light_error=0.1)
@@ -356,7 +366,7 @@ def test_real_objects_have_their_normals(name, most, of_twelve):
     assert angle(maps.values["normal"], truth)[mask].mean() < of_twelve
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_rendered_relief_has_its_errors_and_is_relit():
     """Several materials, some of them metals, under cast shadows and bounced light."""
     folder = measured("rti_dome")

@@ -64,6 +64,7 @@ def test_a_colour_that_was_known_moves_the_values_as_fits_do():
         agrees(derivative[:, channel], lambda h, moved=moved: fit_of(moved(h), images()).values)
 
 
+@pytest.mark.thorough
 def test_the_samples_of_a_photograph_move_the_values_as_fits_do():
     fit, image, inside = fitted(), images()[0], np.asarray(seen_by(CAMERA).mask)
     by_image = ds.image_sensitivity(fit, 0)
@@ -80,6 +81,7 @@ def test_the_samples_of_a_photograph_move_the_values_as_fits_do():
         agrees((by_image * change).sum((1, 2, 3)), moved)
 
 
+@pytest.mark.thorough
 def test_a_light_that_is_on_in_no_view_moves_nothing_and_has_its_columns():
     lights = (*SCENE.lights, ds.DirectionalLight((0.0, 0.0, -1.0)))
     fit = fit_of(dataclasses.replace(SCENE, lights=lights), images())

@@ -64,6 +64,7 @@ def test_a_camera_is_fitted_with_the_material():
     assert prediction.rmse < 0.003
 
 
+@pytest.mark.thorough
 def test_what_photographs_cannot_tell_is_said():
     scene, views = taken(ds.Sensor(), levels=65535)
     fit = ds.fit(scene, views, free=(*MATERIAL, "sensor.red", "sensor.blue"), tied=("sensor",))
@@ -72,6 +73,7 @@ def test_what_photographs_cannot_tell_is_said():
     assert "cannot separate k_a, k_d, k_s and red" in str(fit)
 
 
+@pytest.mark.thorough
 def test_a_known_response_costs_nothing():
     linear = taken(ds.Sensor(), levels=65535, noise=0.0)
     coded = taken(ds.Sensor(gamma=2.0, bend=0.2), levels=65535, noise=0.0)
@@ -116,6 +118,7 @@ def test_what_the_sensor_clipped_stays_clipped(dtype, saturation):
     assert (bright >= top).any()
 
 
+@pytest.mark.thorough
 def test_maps_remember_the_sensor(tmp_path):
     ball = textured_ball(16, 10)
     linear = [dataclasses.replace(view, image=np.maximum(view.image, 0)) for view in ball.views]

@@ -164,6 +164,7 @@ def test_images_that_fit_exactly_raise_no_suspicion():
     assert suspicions(clean_fit()) == ()
 
 
+@pytest.mark.thorough
 def test_faults_of_several_kinds_are_told_apart_with_their_sizes_and_places():
     scene, images = standard_scene(), list(clean_images())
     there = turned(np.asarray(scene.lights[3].position), 6)  # pyright: ignore[reportAttributeAccessIssue]
@@ -208,7 +209,7 @@ def grazing():
     return np.where(np.asarray(buffer.mask), 1.0 - n_v, 0.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_bright_rim_is_found():
     extra = 0.15 * grazing()[..., None] ** 4 * np.array([0.6, 0.4, 0.25])
     (found,) = suspicions(standard_fit([image + extra for image in noisy_images()]))

@@ -34,6 +34,7 @@ def test_each_pixel_has_its_own_material():
         np.testing.assert_allclose(mapped[row, column], expected, rtol=1e-13)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lobe", [ds.Phong(), ds.Brushed()])
 def test_a_map_of_one_value_is_that_value(lobe):
     plain: dict[str, Any] = {"k_a": 0.1, "k_d": (0.5, 0.4, 0.3), "k_s": 0.3, "n_s": (10, 20, 30)}
@@ -63,6 +64,7 @@ def test_the_gradient_by_maps_is_that_of_finite_differences():
         assert slope[0, 0].tolist() in (0, [0], [0, 0, 0])  # the background
 
 
+@pytest.mark.thorough
 def test_a_fit_beside_a_known_map_finds_the_light():
     truth = scene(lights=(ds.PointLight((2, 2, 3), (0.9, 0.8, 0.7)),), **MAPS)
     views = [ds.View(ds.render(truth, CAMERA), CAMERA)]
@@ -111,6 +113,7 @@ def test_a_texture_runs_to_the_right_and_up_and_is_repeated():
     assert right > left  # around the y axis, from -z by -x, +z, +x
 
 
+@pytest.mark.thorough
 def test_normals_over_the_pixels_and_by_a_texture():
     flat = ds.Texture(np.full((2, 2, 3), (0.5, 0.5, 1.0)))
     plain = ds.render(scene(k_d=0.5, k_s=0.3), CAMERA)
@@ -128,6 +131,7 @@ def test_normals_over_the_pixels_and_by_a_texture():
     np.testing.assert_allclose(seen[0, 0], np.sin(0.4), rtol=1e-4)
 
 
+@pytest.mark.thorough
 def test_derivatives_at_the_poles_of_a_sphere_are_finite():
     camera = ds.Camera(eye=(0, 4, 0), target=(0, 0, 0), up=(0, 0, 1), fov=1e-3, shape=(1, 1))
 

@@ -7,6 +7,7 @@ import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from strategies import (
     attenuations,
@@ -140,6 +141,7 @@ def test_attenuation_falls_with_distance(attenuation, d, factor, clamp):
     assert not clamp or near <= 1
 
 
+@pytest.mark.thorough
 @quick
 @given(materials, lights, eyes)
 def test_what_intersect_finds_shade_renders(material, lights, eye):
@@ -151,6 +153,7 @@ def test_what_intersect_finds_shade_renders(material, lights, eye):
     np.testing.assert_array_equal(image[~np.asarray(gbuffer.mask)] - [0.1, 0.2, 0.3], 0)
 
 
+@pytest.mark.thorough
 @quick
 @given(materials, colours, directions)
 def test_a_light_far_away_is_directional(material, intensity, towards):
@@ -176,6 +179,7 @@ def gradient(both):
     return jax.grad(lambda both: jnp.sum(ds.render(*both)))(both)
 
 
+@pytest.mark.thorough
 @settings(quick, max_examples=40)
 @given(extreme_materials, extreme_lights, extreme_eyes)
 def test_extreme_scenes_have_finite_gradients(material, lights, eye):

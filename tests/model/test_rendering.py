@@ -50,6 +50,7 @@ def test_an_image_is_linear_radiance_and_row_0_is_on_top():
     assert image[:4].sum() > 3 * image[4:].sum()
 
 
+@pytest.mark.thorough
 def test_only_a_new_shape_is_traced():
     scene = ds.Scene(BALL, [*lights(2), ds.DirectionalLight((1, -1, -1))])
     with counting_traces() as traced:
@@ -204,6 +205,7 @@ def test_without_fusion_the_image_is_the_same(clear, monkeypatch):
         np.testing.assert_allclose(ds.render(clear, camera), expected, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_within_a_program_of_the_callers_own_it_is_left_to_him(clear, monkeypatch):
     """Compiler options can be given to the outermost program alone."""
     camera = ds.Camera((0, 0, 4), shape=(9, 11))

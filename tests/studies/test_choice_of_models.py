@@ -9,6 +9,8 @@ from synthetic import CAMERA, MATERIAL, light_positions, noisy, one_light_each, 
 
 import diffshade as ds
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 0.005
 PHONG = ("k_a", "k_d", "k_s", "n_s")
 MATTE = dataclasses.replace(MATERIAL, k_s=np.zeros(3))

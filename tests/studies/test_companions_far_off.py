@@ -24,6 +24,8 @@ from synthetic import (
 
 import diffshade as ds
 
+pytestmark = pytest.mark.slow
+
 THREE = point_lights()[:3]
 SIGMA = 0.003
 

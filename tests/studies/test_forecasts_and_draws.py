@@ -7,6 +7,8 @@ from synthetic import CAMERA, FREE, TIED, noisy, one_light_each, photographs, st
 
 import diffshade as ds
 
+pytestmark = pytest.mark.slow
+
 BLANK = np.zeros((*CAMERA.shape, 3))
 
 

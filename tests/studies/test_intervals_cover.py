@@ -13,6 +13,8 @@ from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.unknowns.unknown import coordinates
 
+pytestmark = pytest.mark.slow
+
 LEVELS = (0.68, 0.95)
 
 

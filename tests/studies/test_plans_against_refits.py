@@ -25,6 +25,8 @@ import diffshade as ds
 from diffshade.inverse.laid_out_fit import LaidOutFit
 from diffshade.inverse.unknowns.unknown import natural
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 0.002
 LAMPS = ((1.0, 1.0, 1.6), (-2.5, 0.5, 3.5), (0.5, -2.0, 1.8), (1.5, 2.5, 5.0))
 SCENE = standard_scene(lights=[ds.PointLight(p, 1.0, ATTENUATION) for p in LAMPS])

@@ -14,6 +14,8 @@ import diffshade as ds
 from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.inverse.statistics.clusters import independent
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 0.005
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(32, 32))
 FREE = ("k_a", "k_d", "k_s", "n_s")

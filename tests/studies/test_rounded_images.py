@@ -97,6 +97,7 @@ def assert_held(inside: np.ndarray, least: float) -> None:
     assert inside.mean(0).min() >= least
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth(tmp_path):
     """24 materials, so that a share of .98 has an error of .03; the 400 below tell more."""
     inside = np.array([list(held(ball(seed, tmp_path, 3 if seed % 4 else 1))) for seed in range(24)])

@@ -10,6 +10,8 @@ from synthetic import CAMERA, forget, noisy, photographs, point_lights, seen_by,
 
 import diffshade as ds
 
+pytestmark = pytest.mark.slow
+
 FREE = ("k_a", "k_d", "k_s", "n_s")
 SCENE = standard_scene(lights=point_lights()[:3])
 SIGMA, LEVEL, STEP = 0.02, 0.75, 1e-3

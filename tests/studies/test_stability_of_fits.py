@@ -7,6 +7,8 @@ from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, st
 
 import diffshade as ds
 
+pytestmark = pytest.mark.slow
+
 MATERIAL_ALONE = ("k_a", "k_d", "k_s", "n_s")
 
 

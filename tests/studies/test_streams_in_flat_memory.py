@@ -63,6 +63,7 @@ def kill_once(process, there):
     process.communicate()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is measured by Linux's /proc")
 def test_300_megabytes_in_flat_memory_and_three_kills_change_nothing(tmp_path):
     """The views hold 300 MB; without them the fit of views a hundredth of the size grows by 225 MB, most of it XLA."""

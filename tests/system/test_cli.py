@@ -179,6 +179,7 @@ def test_a_new_scene_names_every_key_and_each_can_be_uncommented(typed):
     assert tried > 40
 
 
+@pytest.mark.thorough
 def test_a_mesh_is_rendered_in_its_materials(typed):
     pytest.importorskip("embreex")
     quad = "v {0} -1 0\nv {1} -1 0\nv {1} 1 0\nv {0} 1 0\n"
@@ -385,6 +386,7 @@ def test_a_balls_lights_are_found_and_compared_with_a_list(typed):
     np.testing.assert_allclose(known["directions"], np.loadtxt("list.txt"), atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_lights_are_found_from_the_object_and_written_as_a_folder(typed):
     words = ("find-lights", "photographs", "--light-error", "2")
     told = typed(*words, "-o", "refined", "--json").told

@@ -15,6 +15,7 @@ def curve(line):
     return np.asarray(line.get_xdata(), np.float64), np.asarray(line.get_ydata(), np.float64)
 
 
+@pytest.mark.thorough
 def test_ambient_light_is_the_same_all_over_the_ball():
     matte = pictures(draw_figure("ambient_and_diffuse"))[5]  # k_a = 0.1, k_d = 0
     np.testing.assert_allclose(matte[40:128, 40:128], 0.1, atol=1e-6)
@@ -77,6 +78,7 @@ def test_half_of_white_is_as_bright_as_the_stripes():
     np.testing.assert_allclose(means, [0.5, 0.5, 0.2140], atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_only_some(tmp_path):
     paths = ds.write_figures(str(tmp_path), only=("visibility", "cosine_powers"))
     assert [path.name for path in paths] == ["06_cosine_powers.png", "29_visibility.png"]

@@ -92,6 +92,7 @@ def choice_of(name):
     return ds.ModelChoice((name, "other"), one, one, number, 0 * one, one, one, one > 2, one, 3, "3 views", (name,))
 
 
+@pytest.mark.thorough
 def test_whatever_is_shown_is_escaped(fit, tmp_path):
     shot = ds.Shot(name=HOSTILE)
     scene = ds.Scene(ds.Object(ds.Sphere(), fit.material, name="bällchen"), fit.scene.lights)
@@ -132,6 +133,7 @@ def test_the_pictures_are_the_photograph_and_the_fit(fit, page):
         np.testing.assert_array_equal(difference[..., 3] > 0, p.counts.any(-1))
 
 
+@pytest.mark.thorough
 def test_large_photographs_are_shown_smaller_and_of_many_views_some(fit, tmp_path):
     camera = dataclasses.replace(CAMERA, shape=(30, 1000))
     image = np.broadcast_to(np.linspace(0, 1, 1000)[:, None], (30, 1000, 3))

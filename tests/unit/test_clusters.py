@@ -43,6 +43,7 @@ def inside(found: Clusters) -> np.ndarray:
     return np.abs(found.evidence.values - TRUTH) <= 1.96 * found.wide_errors()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [2, 3, pytest.param(5, marks=pytest.mark.thorough), 8])
 def test_of_independent_noise_two_errors_hold_the_truth(count):
     """Of 300 times 4 numbers, so that .6 % is the error of the share; a study has more."""
@@ -51,6 +52,7 @@ def test_of_independent_noise_two_errors_hold_the_truth(count):
     assert np.mean([f.disagree for f in found]) < 0.05
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [5, 8])
 @pytest.mark.parametrize("shared", [pytest.param(0.1, marks=pytest.mark.thorough), 0.3, 1.0])
 def test_of_views_with_errors_of_their_own_they_do_too(count, shared):

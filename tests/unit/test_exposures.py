@@ -23,6 +23,7 @@ def photographs(radiance, *, sigma=0.002, seed=0):
     return [np.clip(t * radiance + sigma * rng.normal(size=radiance.shape), 0.0, 1.0) for t in TIMES]
 
 
+@pytest.mark.thorough
 def test_merged_exposures_are_the_radiance_within_their_errors():
     radiance = scene()
     for noise in (0.002, None):

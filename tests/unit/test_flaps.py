@@ -45,6 +45,7 @@ def test_flaps_of_several_axes_multiply():
     np.testing.assert_allclose(passing(ds.Flaps(**soft), [(0.5, 9, 0.75)]), 0.5 * (0.0625 * 2.5), rtol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("softness", [0.0, 0.5])
 def test_derivatives_are_finite_at_the_limits_and_0_there(softness):
     """At a limit, at the end of its soft edge, and where the edge is hard."""
@@ -57,6 +58,7 @@ def test_derivatives_are_finite_at_the_limits_and_0_there(softness):
     assert all((np.asarray(leaf) == 0).all() for leaf in jax.tree.leaves(back))
 
 
+@pytest.mark.thorough
 def test_every_kind_of_lamp_has_them():
     points = np.array([(-0.5, 0, 0), (0.5, 0, 0)])
     spot = ds.SpotLight((0, 0, 2), (0, 0, -1), cutoff=80, exponent=2)

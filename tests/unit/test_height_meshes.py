@@ -62,6 +62,7 @@ def test_pixels_have_their_heights_and_normals(given):
     assert "triangles" in f"{mesh}"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("perspective", [False, True])
 def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
     ball = reliefs.sphere(48, perspective=perspective)
@@ -118,6 +119,7 @@ def assert_valid(path):
     assert found["numErrors"] == found["numWarnings"] == 0, found["messages"]
 
 
+@pytest.mark.thorough
 def test_gltf_is_valid(written):
     assert_valid(written[0])
 

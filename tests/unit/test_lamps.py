@@ -26,6 +26,7 @@ def looked_up(light, points):
     return np.asarray(jax.jit(lambda light, p: light.path(Vec3.of(p)).f_ang)(light, points))
 
 
+@pytest.mark.thorough
 def test_a_profile_is_linear_between_its_angles():
     light = ds.MeasuredLight((0, 0, 0), (0, -1, 0), TABLE)
     gamma, C = np.meshgrid(np.linspace(0.0, 129.9, 77), np.linspace(0.1, 359.9, 61))
@@ -53,6 +54,7 @@ def test_what_arrives():
     assert light.is_local
 
 
+@pytest.mark.thorough
 def test_derivatives_are_those_of_finite_differences_and_finite_at_the_poles_the_kinks_and_the_lamp():
     special = np.array([*(towards(g, C) for g in (0.0, 1e-9, 20, 90, 130, 180) for C in (0.0, 45, 180)), (0.0, 0, 0)])
     anywhere = np.array([[0.5, -0.1, 0.9], [-0.4, -0.3, 0.2], [1.4, 1.2, -1.5]])

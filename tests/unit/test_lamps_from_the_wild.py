@@ -38,6 +38,7 @@ def table_of(kind):
     return floodlight(x / z, y / z)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", [2, 3])
 def test_a_floodlight_of_type_a_or_b_lights_a_wall_as_a_rotation_by_hand(kind, tmp_path):
     """A wall at 4 m, lamp aimed at it: candela of the direction, times cos^3 over the squared distance."""
@@ -214,6 +215,7 @@ def test_a_scene_chooses_the_set_and_the_tilt_of_its_lamp(tmp_path):
             ds.read_scene(write(tmp_path, "c.toml", scene.replace(old, new)))
 
 
+@pytest.mark.thorough
 def test_a_lamp_is_drawn_and_told_at_the_terminal(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gamma = np.arange(0, 91, 1.0)

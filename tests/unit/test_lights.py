@@ -101,6 +101,7 @@ def test_an_area_light_is_a_grid_of_spots():
     assert lamp.is_local
 
 
+@pytest.mark.thorough
 def test_an_area_light_converges_to_the_rectangle():
     """Pi times the form factor of a parallel rectangle with a corner above the point; errors fall by 4."""
     right = np.sqrt(0.5) * np.arctan(np.sqrt(0.5))
@@ -122,6 +123,7 @@ def test_an_area_light_is_dark_behind_and_its_samples_share_its_intensity():
         assert on_the_floor(ceiling(samples), **far) == pytest.approx(1, rel=1e-7)
 
 
+@pytest.mark.thorough
 def test_256_emitters_compile_as_four_do():
     """They are scanned: the program does not grow with their number."""
 

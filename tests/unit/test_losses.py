@@ -71,6 +71,7 @@ def test_squares_are_squares():
     np.testing.assert_allclose(found.curvature, WEIGHT, rtol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loss", LOSSES)
 def test_rho_is_s_where_residuals_are_small_and_its_derivatives_are_those_of_its_value(loss):
     rho = LOSSES[loss]
@@ -169,12 +170,14 @@ def spread(r, loss="squares", weight=WEIGHT, clipped=None, sigma=SIGMA):
     return likelihood(loss, sigma).spread(r / jnp.sqrt(weight), jnp.zeros_like(r), jnp.full_like(r, weight), clipped)
 
 
+@pytest.mark.thorough
 def test_for_squares_the_variance_is_that_of_the_residuals():
     r = np.random.default_rng(0).standard_normal(50)
     np.testing.assert_allclose(spread(r), [50, float(r @ r), float(r @ r), 50, 50], rtol=1e-12)
     assert variance(spread(r), 7) == pytest.approx(r @ r / 43, rel=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loss", ROBUST)
 def test_the_variance_of_a_robust_estimate_is_hubers_formula(loss):
     """psi^2 / (N - p) / (mean psi')^2, times mean rho' since H is weighted by that."""

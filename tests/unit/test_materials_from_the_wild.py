@@ -115,6 +115,7 @@ NAMES = ("Material.003", "Wall-inner", "Terraindæk", "Terraindåk", "a b", "1st
 CODE = {".c": "{}_material(", ".js": "const {} =", ".py": "def set_{}(", ".inc": "#declare {} ="}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".mtl", ".c", ".json", ".js", ".py", ".inc", ".gltf"])
 def test_any_name_is_written_and_every_material_read_again(suffix, tmp_path):
     shine = 0.0 if suffix == ".gltf" else 0.2  # a matte material takes no fit
@@ -305,8 +306,9 @@ def random_materials(count):
 FORMATS = [".mtl", ".c", ".py", ".inc", ".js", ".json", ".gltf"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", FORMATS)
-@pytest.mark.parametrize("count", [3, pytest.param(100, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [3, pytest.param(100, marks=pytest.mark.slow)])
 def test_stated_errors_are_those_of_other_points(suffix, count, tmp_path):
     """The program's own formula, from what the file holds, over points drawn at random around each reference."""
     ratios = []
@@ -322,7 +324,7 @@ def test_stated_errors_are_those_of_other_points(suffix, count, tmp_path):
     assert (np.array(ratios)[:, 1] < 1.3).all()
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(100, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("count", [2, pytest.param(100, marks=pytest.mark.slow)])
 def test_stated_errors_of_what_is_read_are_those_of_other_points(count, read):
     rng, rows = np.random.default_rng(1), {}
     for i in range(count):

@@ -32,6 +32,7 @@ def folder(tmp_path_factory):
 KINDS = ["ply", "stl", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("obj", "glb"))]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fine_mesh_of_a_sphere_is_nearly_the_sphere(folder, kind):
     """Edges of 0.035 at radius 1: facets lie up to 2e-4 below the sphere and 0.02 off its direction."""

@@ -310,6 +310,7 @@ CONSTRAINTS = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("tied", "constraints"),
     [((), ()), (("attenuation", "k_d", "exposure"), ()), ((), CONSTRAINTS)],
@@ -380,6 +381,7 @@ def test_the_solvers_coordinate_of_n_s_is_its_logarithm_and_natural_undoes_it():
         np.testing.assert_allclose(natural(theta, np.array([u.logarithmic for u in unknowns])), values, rtol=1e-15)
 
 
+@pytest.mark.thorough
 def test_lights_keep_their_indices_when_kinds_are_stacked():
     """The light positions of an interleaved scene must reach the right light."""
     positions = light_positions(4)

@@ -7,6 +7,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import diffshade as ds
 from diffshade.core.backend import in_float64, with_new_arrays
@@ -55,6 +56,7 @@ def test_a_constant_of_a_users_program_is_float64_in_float64():
     np.testing.assert_array_equal(negative, -constant)
 
 
+@pytest.mark.thorough
 def test_a_picture_in_the_other_precision_after_a_users_program():
     camera = ds.Camera((0.1, 0.2, 4.3), fov=33, shape=(5, 9))  # of a shape that no other test compiles for
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=0.6)), ds.PointLight((2, 3, 4)))

@@ -229,6 +229,7 @@ PROBLEMS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_gram_of_the_blocks_is_that_of_a_dense_jacobian(problem, monkeypatch):
     monkeypatch.setattr(blocks, "BLOCK", 37)  # several blocks a view, the last one padded, and several chunks

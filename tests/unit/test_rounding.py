@@ -134,6 +134,7 @@ def rounded(values: np.ndarray, srgb: bool) -> np.ndarray:
     return ds.srgb_decode(stored) if srgb else stored
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("srgb", [False, True])
 @pytest.mark.parametrize("noise", [0.0, 0.15, 0.6])
 def test_they_move_a_fit_as_the_formula_says(srgb, noise):
@@ -182,6 +183,7 @@ def flat_views(views: int, seed: int, *, rounds: bool = True) -> tuple[Evidence,
     return evidence, truth
 
 
+@pytest.mark.thorough
 def test_errors_with_rounding_hold_the_truth_and_views_are_not_said_to_disagree():
     found = [flat_views(6, seed) for seed in range(60)]
     clusters = [compared(evidence, 6, "6 views") for evidence, _ in found]

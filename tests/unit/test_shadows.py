@@ -16,6 +16,7 @@ ABOVE = ds.OrthographicCamera((0, 5, 0), target=(0, 0, 0), up=(0, 0, -1), shape=
 DOWN = ds.DirectionalLight((0, -1, 0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [0, *(pytest.param(i, marks=pytest.mark.thorough) for i in range(1, 10))])
 def test_povray_lights_the_same_pixels(number):
     """But for pixels on an edge."""

@@ -171,6 +171,7 @@ def box_constrained(y, args, lower, upper):
     return optx.minimise(linear_least_squares, solver, y, args, has_aux=True, max_steps=200, throw=False).value
 
 
+@pytest.mark.thorough
 def test_bounded_linear_problems_are_solved_whatever_their_correlations():
     """Correlated columns send the first active sets astray: a step may not lower the model, and is no convergence."""
     random = np.random.default_rng(0)
@@ -203,6 +204,7 @@ def test_a_singular_problem_that_takes_dozens_of_steps_is_solved_all_the_same():
     np.testing.assert_allclose(jnp.sum(solution.value), 1.0, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wall", [jnp.nan, jnp.inf])
 def test_a_step_onto_something_that_is_not_finite_is_taken_back(wall):
     def walled(y, args):
@@ -242,6 +244,7 @@ def test_a_fit_that_runs_out_of_steps_says_so_and_counts_them():
 # --- what is known beside the views
 
 
+@pytest.mark.thorough
 def test_priors_and_unit_vectors_are_residuals_beside_those_of_the_views():
     random = np.random.default_rng(0)
     theta, mean, weight = random.standard_normal(7), random.standard_normal(2), random.uniform(0.5, 2.0, 2)

@@ -83,6 +83,7 @@ def render(objects, camera, **options):
         return np.asarray(ds.render(ds.Scene(objects, background=BLUE, **options), camera))
 
 
+@pytest.mark.thorough
 @places(turned_box_on_a_floor, ball_on_a_floor, box_against_a_wall, thin_pane_on_a_floor)
 @float32_is_thorough
 def test_glass_of_index_1_where_things_touch_is_as_if_it_did_not_bend(place, precision):
@@ -92,6 +93,7 @@ def test_glass_of_index_1_where_things_touch_is_as_if_it_did_not_bend(place, pre
         np.testing.assert_allclose(render(objects, camera), render(straight, camera), atol=tolerance)
 
 
+@pytest.mark.thorough
 @places(box_on_a_floor, ball_on_a_floor, box_against_a_wall, but=(from_within_a_box_on_a_floor,))
 @float32_is_thorough
 @pytest.mark.parametrize("eta", [1.3, pytest.param(1.1, marks=pytest.mark.thorough)])
@@ -103,6 +105,7 @@ def test_what_touches_looks_like_what_is_hardly_apart(place, precision, eta):
     assert wrong.sum() <= (0 if precision == "float64" else 4), np.argwhere(wrong)  # float32: at edges
 
 
+@pytest.mark.thorough
 @places(ball_on_a_floor, box_against_a_wall, but=(thin_pane_on_a_floor, from_within_a_box_on_a_floor))
 def test_the_order_of_things_that_touch_changes_nothing(place):
     objects, camera = place(1.3)
@@ -111,6 +114,7 @@ def test_the_order_of_things_that_touch_changes_nothing(place):
         np.testing.assert_allclose(image, first, atol=1e-12)
 
 
+@pytest.mark.thorough
 @float32_is_thorough
 def test_of_surfaces_that_coincide_the_opaque_one_is_seen(precision):
     clear, solid = ds.Material(k_d=0.3, k_t=0.5, eta=1.4), ds.Material(k_a=0.8)
@@ -129,6 +133,7 @@ def test_of_surfaces_that_coincide_the_opaque_one_is_seen(precision):
 # --- thin panes and far cameras
 
 
+@pytest.mark.thorough
 @float32_is_thorough
 @pytest.mark.parametrize("distance", [1000.0, *(pytest.param(d, marks=pytest.mark.thorough) for d in (10.0, 100.0))])
 def test_a_pane_bends_the_same_however_thin_it_is_beside_its_distance(precision, distance):

@@ -34,6 +34,7 @@ def with_k_t(k_t, **more):
     return dataclasses.replace(SOLID, k_t=np.broadcast_to(k_t, 3) * 1.0, **more)
 
 
+@pytest.mark.thorough
 def test_k_t_of_0_is_opaque_and_k_t_of_1_is_not_there():
     opaque, nothing = render(ball(SOLID), WALL), render(WALL)
     np.testing.assert_allclose(render(ball(with_k_t(0)), WALL), opaque, rtol=1e-14)
@@ -70,6 +71,7 @@ def test_a_plane_lets_light_through_unbent():
     np.testing.assert_array_equal(render(panes[0], WALL), render(panes[1], WALL))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("eta", [0.5, 1.5])
 def test_glass_that_bends_shows_something_else(eta):
     straight, bent = (render(ball(with_k_t(0.9, eta=np.array(e))), WALL) for e in (1.0, eta))
