@@ -196,10 +196,12 @@ def on_bands(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) 
     """Say how many samples of the photographs that were left out lie inside their bands."""
     import numpy as np
 
+    from ..core.words import count
+
     worst = int(np.nanargmin(coverage))
     return (
-        f"{bands}: they hold {np.nanmean(coverage):.0%} of those of the photographs above, {coverage[worst]:.0%} at "
-        f"least ({names[worst]})"
+        f"{bands}: they hold {np.nanmean(coverage):.0%} of those of the {count(len(names), 'photograph')} held out, "
+        f"{coverage[worst]:.0%} at least ({names[worst]})"
     )
 
 
