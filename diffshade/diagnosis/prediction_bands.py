@@ -22,7 +22,7 @@ from ..texels.unexplained import Unexplained
 from .residual_quantiles import ResidualQuantiles, residual_quantiles
 
 FEWEST = 8  # photographs under different lights
-LEVELS = (0.5, 0.99)
+LEVELS = (0.5, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,8 @@ class PredictionBands:
     """The share of the samples that the bands are made to hold."""
     groups: tuple[tuple[int, ...], ...]
     """The views that were left out together, as indices."""
+    refits: tuple[Fit | TexelMaps, ...]
+    """The fit without each group."""
     inside: Bool[np.ndarray, "h w"]
     """Pixels that a photograph shows the object at."""
     residuals: ResidualQuantiles
@@ -58,7 +60,8 @@ class PredictionBands:
                 "a photograph by their camera."
             )
         found = self.result.predict(view)
-        ends = self.residuals.band(_radiance(found.image, view)[self.inside])
+        without = np.array([_radiance(refit.predict(view).image, view)[self.inside] for refit in self.refits])
+        ends = self.residuals.band(without, self.level)
         lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
         return dataclasses.replace(found, lower=lower, upper=upper, counts=found.counts & self.inside[..., None])
 
@@ -93,14 +96,14 @@ def fit_bands(
 ) -> PredictionBands:
     r"""Fit photographs, and again without each of some groups of them: bands for photographs not yet seen.
 
-    $$ \mu(x) + s [q_{(1 - level)/2}, q_{(1 + level)/2}] $$
+    $$ [q_{(1 - level)/2}, q_{(1 + level)/2}] (\mu_{-k}(x) + s R_i) $$
 
-    mu is the prediction of the fit to all photographs, and q are quantiles of the residuals R/s of each photograph from
-    the fit without its group (cross-validation with photographs as groups; Barber, Candes, Ramdas and Tibshirani 2021;
-    Lee, Barber and Willett 2023). s is the size of a texel's residuals. The quantiles depend on the prediction's
-    brightness relative to the texel's median photograph: a highlight may miss by more than a matte sample, and upward
-    by another amount than downward. So nothing is assumed of the noise, or of what the model leaves out. Photographs
-    under neighbouring lights are left out together, so that they are as far from the others as new ones may be.
+    mu_{-k} is the prediction without group k, and R_i are the residuals of photographs from the fit without their
+    group, divided by s, the size of a texel's residuals; q are quantiles of all these sums (jackknife+ and CV+; Barber,
+    Candes, Ramdas and Tibshirani 2021; with photographs, whose samples share an error, as groups: Lee, Barber and
+    Willett 2023). The residuals are those of predictions as bright, relative to the texel's median photograph: a
+    highlight may miss by more than a matte sample, and upward by another amount than downward. So nothing is assumed of
+    the noise, or of what the model leaves out. Each group is spread over all lights.
 
     The bands hold for further photographs like those fitted, under lights drawn from the same directions. They hold
     fewer samples where light comes from another side and new shadows fall. It takes `groups` further fits.
@@ -109,7 +112,7 @@ def fit_bands(
         fit: What fits views, and returns a `Fit` or `TexelMaps`, such as
             `lambda views: ds.fit_texels(scene, views, free=free)`.
         views: The photographs, of one camera, under at least 8 different lights.
-        level: Share of the samples that the bands shall hold, from 0.5 to 0.99.
+        level: Share of the samples that the bands shall hold, from 0.5 to 0.95.
         groups: How many groups are left out, at least 2; as many as there are different lights at most.
         progress: Show a line of progress on the terminal.
 
@@ -142,18 +145,18 @@ def fit_bands(
                 "ds.fit(scene, views, free=('k_d',))."
             )
         scene = result.scene if isinstance(result, Fit) else result.as_scene()
-        parts = neighbouring_groups(scene, views, alike, groups)
-        seen, predicted = [], []
+        parts = spread_groups(scene, views, alike, groups)
+        seen, predicted, refits = [], [], []
         for k, part in enumerate(parts):
             report_progress(f"without group {k + 1} of {len(parts)}", (k + 1) / (len(parts) + 1))
-            without = fit([view for i, view in enumerate(views) if i not in part])
+            refits.append(fit([view for i, view in enumerate(views) if i not in part]))
             for i in part:
-                found = without.predict(views[i])
+                found = refits[-1].predict(views[i])
                 seen.append(np.where(found.counts, _radiance(found.target, views[i]), np.nan))
                 predicted.append(_radiance(found.image, views[i]))
     inside = np.any(np.isfinite(seen), axis=(0, -1))
     seen, predicted = (np.array([image[inside] for image in images]) for images in (seen, predicted))
-    return PredictionBands(result, level, parts, inside, residual_quantiles(seen, predicted, level))
+    return PredictionBands(result, level, parts, tuple(refits), inside, residual_quantiles(seen, predicted))
 
 
 def _radiance(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray, "h w c"]:
@@ -168,30 +171,29 @@ def _put(
     return changed
 
 
-def neighbouring_groups(
+def spread_groups(
     scene: Scene, views: Sequence[View], alike: Sequence[Sequence[int]], groups: int
 ) -> tuple[tuple[int, ...], ...]:
-    """Return views in groups under neighbouring lights: halves of halves, across where their directions differ most.
+    """Return views in groups, each of which is spread over the lights: neighbouring lights belong to different groups.
 
     Args:
         scene: The scene.
         views: The photographs.
         alike: Indices of the views under the same lights, which stay together.
-        groups: How many groups there shall be.
+        groups: How many groups there shall be at most.
     """
     toward = _toward(scene, [views[of[0]] for of in alike])
 
-    def split(which: np.ndarray, parts: int) -> list[np.ndarray]:
-        if parts == 1:
-            return [which]
+    def in_order(which: np.ndarray) -> list[int]:
+        """Halves of halves, across where the directions differ most, so that neighbours follow one another."""
+        if len(which) < 2:
+            return which.tolist()
         across = np.argmax(np.ptp(toward[which], axis=0))
         ordered = which[np.argsort(toward[which, across], kind="stable")]
-        half = parts // 2
-        middle = round(len(which) * half / parts)
-        return split(ordered[:middle], half) + split(ordered[middle:], parts - half)
+        return in_order(ordered[: len(which) // 2]) + in_order(ordered[len(which) // 2 :])
 
-    found = split(np.arange(len(alike)), min(groups, len(alike)))
-    return tuple(tuple(sorted(i for g in of for i in alike[g])) for of in found)
+    ordered = in_order(np.arange(len(alike)))
+    return tuple(tuple(sorted(i for j in ordered[k::groups] for i in alike[j])) for k in range(min(groups, len(alike))))
 
 
 def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:

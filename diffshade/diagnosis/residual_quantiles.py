@@ -13,6 +13,9 @@ SPREAD = 0.8  # which quantile of a texel's absolute residuals scales them
 SHARED = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
 FEWEST = 100  # residuals of a bin that has quantiles of its own
 
+QUANTILES = 64  # of the residuals in a bin
+AT_ONCE = 1 << 24  # sums in memory
+
 Texels = Float[np.ndarray, "n c"]
 
 
@@ -22,26 +25,41 @@ class ResidualQuantiles(NamedTuple):
     scale: Texels
     median: Texels
     """Of the photographs."""
-    tails: Float[np.ndarray, "bins 2"]
-    """The lower and the upper quantile of residual / scale in each bin of prediction / median."""
+    table: Float[np.ndarray, "bins quantiles"]
+    """Quantiles of residual / scale in each bin of prediction / median."""
     floor: float
     """The smallest sample of the photographs, below which no band reaches."""
 
-    def band(self, predicted: Texels) -> tuple[Texels, Texels]:
-        """Return the lower and the upper end of the band of each sample that is predicted."""
-        low, high = np.moveaxis(self.tails[_brightness(predicted, self.median)], -1, 0)
-        return tuple(np.maximum(predicted + self.scale * tail, self.floor) for tail in (low, high))
+    def band(self, predicted: Float[np.ndarray, "groups n c"], level: float | int) -> tuple[Texels, Texels]:
+        """Return the lower and the upper end of the band of each sample.
+
+        As many of the sums of a prediction and a quantile lie below the band as above it.
+
+        Args:
+            predicted: What each fit that left a group out says of the samples.
+            level: Share of the sums in the band, from 0 to 1.
+        """
+        bins = _brightness(predicted.mean(0), self.median).reshape(-1)
+        scale, flat = self.scale.reshape(-1), predicted.reshape(len(predicted), -1)
+        count = len(predicted) * QUANTILES
+        ranks = [rank := int((1.0 - level) / 2.0 * count), count - 1 - rank]
+        ends = np.empty((len(scale), 2))
+        for at in range(0, len(scale), step := max(1, AT_ONCE // count)):
+            some = slice(at, at + step)
+            sums = flat[:, some].T[..., None] + (scale[some, None] * self.table[bins[some]])[:, None]
+            ends[some] = np.partition(sums.reshape(-1, count), ranks, axis=1)[:, ranks]
+        lower, upper = np.maximum(ends, self.floor).T
+        return lower.reshape(self.scale.shape), upper.reshape(self.scale.shape)
 
 
 def residual_quantiles(
-    seen: Float[np.ndarray, "views n c"], predicted: Float[np.ndarray, "views n c"], level: float | int
+    seen: Float[np.ndarray, "views n c"], predicted: Float[np.ndarray, "views n c"]
 ) -> ResidualQuantiles:
-    """Return the quantiles between which a share of the residuals lies, in every bin of brightness.
+    """Return the quantiles of the residuals in every bin of brightness.
 
     Args:
         seen: Samples of the photographs, NaN where one does not count.
         predicted: What fits that left each photograph out say of them.
-        level: The share, from 0 to 1; as many lie below the lower quantile as above the upper one.
     """
     residual = seen - predicted
     with warnings.catch_warnings():
@@ -54,9 +72,9 @@ def residual_quantiles(
     scaled = (residual / np.where(scale > 0.0, scale, 1.0))[counts]
     bins = _brightness(predicted, median)[counts]
     parts = [scaled[bins == b] for b in range(len(BRIGHTNESS) + 1)]
-    ends = ((1.0 - level) / 2.0, (1.0 + level) / 2.0)
-    tails = np.array([np.quantile(part if len(part) >= FEWEST else scaled, ends) for part in parts])
-    return ResidualQuantiles(scale, median, tails, float(np.nanmin(seen)))
+    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    table = np.array([np.quantile(part if len(part) >= FEWEST else scaled, levels) for part in parts])
+    return ResidualQuantiles(scale, median, table, float(np.nanmin(seen)))
 
 
 def _brightness(predicted: Float[np.ndarray, "... n c"], median: Texels) -> Int[np.ndarray, "... n c"]:

@@ -20,9 +20,9 @@ def photographs(seed, views=24, texels=400):
 
 def test_photographs_not_seen_lie_inside_wherever_one_looks():
     seen, predicted, hard = photographs(0)
-    quantiles = residual_quantiles(seen, predicted, 0.9)
+    quantiles = residual_quantiles(seen, predicted)
     new, of_new, _ = photographs(1)
-    lower, upper = np.moveaxis([quantiles.band(p) for p in of_new], 1, 0)
+    lower, upper = np.moveaxis([quantiles.band(p[None], 0.9) for p in of_new], 1, 0)
     inside = (lower <= new) & (new <= upper)
     assert 0.86 < inside.mean() < 0.94
     for part in (of_new > 3.0, of_new < 3.0, np.broadcast_to(hard == 1.0, new.shape)):
@@ -33,28 +33,36 @@ def test_photographs_not_seen_lie_inside_wherever_one_looks():
 def test_a_higher_level_has_wider_bands():
     seen, predicted, _ = photographs(0)
     widths = []
-    for level in (0.5, 0.9, 0.99):
-        lower, upper = residual_quantiles(seen, predicted, level).band(predicted[0])
+    for level in (0.5, 0.8, 0.95):
+        lower, upper = residual_quantiles(seen, predicted).band(predicted[:1], level)
         widths.append(upper - lower)
     assert np.all(widths[0] < widths[1])
     assert np.all(widths[1] < widths[2])
 
 
+def test_fits_that_disagree_make_wider_bands():
+    seen, predicted, _ = photographs(0)
+    quantiles = residual_quantiles(seen, predicted)
+    apart = np.array([0.5, 1.0, 1.0, 1.5])[:, None, None] * predicted[0]
+    widths = [np.subtract(*quantiles.band(of, 0.9)[::-1]) for of in (predicted[:1], apart)]
+    assert np.all(widths[1] > widths[0])
+
+
 def test_no_band_goes_below_the_darkest_sample():
     seen, predicted, _ = photographs(0)
-    lower, _ = residual_quantiles(seen, predicted, 0.9).band(0.0 * predicted[0])
+    lower, _ = residual_quantiles(seen, predicted).band(0.0 * predicted[:1], 0.9)
     assert lower.min() == seen.min()
 
 
 def test_samples_that_do_not_count_say_nothing():
     """A texel without samples has the scale of the median texel; a brightness without samples all quantiles."""
     seen, predicted, _ = photographs(0)
-    whole = residual_quantiles(seen, predicted, 0.9)
+    whole = residual_quantiles(seen, predicted)
     seen[:, 7] = np.nan
-    part = residual_quantiles(seen, predicted, 0.9)
+    part = residual_quantiles(seen, predicted)
     assert np.all((part.scale[7] > whole.scale[6]) & (part.scale[7] < 1.5 * whole.scale.max()))
     others = np.arange(400) != 7
     np.testing.assert_allclose(part.scale[others], whole.scale[others], rtol=0.2)
     unseen = np.digitize(0.1, BRIGHTNESS)  # nothing was predicted to be so dark
     scaled = ((seen - predicted) / part.scale)[np.isfinite(seen)]
-    np.testing.assert_allclose(part.tails[unseen], np.quantile(scaled, (0.05, 0.95)))
+    np.testing.assert_allclose(part.table[unseen][[0, -1]], np.quantile(scaled, (0.5 / 64, 63.5 / 64)))
