@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from ..core.backend import in_float64
 from ..core.progress import showing
 from ..core.words import count
-from ..inverse.data.views import View
+from ..inverse.data.views import View, is_grey
 from ..inverse.result import Fit, Prediction
 from ..model.rendering import intersect, select
 from ..model.scenes import Scene
@@ -54,12 +54,13 @@ class PredictionBands:
         Raises:
             ValueError: The view has another shape than the fitted ones, or its `lit` is not an index of a light.
         """
-        if view.camera.shape != self.inside.shape:
-            raise ValueError(
-                f"the view must have the shape of the fitted ones, {self.inside.shape}; got {view.camera.shape}. Give "
-                "a photograph by their camera."
-            )
         found = self.result.predict(view)
+        shape = (*self.inside.shape, self.residuals.scale.shape[1])
+        if found.image.shape != shape:
+            raise ValueError(
+                f"the view must have the shape of the fitted ones, {shape}; got {found.image.shape}. Give a photograph "
+                "by their camera."
+            )
         without = np.array([_radiance(refit.predict(view).image, view)[self.inside] for refit in self.refits])
         ends = self.residuals.band(without, self.level)
         lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
@@ -120,7 +121,7 @@ def fit_bands(
         The fit to all photographs (`result`), and what predicts photographs with bands.
 
     Raises:
-        ValueError: There are too few lights or several cameras, or `level` or `groups` is out of range.
+        ValueError: There are too few lights, or several cameras, or `level` or `groups` is out of range.
         TypeError: `fit` returns neither a `Fit` nor `TexelMaps`.
     """
     views = tuple(views)
@@ -129,8 +130,10 @@ def fit_bands(
     if not (isinstance(groups, int | np.integer) and groups >= 2):
         raise ValueError(f"groups must be a whole number of at least 2; got {groups!r}. Give for example 8.")
     for i, view in enumerate(views):
-        if not eqx.tree_equal(view.camera, views[0].camera):
-            raise ValueError(f"bands need views of one camera; views[{i}] has another one. Leave it out.")
+        if not eqx.tree_equal(view.camera, views[0].camera) or is_grey(view) != is_grey(views[0]):
+            raise ValueError(
+                f"bands need views of one camera, all grey or all in colour; views[{i}] differs. Leave it out."
+            )
     alike = _under_the_same_lights(views)
     if len(alike) < FEWEST:
         raise ValueError(
@@ -211,7 +214,7 @@ def _toward(scene: Scene, views: Sequence[View]) -> Float[np.ndarray, "views 3"]
         inside = np.asarray(buffer.mask)
         return np.array(
             [
-                sum(Unexplained.toward(light, buffer.position, inside)[0] for light in select(scene, view.lit))
+                sum((Unexplained.toward(l, buffer.position, inside)[0] for l in select(scene, view.lit)), np.zeros(3))
                 for view in views
             ]
         )

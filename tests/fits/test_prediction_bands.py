@@ -89,7 +89,7 @@ def test_what_can_have_no_bands_is_refused():
     with pytest.raises(ValueError, match="groups must be a whole number of at least 2; got 1"):
         ds.fit_bands(fit, views, groups=1)
     other = dataclasses.replace(views[5], camera=ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(20, 20)))
-    with pytest.raises(ValueError, match=r"one camera; views\[5\] has another"):
+    with pytest.raises(ValueError, match=r"one camera, all grey or all in colour; views\[5\] differs"):
         ds.fit_bands(fit, [*views[:5], other])
     with pytest.raises(TypeError, match="fit must return a Fit or TexelMaps; got NoneType"):
         ds.fit_bands(lambda _: None, views)  # pyright: ignore[reportArgumentType]

@@ -22,7 +22,7 @@ def test_photographs_not_seen_lie_inside_wherever_one_looks():
     seen, predicted, hard = photographs(0)
     quantiles = residual_quantiles(seen, predicted)
     new, of_new, _ = photographs(1)
-    lower, upper = np.moveaxis([quantiles.band(p[None], 0.9) for p in of_new], 1, 0)
+    lower, upper = np.array([quantiles.band(p[None], 0.9) for p in of_new]).swapaxes(0, 1)
     inside = (lower <= new) & (new <= upper)
     assert 0.86 < inside.mean() < 0.94
     for part in (of_new > 3.0, of_new < 3.0, np.broadcast_to(hard == 1.0, new.shape)):
