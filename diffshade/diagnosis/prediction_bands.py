@@ -97,7 +97,7 @@ def fit_bands(
 ) -> PredictionBands:
     r"""Fit photographs, and again without each of some groups of them: bands for photographs not yet seen.
 
-    $$ [q_{(1 - level)/2}, q_{(1 + level)/2}] (\mu_{-k}(x) + s R_i) $$
+    $$ lower = q_{(1 - level)/2}(\mu_{-k}(x) + s R_i), \quad upper = q_{(1 + level)/2}(\mu_{-k}(x) + s R_i) $$
 
     mu_{-k} is the prediction without group k, and R_i are the residuals of photographs from the fit without their
     group, divided by s, the size of a texel's residuals; q are quantiles of all these sums (jackknife+ and CV+; Barber,
