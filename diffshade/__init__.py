@@ -46,7 +46,8 @@ takes as `mp_context`, or fork them before anything is computed.
 
 ## What a fit can tell
 
-`examine`, `Examination`, `forecast`, `Forecast`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`
+`examine`, `Examination`, `forecast`, `Forecast`, `compare`, `ModelChoice`, `plan`, `Plan`, `Shot`, `bootstrap`,
+`fit_bands`, `PredictionBands`
 
 ## Texels
 

@@ -12,6 +12,8 @@ from .diagnosis.model_choice import ModelChoice as ModelChoice
 from .diagnosis.model_choice import compare as compare
 from .diagnosis.planning import Plan as Plan
 from .diagnosis.planning import plan as plan
+from .diagnosis.prediction_bands import PredictionBands as PredictionBands
+from .diagnosis.prediction_bands import fit_bands as fit_bands
 from .diagnosis.resampling import bootstrap as bootstrap
 from .diagnosis.sensitivity import image_sensitivity as image_sensitivity
 from .diagnosis.sensitivity import sensitivity as sensitivity

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
 from .domes import dome, place_of
 from .map_uses import is_maps, report_maps
+from .maps import bands_data, divided, on_bands
 from .materials import check_out, put_material
 from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
 from .terminal import FILE, SETTINGS, Names, answer, as_json
@@ -23,25 +25,48 @@ MODELS = ("phong", "blinn", "matte")
 @click.command(**SETTINGS, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
 @with_options(*VIEWS, *MODEL, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
+@click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo by the others, with bands")
 @click.option(
     "--checkpoint", type=click.Path(path_type=Path), metavar="FOLDER", help="Save progress here, and resume from it"
 )
 @as_json
-def fit(typed: Options, out: tuple[Path, ...], checkpoint: Path | None, as_json: bool) -> None:
-    """Fit parameters to photographs, with errors. SOURCE: a folder of them, or a scene (.toml) with PHOTOS."""
+def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, checkpoint: Path | None, as_json: bool) -> None:
+    """Fit parameters, with errors. SOURCE: a folder, or a .toml with PHOTOS."""
     check_out(out, [typed.source, *typed.photos])
     source = typed.read()
-    found = typed.fit(source, checkpoint=checkpoint)
+    seen, left_out = divided(len(source.views), hold_out)
+    source, held = source.only(seen), source.only(left_out)
+    if hold_out is None:
+        found, bands = typed.fit(source, checkpoint=checkpoint), None
+    else:
+        bands = _bands(typed, source, checkpoint)
+        found = cast("ds.Fit", bands.result)
+    coverage = None if bands is None else bands.coverage(held.views)
+    names = list(held.names)
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
     doubt = f"- for each undetermined parameter, {files} holds one of many values that fit equally well."
     lines = [
         f"{source.encodings}",
         f"{found}",
+        *([] if bands is None or coverage is None else [on_bands(bands, coverage, names)]),
         *([doubt] if out and not found.determined.all() else []),
         *map(str, written),
     ]
-    answer("\n".join(lines), {**_fit_data(found, source), "written": written}, as_json=as_json)
+    data = {**_fit_data(found, source), "written": written}
+    data["bands"] = None if bands is None or coverage is None else bands_data(bands, coverage, names)
+    answer("\n".join(lines), data, as_json=as_json)
+
+
+def _bands(typed: Options, source: Source, checkpoint: Path | None) -> ds.PredictionBands:
+    """Fit all views of a source, and again without groups of them."""
+    import diffshade as ds
+
+    def fit_some(views: Sequence[ds.View]) -> ds.Fit:
+        which = [i for i, view in enumerate(source.views) if any(view is other for other in views)]
+        return typed.fit(source.only(which), checkpoint=checkpoint if len(which) == len(source.views) else None)
+
+    return ds.fit_bands(fit_some, source.views)
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -41,6 +42,7 @@ _LOGGER = logging.getLogger("diffshade")
     "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
 )
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
+@click.option("--bands", is_flag=True, help="Bands for those left out, by 8 more fits")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
@@ -51,11 +53,12 @@ def texels(
     alone: bool,
     light_error: float | None,
     hold_out: int | None,
+    bands: bool,
     heights: bool,
     suffix: str | None,
     as_json: bool,
 ) -> None:
-    """Find maps: a material for every pixel. SOURCE: a folder of photographs, or a scene (.toml) with PHOTOS."""
+    """Find maps: a material a pixel. SOURCE: a folder, or a .toml with PHOTOS."""
     import numpy as np
 
     import diffshade as ds
@@ -69,6 +72,8 @@ def texels(
     surface = found.scene.objects[0].surface
     if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
+    if bands and hold_out is None:
+        raise ValueError("--bands needs photographs to predict; got no --hold-out. Give for example --hold-out 4.")
     seen, left_out = divided(len(found.views), hold_out)
     names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
     error: Any = light_error
@@ -77,19 +82,27 @@ def texels(
         error = None if errors is None else errors[[found.indices[i] for i in seen]]
     memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
 
-    def fitted(error: Any) -> ds.TexelMaps:
+    def fit_some(views: Sequence[ds.View], error: Any) -> ds.TexelMaps:
+        which = [k for k, i in enumerate(seen) if any(found.views[i] is view for view in views)]
         return ds.fit_texels(
             found.scene,
-            [found.views[i] for i in seen],
+            views,
             free=free,
             loss=typed.loss,
             regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
             neighbours=not alone,
-            light_error=error,
-            out=out,
+            light_error=error[which] if np.ndim(error) else error,
+            out=out if len(which) == len(seen) else None,
             progress=True,
             **memory,
         )
+
+    def fitted(error: Any) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
+        views = [found.views[i] for i in seen]
+        if not bands:
+            return fit_some(views, error), None
+        made = ds.fit_bands(lambda some: fit_some(some, error), views)
+        return cast("ds.TexelMaps", made.result), made
 
     with by_name(tuple(names)):
         response = None
@@ -100,15 +113,17 @@ def texels(
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
         try:
-            maps = fitted(error)
+            maps, made = fitted(error)
         except UnsuitedLights:
             if light_error is not None:  # asked for by hand
                 raise
             _LOGGER.warning(
                 "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
             )
-            maps = fitted(None)
-    relative = maps.relative_errors([found.views[i] for i in left_out])
+            maps, made = fitted(None)
+    held = [found.views[i] for i in left_out]
+    relative = maps.relative_errors(held)
+    coverage = None if made is None else made.coverage(held)
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     relief = integrated(maps) if heights else None
     if relief is not None:
@@ -127,6 +142,7 @@ def texels(
                 *([] if response is None else [f"{response}"]),
                 *([] if relief is None else [f"{relief}"]),
                 *([] if hold_out is None else [_on_left_out(relative, left_names)]),
+                *([] if made is None or coverage is None else [on_bands(made, coverage, left_names)]),
                 f"{out}: the maps",
             ]
         ),
@@ -136,6 +152,7 @@ def texels(
                 name: None if np.isnan(error) else float(error)
                 for name, error in zip(left_names, relative, strict=True)
             },
+            "bands": None if made is None or coverage is None else bands_data(made, coverage, left_names),
             "read_as": found.encodings.names,
             "gamma": None if response is None else {"value": response.gamma, "error": response.error},
             "folder": out,
@@ -173,6 +190,24 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
         f"left out: {count(len(names), 'photograph')}, predicted with a relative error of {np.nanmedian(relative):.1%} "
         f"in the median, {np.nanmean(relative):.1%} in the mean, {relative[worst]:.1%} at most ({names[worst]})"
     )
+
+
+def on_bands(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> str:
+    """Say how many samples of the photographs that were left out lie inside their bands."""
+    import numpy as np
+
+    from ..core.words import count
+
+    worst = int(np.nanargmin(coverage))
+    return (
+        f"{bands}: they hold {np.nanmean(coverage):.0%} of those of the {count(len(names), 'photograph')} held out, "
+        f"{coverage[worst]:.0%} at least ({names[worst]})"
+    )
+
+
+def bands_data(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> dict[str, Any]:
+    """Return the same for JSON."""
+    return {"level": bands.level, "inside": dict(zip(names, map(float, coverage), strict=True))}
 
 
 def integrated(maps: ds.TexelMaps) -> ds.HeightMap:

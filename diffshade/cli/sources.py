@@ -96,6 +96,11 @@ class Source:
     indices: tuple[int, ...] = ()
     """Which of the folder's photographs names each view."""
 
+    def only(self, which: Sequence[int]) -> Source:
+        """Return the same with some of the views."""
+        views, names = (tuple(of[i] for i in which) for of in (self.views, self.names))
+        return replace(self, views=views, names=names, indices=tuple(self.indices[i] for i in which if self.indices))
+
 
 @dataclass(frozen=True)
 class Options:

@@ -177,6 +177,10 @@ class Prediction:
     """What the fit predicts, in the photograph's channels."""
     counts: Bool[np.ndarray, "h w c"]
     """Samples that count: on the object, inside the mask, not clipped."""
+    lower: Float[np.ndarray, "h w c"] | None = None
+    """The lower end of the band of each sample, where `fit_bands` made one."""
+    upper: Float[np.ndarray, "h w c"] | None = None
+    """The upper end."""
 
     @property
     def difference(self) -> Float[np.ndarray, "h w c"]:
@@ -187,3 +191,10 @@ class Prediction:
     def rmse(self) -> float:
         """Root mean square of the difference where it counts."""
         return float(np.sqrt(np.sum(self.difference**2) / self.counts.sum()))
+
+    @property
+    def coverage(self) -> float:
+        """Share of the samples that count which lie inside their bands; NaN without bands, or where none counts."""
+        if self.lower is None or self.upper is None or not self.counts.any():
+            return np.nan
+        return float(np.mean(((self.lower <= self.target) & (self.target <= self.upper))[self.counts]))

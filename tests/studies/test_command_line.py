@@ -77,6 +77,18 @@ def test_photographs_left_out_of_texels_are_predicted(typed, folder):
     assert "at most (" in typed("texels", folder, "-o", "more", "--hold-out", "4")
 
 
+def test_bands_of_photographs_left_out(typed, tmp_path):
+    folder = ball_under_distant_lights(tmp_path / "twelve", 24, 12)
+    for words in (("fit", folder), ("texels", folder, "-o", "maps", "--free", "k_d,k_s,n_s", "--bands")):
+        told = json.loads(typed(*words, "--hold-out", "4", "--json"))["bands"]
+        assert told["level"] == 0.9
+        assert sorted(told["inside"]) == ["11.exr", "3.exr", "7.exr"]
+        assert 0.8 < np.mean(list(told["inside"].values())) < 0.97
+    said = typed("fit", folder, "--hold-out", "4", "-o", "ball.toml")
+    assert re.search(r"from 9 photographs left out in 8 groups: they hold \d+% of those of the 3 photographs", said)
+    assert Path("ball.toml").is_file()
+
+
 def test_models_are_compared(typed, folder):
     """Of which matte has no highlight, whatever is said of it."""
     words = ["--grey", "k_s", "--bounds", "n_s=1:100", "--model", "phong,matte", "--json"]

@@ -358,6 +358,8 @@ def test_too_few_photographs_to_leave_one_out(typed):
     outcome = typed("texels", "photographs", "-o", "maps", "--hold-out", "99")
     assert outcome.status != 0
     assert "--hold-out must be from 2 to the number of photographs" in outcome.err
+    assert "got no --hold-out" in typed("texels", "photographs", "-o", "maps", "--bands").err
+    assert "at least 8 different lights; got 6" in typed("fit", "photographs", "--hold-out", "4").err
     assert not Path("maps").exists()
 
 

@@ -1,0 +1,95 @@
+"""Bands that hold the samples of photographs that a fit has not seen."""
+
+import dataclasses
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.diagnosis.prediction_bands import spread_groups
+
+CAMERA = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(20, 20))
+
+
+def directions(number, seed=2):
+    """Directions toward lights in front of the object, drawn at random."""
+    random = np.random.default_rng(seed)
+    across = random.uniform(-0.7, 0.7, (number, 2))
+    return np.column_stack([across, np.ones(number)])
+
+
+@cache
+def problem():
+    """A scene that knows the wrong highlight, and photographs of 24 lights with noise and exposures of their own."""
+    lights = [ds.DirectionalLight(tuple(-l)) for l in directions(24)]
+    true, told = (ds.Material(k_d=(0.6, 0.4, 0.2), k_s=0.3, n_s=n) for n in (20, 60))
+    scene = ds.Scene(ds.Object(ds.Sphere(), true), lights)
+    random = np.random.default_rng(0)
+    views = []
+    for i in range(24):
+        with jax.enable_x64(True):
+            radiance = np.asarray(ds.render(scene, CAMERA, lit=i))
+        exposure = float(random.uniform(0.5, 2.0))
+        image = exposure * (radiance + 0.01 * random.normal(size=radiance.shape)) + 0.02
+        views.append(ds.View(image, CAMERA, lit=i, exposure=exposure, black=0.02))
+    return ds.Scene(ds.Object(ds.Sphere(), told), lights), tuple(views)
+
+
+def fit(views):
+    return ds.fit(problem()[0], views, free=("k_d",))
+
+
+def fit_texels(views):
+    return ds.fit_texels(problem()[0], views, free=("k_d",))
+
+
+@pytest.mark.parametrize("fitting", [pytest.param(fit, marks=pytest.mark.thorough), fit_texels])
+def test_bands_hold_photographs_that_were_left_out(fitting):
+    views = problem()[1]
+    bands = ds.fit_bands(fitting, views[:16], groups=4)
+    assert sorted(i for group in bands.groups for i in group) == list(range(16))
+    inside = bands.coverage(views[16:])
+    assert 0.86 < inside.mean() < 0.94
+    assert "90% of the samples of a photograph not seen, from 16 photographs left out in 4 groups" in f"{bands}"
+    seen = bands.predict(views[20])
+    assert seen.coverage == inside[4]
+    plain = bands.result.predict(views[20])
+    np.testing.assert_array_equal(seen.image, plain.image)
+    assert np.isnan(plain.coverage)
+    assert seen.lower is not None
+    assert seen.upper is not None
+    width = np.median((seen.upper - seen.lower)[seen.counts]) / float(views[20].exposure)
+    noise = 2 * 1.64 * 0.01
+    assert 0.8 * noise < width < 3 * noise
+
+
+def test_groups_are_spread_over_the_lights():
+    """No light's nearest neighbours are left out with it as often as by chance; views under one light always are."""
+    scene, views = problem()
+    alike = [[i] for i in range(24)]
+    alike[3].append(24)
+    groups = spread_groups(scene, (*views, views[3]), alike, 5)
+    assert sorted(i for group in groups for i in group) == list(range(25))
+    assert any({3, 24} <= set(group) for group in groups)
+    assert {len(group) for group in groups} <= {4, 5, 6}
+    group_of = {i: k for k, group in enumerate(groups) for i in group}
+    apart = np.linalg.norm(directions(24)[:, None] - directions(24), axis=-1)
+    nearest = np.argsort(apart, axis=1)[:, 1]
+    assert np.mean([group_of[i] == group_of[j] for i, j in enumerate(nearest)]) < 0.1
+
+
+def test_what_can_have_no_bands_is_refused():
+    views = problem()[1]
+    with pytest.raises(ValueError, match="at least 8 different lights; got 7"):
+        ds.fit_bands(fit_texels, views[:7])
+    with pytest.raises(ValueError, match=r"level must be from 0\.5 to 0\.95; got 1\.5"):
+        ds.fit_bands(fit, views, level=1.5)
+    with pytest.raises(ValueError, match="groups must be a whole number of at least 2; got 1"):
+        ds.fit_bands(fit, views, groups=1)
+    other = dataclasses.replace(views[5], camera=ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(20, 20)))
+    with pytest.raises(ValueError, match=r"one camera, all grey or all in colour; views\[5\] differs"):
+        ds.fit_bands(fit, [*views[:5], other])
+    with pytest.raises(TypeError, match="fit must return a Fit or TexelMaps; got NoneType"):
+        ds.fit_bands(lambda _: None, views)  # pyright: ignore[reportArgumentType]
