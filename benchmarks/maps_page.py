@@ -3,8 +3,8 @@
 python benchmarks/maps_page.py [--side 2048] [--screen 1920x1080] [--seconds 5]
 
 The maps are made up, with noise as photographs of things leave it; every number differs from its neighbours', so that
-PNG finds little to compress. While the light moves a picture has as many pixels as are drawn in time; how many they
-were is printed. Needs Chromium and its driver, as the tests do.
+PNG finds little to compress. While the light moves, a machine that draws fewer than ten whole pictures a second draws
+fewer pixels; how many they were is printed. Needs Chromium and its driver, as the tests do.
 """
 
 from __future__ import annotations
@@ -131,7 +131,9 @@ def main() -> None:
             )
             for shadows in ("photographed", "none", "cast"):
                 browser.execute_script(f"document.querySelector('[name=shadows][value={shadows}]').click()")
-                time.sleep(2.0)
+                time.sleep(1.0)
+                while not browser.execute_script(script):  # the picture at rest is no part of the pictures that follow
+                    time.sleep(0.1)
                 browser.execute_async_script(DRAGGED, 4.0)
                 gaps = browser.execute_async_script(DRAGGED, given.seconds)
                 drawn = browser.execute_script(

@@ -75,7 +75,7 @@ def encoding_of(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
 
 
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
-    """Read a mask: True where alpha or, in a file without alpha, the mean of the channels is at least half.
+    """Read a mask: True where alpha or, in a file without alpha or opaque everywhere, the mean colour is at least half.
 
     Half is half of the full range of integers (128 of 255 is inside and 127 is not) and .5 for floats. No sRGB curve is
     applied.
@@ -94,7 +94,10 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     """
     path = Path(path)
     image = as_fractions(path, _read(path))
-    return (image[..., -1] if _has_alpha(image) else image.mean(axis=-1)) >= 0.5
+    if not _has_alpha(image):
+        return image.mean(axis=-1) >= 0.5
+    colours, alpha = image[..., :-1], image[..., -1]
+    return (alpha if (alpha < 0.5).any() else colours.mean(axis=-1)) >= 0.5
 
 
 def write_image(

@@ -141,7 +141,7 @@ class ViewReader:
                     f"views[{i}]: the image must be finite inside the mask; got {values[:, bad.argmax()]} at row "
                     f"{first + row}, column {column}. Mask it out."
                 )
-            values[:, ~finite] = 0.0
+            values[:, ~(finite & counts[which])] = 0.0
         position = None if position is None else position[which]
         return TexelTile(pixels + first * width, normal[which], position, target, usable)
 

@@ -23,7 +23,8 @@ from ..model.vectors import Vec3
 
 WIDTHS = (0.1, 0.2, 0.4, 0.8)  # in units of a unit vector's change
 NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
-PARTS = 9  # numbers that are kept of the residuals of a texel and channel
+LEAST_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
+MOST_BYTES = 100e6  # of all texels' parts, where more than the least are kept
 LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
 LEAST_SPREAD = 1e-6  # of a combination of views, relative to the largest
 
@@ -96,14 +97,20 @@ class Unexplained(NamedTuple):
         return toward / (np.linalg.norm(toward) or 1.0), arriving
 
 
+def most_parts(numbers: int) -> int:
+    """Return how many parts are kept of so many residuals of each view: texels times channels."""
+    return max(LEAST_PARTS, int(MOST_BYTES / (np.float16(0).itemsize * numbers)))
+
+
 def interpolation_of(
-    toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]
+    toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"], parts: int
 ) -> Interpolation | None:
     """Return the interpolation that predicts views best from the others, or None if none predicts them better than 0.
 
     Args:
         toward: Unit vectors to the light of each view.
         residual: What some texels show beyond the model, as a reflectance.
+        parts: How many numbers may be kept of a texel's residuals.
     """
     residual = np.asarray(residual, np.float64)
     size, best = float(np.mean(residual**2)), np.inf
@@ -122,7 +129,7 @@ def interpolation_of(
     root = np.sqrt(np.maximum(spread, LEAST_SPREAD * spread[-1]))
     smooth = (axes * root).T @ np.linalg.inv(_noisy(toward, width, noise))
     light = smooth @ residual
-    largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :PARTS]
+    largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :parts]
     return Interpolation(toward, width, largest.T @ smooth, (axes / root) @ largest)
 
 

@@ -331,8 +331,8 @@ def test_residuals_are_interpolated_only_where_they_repeat():
     lights, rng = lights_about(40), np.random.default_rng(0)
     smooth = np.stack([lights @ rng.standard_normal(3) for _ in range(200)], 1)
     noise = 0.1 * rng.standard_normal(smooth.shape)
-    assert interpolation_of(lights, noise) is None
-    found = interpolation_of(lights[::2], (smooth + noise)[::2])
+    assert interpolation_of(lights, noise, 9) is None
+    found = interpolation_of(lights[::2], (smooth + noise)[::2], 9)
     assert found is not None
     shown = np.stack([found.weights(l) for l in lights[1::2]]) @ found.taken @ (smooth + noise)[::2]
     inner = lights[1::2, 2] > 0.6

@@ -13,6 +13,7 @@ from report_pages import Page
 
 import diffshade as ds
 from diffshade.cli import diffshade
+from diffshade.report.page.maps import layers
 from diffshade.report.page.maps import numbers as numbers_of_maps
 from diffshade.report.page.maps.layers import Channel, folded, layers_of, unfolded
 from diffshade.report.page.maps.numbers import numbers_of
@@ -86,18 +87,33 @@ def test_every_overlay_has_a_legend_in_words(page):
 def test_layers_hold_the_numbers_as_finely_as_they_say(bumpy):
     maps, heights, _ = bumpy
     numbers = numbers_of(maps, heights)
-    layers = {layer.name: layer.numbers for layer in layers_of(numbers)[0]}
+    kept = {layer.name: layer.numbers for layer in layers_of(numbers)[0]}
     inside = numbers.inside
-    np.testing.assert_allclose(unfolded(layers["geometry"][..., :2])[inside], numbers.normal[inside], atol=1e-4)
-    np.testing.assert_allclose(layers["geometry"][..., 2][inside], heights.height[inside], atol=1e-5)
+    np.testing.assert_allclose(unfolded(kept["geometry"][..., :2])[inside], numbers.normal[inside], atol=1e-4)
+    np.testing.assert_allclose(kept["geometry"][..., 2][inside], heights.height[inside], atol=1e-5)
     for name in ("k_d", "k_s", "own"):
-        np.testing.assert_allclose(layers[name][inside], getattr(numbers, name)[inside], atol=2e-4)
-    np.testing.assert_allclose(layers["index"][..., 0][inside], 30.0, rtol=1e-3)
-    np.testing.assert_array_equal(layers["index"][..., 1], maps.status)
+        np.testing.assert_allclose(kept[name][inside], getattr(numbers, name)[inside], atol=2e-4)
+    np.testing.assert_allclose(kept["index"][..., 0][inside], 30.0, rtol=1e-3)
+    np.testing.assert_array_equal(kept["index"][..., 1], maps.status)
     assert numbers.beyond is not None
     for k in range(4):
-        np.testing.assert_allclose(layers[f"beyond{k}"][inside], numbers.beyond[inside][..., k], atol=2e-4)
+        np.testing.assert_allclose(kept[f"beyond{k}"][inside], numbers.beyond[inside][..., k], atol=2e-4)
     np.testing.assert_allclose(numbers.own[inside], 0.01 + 0.1 * 0.2, rtol=1e-6)
+
+
+def test_all_parts_of_the_light_beyond_the_model_are_kept_where_they_fit(bumpy, monkeypatch):
+    maps, heights, _ = bumpy
+    given = maps.unexplained.interpolation
+    many = ds.TexelMaps(**{**vars(maps), "unexplained": maps.unexplained._replace(
+        interpolation=given._replace(taken=np.tile(given.taken, (5, 1)), given=np.tile(given.given, 5)),
+        parts=np.tile(maps.unexplained.parts.reshape(40, 56, 3, 4), 5).reshape(40, 56, 60),
+    )})  # fmt: skip
+    numbers = numbers_of(many, heights)
+    kept, files = layers_of(numbers)
+    assert sum(layer.name.startswith("beyond") for layer in kept) == 20
+    size = sum(len(base64.b64decode(file)) for of in files.values() for file in of)
+    monkeypatch.setattr(layers, "LIMIT", size - 1)
+    assert sum(layer.name.startswith("beyond") for layer in layers_of(numbers)[0]) == 19
 
 
 def test_unit_vectors_of_every_direction_are_unfolded_again():

@@ -259,7 +259,13 @@ def test_srgb_is_the_curve_of_the_standard(tmp_path):
 def test_a_mask_is_alpha_or_else_grey_from_half_up(tmp_path, bits):
     full, path = 2**bits - 1, tmp_path / "a.png"
     levels, inside = np.array([[0, full // 2, full // 2 + 1, full]]) / full, [[False, False, True, True]]
-    for image in (levels, np.stack([levels] * 3, -1), np.stack([0 * levels, 0 * levels, 0 * levels, levels], -1)):
+    none, whole = 0 * levels, 0 * levels + 1
+    for image in (
+        levels,
+        np.stack([levels] * 3, -1),
+        np.stack([none, none, none, levels], -1),
+        np.stack([levels, levels, levels, whole], -1),  # opaque everywhere: the colours are the mask
+    ):
         write_image(path, image, bits=bits, srgb=False)
         np.testing.assert_array_equal(read_mask(path), inside)
     write_image(tmp_path / "a.tga", [[[1, 0.6, 0], [1, 0, 0], [0, 1, 1]]])  # a colour by its mean

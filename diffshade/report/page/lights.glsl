@@ -1,4 +1,5 @@
-// What arrives from lights (E2, E3). The shader that includes this gives `lights`, a row an emitter.
+// What arrives from lights (E2, E3). The shader that includes this gives `lights`, a row an emitter; or defines DISTANT
+// where the only one is at infinity, which is faster.
 
 float logarithm(float x) {  // near 1 to the last digit, where log of a GPU is known to 2^-21 only
   if (x < 0.8 || x > 1.25) return log(x);
@@ -6,6 +7,14 @@ float logarithm(float x) {  // near 1 to the last digit, where log of a GPU is k
   return 2.0 * s * (1.0 + q * (1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q / 9.0))));
 }
 
+#ifdef DISTANT
+uniform vec3 toward, intensity;
+
+vec3 arriving(int i, vec3 p, out vec3 l) {
+  l = toward;
+  return intensity;
+}
+#else
 float radial(vec3 a, float d, bool clamped) {  // E2
   d = max(d, 1e-6);
   float f = 1.0 / (a.x + d * (a.y + d * a.z));
@@ -31,3 +40,4 @@ vec3 arriving(int i, vec3 p, out vec3 l) {  // from an emitter at p: direction t
   vec3 found = shine.rgb * radial(fade.xyz, d, shine.w > 0.0);
   return fade.w > 0.0 ? found * angular(-dot(l, axis.xyz), axis.w, cone.y, cone.x) : found;
 }
+#endif

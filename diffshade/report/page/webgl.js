@@ -15,9 +15,10 @@ const vectors = (() => {
 const webgl = (() => {
   const WHOLE = "#version 300 es\nin vec2 corner;\nvoid main() { gl_Position = vec4(corner, 0.0, 1.0); }";
 
-  function program(gl, fragments) {  // one that draws the whole target; null where it does not compile
+  function program(gl, fragments, defined = {}) {  // one that draws the whole target; null where it does not compile
+    const defines = Object.entries(defined).map(([name, value]) => `#define ${name} ${value}\n`).join("");
     const of = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, WHOLE], [gl.FRAGMENT_SHADER, fragments.trim()]]) {
+    for (const [kind, source] of [[gl.VERTEX_SHADER, WHOLE], [gl.FRAGMENT_SHADER, fragments.trim().replace("\n", `\n${defines}`)]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, source);
       gl.compileShader(shader);

@@ -238,9 +238,11 @@ def coefficients_of(
     k_s = jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype))
     matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
     k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + LEAST_CURVATURE)
-    beyond = jnp.where(observed.counts[:, None], shown - k_d[None] * D[:, None] - k_s[None] * S[:, None], 0.0)
+    beyond = shown - k_d[None] * D[:, None] - k_s[None] * S[:, None]
+    at_least = jnp.maximum(beyond, 0.0)  # of what was clipped; nothing was shown outside a mask
+    beyond = jnp.where(observed.counts[:, None], beyond, at_least)
     samples = jnp.maximum(jnp.sum(observed.counts, 0, dtype=float) * shown.shape[1], 1.0)
-    squared = (beyond.astype(float) * arriving) ** 2
+    squared = jnp.where(observed.counts[:, None], beyond.astype(float) * arriving, 0.0) ** 2
     if setup.noise is not None:
         squared /= jax.vmap(lambda noise, shown: noise.variance(shown))(
             setup.noise, block.observed.target.astype(float)

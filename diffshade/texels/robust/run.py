@@ -20,7 +20,7 @@ from ..prediction import KnownCoefficients
 from ..status import DETERMINED, LEAST_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
-from ..unexplained import Unexplained, interpolation_of
+from ..unexplained import Unexplained, interpolation_of, most_parts
 from .block_fits import (
     Coefficients,
     Normals,
@@ -169,7 +169,9 @@ class RobustRun(TexelWork):
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
         seen = self.each(sample, lambda block, model, _: seen_by(self.setup, self.known, block, model), refined)
         brightest = np.asarray(seen.brightest).max(keepdims=True)[0]
-        interpolation = interpolation_of(self.toward(sample), seen.beyond)
+        reader = self.tiles.reader
+        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels)
+        interpolation = interpolation_of(self.toward(sample), seen.beyond, parts)
         if interpolation is not None:
             interpolation = interpolation.in_units_of(float(brightest))
         return Shared(models, refined, brightest, interpolation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ class Quality(NamedTuple):
     beyond: int
     """Bits of the light beyond the model."""
     parts: int
-    """How many of the parts of the light beyond the model are kept, the largest first."""
+    """How many parts of the light beyond the model are kept at least, the largest first."""
     coarser: int
     """How many texels a number of the light beyond the model, or an error, is wide."""
 
@@ -125,7 +125,7 @@ def layers_of(numbers: Numbers) -> tuple[list[Layer], dict[str, list[str]]]:
     fitting = [quality for quality in QUALITIES if numbers.status.size <= quality.most_texels]
     layers, files = _encoded(numbers, fitting[0])
     for quality in fitting[1:]:
-        if sum(len(file) for planes in files.values() for file in planes) <= LIMIT:
+        if _size(files) <= LIMIT:
             break
         layers, files = _encoded(numbers, quality)
     encoded = {name: [base64.b64encode(file).decode("ascii") for file in planes] for name, planes in files.items()}
@@ -133,8 +133,20 @@ def layers_of(numbers: Numbers) -> tuple[list[Layer], dict[str, list[str]]]:
 
 
 def _encoded(numbers: Numbers, quality: Quality) -> tuple[list[Layer], dict[str, list[bytes]]]:
+    """Return the layers and their files, with as many parts of the light beyond the model as fit."""
     layers = list(_layers(numbers, quality))
-    return layers, {layer.name: layer.planes() for layer in layers}
+    files = {layer.name: layer.planes() for layer in layers}
+    for k, layer in enumerate(_parts(numbers, quality)):
+        planes = layer.planes()
+        if k >= quality.parts and _size(files) + sum(map(len, planes)) > LIMIT:
+            break
+        layers.append(layer)
+        files[layer.name] = planes
+    return layers, files
+
+
+def _size(files: Mapping[str, Sequence[bytes]]) -> int:
+    return sum(len(file) for planes in files.values() for file in planes)
 
 
 def _layers(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
@@ -151,15 +163,20 @@ def _layers(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
     index = np.stack([numbers.n_s, numbers.status, numbers.region], -1)
     counts = Channel(LINEAR, 8, 0.0, 254.0)
     yield _layer("index", index, (_channel(LOGARITHMIC, bits, numbers.n_s[numbers.n_s > 0.0]), counts, counts), inside)
-    coarse = thinned(inside, quality.coarser)
-    if numbers.beyond is not None:
-        for k in range(min(quality.parts, numbers.beyond.shape[-1])):
-            part = thinned(np.where(inside[..., None], numbers.beyond[..., k], 0.0), quality.coarser)
-            reach = _channel(SIGNED_SQUARE, quality.beyond, part)
-            layer = _layer(f"beyond{k}", part, (reach,) * 3, coarse)
-            yield dataclasses.replace(layer, coarser=quality.coarser)
     for i, names in enumerate(ERRORS):
         yield _error_layer(f"errors{i}", names, numbers, quality.coarser)
+
+
+def _parts(numbers: Numbers, quality: Quality) -> Iterator[Layer]:
+    """Yield the parts of the light beyond the model, the largest first."""
+    if numbers.beyond is None:
+        return
+    inside = numbers.inside
+    everywhere = np.ones_like(thinned(inside, quality.coarser))  # 0 outside: the page interpolates
+    for k in range(numbers.beyond.shape[-1]):
+        part = thinned(np.where(inside[..., None], numbers.beyond[..., k], 0.0), quality.coarser)
+        reach = _channel(SIGNED_SQUARE, quality.beyond, part)
+        yield dataclasses.replace(_layer(f"beyond{k}", part, (reach,) * 3, everywhere), coarser=quality.coarser)
 
 
 def _error_layer(name: str, names: Sequence[str], numbers: Numbers, coarser: int) -> Layer:

@@ -24,13 +24,12 @@
 
   function weights(toward) {  // of the light beyond the model (diffshade.texels.unexplained)
     const of = scene.interpolation;
-    if (!of) return new Array(12).fill(0);
+    if (!of) return [];
     const near = of.toward.map((from) => {
       const d = (Math.sqrt(3) * Math.hypot(...from.map((x, i) => x - toward[i]))) / of.width;
       return (1 + d) * Math.exp(-d);
     });
-    const found = of.given[0].map((_, k) => near.reduce((sum, x, i) => sum + x * of.given[i][k], 0));
-    return [0, 3, 6].flatMap((k) => [found[k] ?? 0, found[k + 1] ?? 0, found[k + 2] ?? 0, 0]);
+    return of.given[0].map((_, k) => near.reduce((sum, x, i) => sum + x * of.given[i][k], 0));
   }
 
   function emitters() {

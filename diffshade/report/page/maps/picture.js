@@ -1,28 +1,45 @@
 "use strict";
-// The picture of the maps: shadow.glsl, then maps.glsl over what is seen, then present.glsl onto the canvas. While it
-// changes it has as many pixels as the machine draws in time; at rest it has all, each a mean of several samples.
+// The picture of the maps: shadow.glsl or beyond.glsl, then maps.glsl where the maps are, onto the canvas or, where it
+// is interpolated, averaged or compared, by present.glsl. While it changes, a machine that cannot draw ten pictures a
+// second draws fewer pixels; at rest there are all, each a mean of several samples.
 const mapPicture = (canvas, gl, scene, textures) => {
   const SAMPLES = 8;           // of a pixel at rest, where it is wider than a texel
-  const SLOW = 70, FAST = 34;  // milliseconds between pictures from which they get fewer or more pixels
-  const AIM = 50, CHANGE = [0.25, 1.3];  // milliseconds; of the pixels, between two pictures
+  const SLOW = 100, FAST = 60;  // milliseconds between pictures from which they get fewer or more pixels
+  const AIM = 80, CHANGE = [0.5, 1.3];  // milliseconds; of the pixels, between two pictures
   const AT_ONCE = 100;         // milliseconds within which a picture follows another while something moves
   const LEAST = 1 << 14, MOST = 1 << 23;  // pixels
-  const SHADOWS = 0.25;        // texels of the shadows for a pixel
+  const SHADOWS = 1 / 32;      // texels of the shadows for a pixel, while it changes
   const AT_REST = 1 << 20;     // texels of the shadows
-  const programs = Object.fromEntries(["shadow", "maps", "present"].map(
-    (name) => [name, webgl.program(gl, document.getElementById(`${name}-shader`).textContent)],
-  ));
-  if (Object.values(programs).includes(null)) return null;
-  const lights = webgl.texture(gl, gl.NEAREST), none = webgl.texture(gl, gl.NEAREST);
+  const programs = new Map();
+  const lights = webgl.texture(gl, gl.NEAREST), weights = webgl.texture(gl, gl.NEAREST);
+  const none = webgl.texture(gl, gl.NEAREST);
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
-  const targets = { shadow: target("RGBA8"), moving: target("RGBA8"), resting: target("RGBA16F") };
+  const targets = { shadow: target("RGBA8"), beyond: target("RGBA16F"), moving: target("RGBA8"), resting: target("RGBA16F") };
   const { camera } = scene, size = scene.layers.find((layer) => layer.name === "geometry").size;
   const parts = scene.layers.filter((layer) => layer.name.startsWith("beyond"));
+  const fixed = { LOBE: scene.lobe, ...highlight(), ...(!scene.own && { OWN: 1 }) };
+  if (camera.local_viewer) Object.assign(fixed, { LOCAL_VIEWER: 1, POINTS: 1 });
   let state = null, samples = 0, resting = false, waiting = 0, rest = 0, asked = 0, last = 0;
-  let budget = 1 << 19, shadowed = null;
+  let budget = MOST, shadowed = null;
+  if (!program("maps", fixed)) return null;
 
   function target(format) {
     return { frame: gl.createFramebuffer(), format, of: webgl.texture(gl, gl.LINEAR), size: [0, 0] };
+  }
+
+  function program(name, defined) {  // with what it needs of the definitions that a picture makes
+    const key = JSON.stringify([name, defined]);
+    if (!programs.has(key)) programs.set(key, webgl.program(gl, document.getElementById(`${name}-shader`).textContent, defined));
+    return programs.get(key);
+  }
+
+  function highlight() {  // that texels share: a line that adds its powers, each the square of the one before
+    const { shapes, first_power: first, lobe } = scene, doublings = Math.log2(first);
+    if (shapes.length !== 1 || !Number.isInteger(doublings) || doublings < 0 || lobe > 1) {
+      return shapes.length ? { POWERS: shapes[0].length } : {};
+    }
+    const add = (weight, j) => (j ? "power *= power;" : "") + (weight ? ` total += ${weight.toExponential()} * power;` : "");
+    return { SHAPE: "power *= power; ".repeat(doublings) + shapes[0].map(add).join(" ") };
   }
 
   function begin(into, [width, height]) {
@@ -54,24 +71,57 @@ const mapPicture = (canvas, gl, scene, textures) => {
   Object.assign(place, { eye: camera.eye, backward: camera.backward });
 
   function upload() {
-    const rows = state.emitters, table = new Float32Array(32 * Math.max(rows.length, 1));
+    const rows = state.emitters.map((row) => row.slice(0, 20)), number = Math.max(rows.length, 1);
+    fill(lights, gl.RGBA32F, gl.RGBA, [5, number], rows);
+    fill(weights, gl.R32F, gl.RED, [Math.max(parts.length, 1), number], state.emitters.map((row) => row.slice(20, 20 + parts.length)));
+  }
+
+  function fill(texture, format, channels, [width, height], rows) {
+    const table = new Float32Array(width * height * (channels === gl.RED ? 1 : 4));
     table.set(rows.flat());
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, lights);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 8, Math.max(rows.length, 1), 0, gl.RGBA, gl.FLOAT, table);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, format, width, height, 0, channels, gl.FLOAT, table);
+  }
+
+  function lighting() {  // what a program needs of the light: DISTANT, one at infinity, or points that it is seen from
+    if (state.emitters.length === 1 && state.emitters[0][3] === 0) return { DISTANT: 1 };
+    return scene.placed ? { POINTS: 1 } : {};
+  }
+
+  function shine(program, { DISTANT }) {
+    gl.uniform1i(program.place("count"), state.emitters.length);
+    if (!DISTANT) return;
+    gl.uniform3fv(program.place("toward"), state.emitters[0].slice(0, 3));
+    gl.uniform3fv(program.place("intensity"), state.emitters[0].slice(4, 7));
   }
 
   function castShadows(most) {
     const scale = Math.min(1, Math.sqrt(most / (size[0] * size[1])));
-    const wide = size.map((side) => Math.max(Math.round(side * scale), 1)), key = JSON.stringify([state.emitters, wide]);
+    const wide = size.map((side) => Math.max(Math.round(side * scale), 1)), key = JSON.stringify([state.emitters, wide, resting]);
     if (key === shadowed) return;
     shadowed = key;
-    const [low, high] = scene.heights, program = programs.shadow;
+    const [low, high] = scene.heights, defined = lighting(), shadow = program("shadow", defined);
     begin(targets.shadow, wide);
-    use(program, { ...place, size, target_size: wide, texel: camera.texel, low, high }, { count: state.emitters.length });
+    use(shadow, { ...place, size, target_size: wide, texel: camera.texel, low, high, growth: resting ? 0.03 : 0.1 });
+    shine(shadow, defined);
     const rows = [...camera.to_pixel, [0, 0, 0, 1]].flat();  // a point times it: GLSL takes them for columns
-    gl.uniformMatrix4fv(program.place("to_pixel"), false, rows);
-    mapTextures.bind(gl, program, { relief: [textures.relief], lights: [lights] });
+    gl.uniformMatrix4fv(shadow.place("to_pixel"), false, rows);
+    mapTextures.bind(gl, shadow, { relief: [textures.relief], lights: [lights] });
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  function goBeyond() {
+    const defined = { PARTS: parts.length, ...lighting() };
+    if (defined.DISTANT) defined.SUM = parts.map((_, k) => `total += weight[${k}] * part(at, ${k});`).join(" ");
+    const beyond = program("beyond", defined);
+    begin(targets.beyond, parts[0].size);
+    use(beyond, { ...place, coarser: parts[0].coarser, gain: state.gain });
+    shine(beyond, defined);
+    if (defined.SUM) gl.uniform1fv(beyond.place("weight"), state.emitters[0].slice(20, 20 + parts.length));
+    mapTextures.bind(gl, beyond, {
+      geometry: [textures.geometry], lights: [lights], weights: [weights], parts: [textures.beyond, gl.TEXTURE_2D_ARRAY],
+    });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
@@ -89,24 +139,30 @@ const mapPicture = (canvas, gl, scene, textures) => {
     return of;
   }
 
-  function shade(into, of, shift, shadows) {
-    const { overlay, material } = state, program = programs.maps;
-    begin(into, of.size);
-    use(program, {
-      ...place, size, corner: of.corner.map((x, i) => x + shift[i] * of.stride), stride: [of.stride, of.stride],
-      specular: material.specular, coarser: parts[0]?.coarser ?? 1, first_power: scene.first_power,
+  function shade(into, of, { shift = [0, 0], shadows, beyond }) {  // into a target, or onto the canvas
+    const { overlay, material } = state, height = of.size[1];
+    const defined = {
+      ...fixed, ...lighting(),
+      ...(shadows && { SHADOWS: 1 }), ...(beyond && { BEYOND: 1 }), ...(overlay.kind && { OVERLAY: overlay.kind }),
+    };
+    const maps = program("maps", defined), first = of.corner.map((x, i) => x + shift[i] * of.stride);
+    if (into) begin(into, of.size);
+    else beginCanvas(of);
+    if (samples === 0) gl.clear(gl.COLOR_BUFFER_BIT);
+    use(maps, {
+      ...place, size, corner: into ? first : [first[0], first[1] + height * of.stride],
+      stride: [of.stride, into ? of.stride : -of.stride],
+      diffuse: Number(material.diffuse), specular: material.specular, coarser: parts[0]?.coarser ?? 1,
+      own: scene.own ?? [0, 0, 0], first_power: scene.first_power,
       gain: state.gain, black: state.black, exposure: state.exposure, opacity: state.opacity,
       towards_right: camera.right, towards_up: camera.up, pick: overlay.pick ?? [0, 0, 0, 0],
       numbers_coarser: overlay.coarser ?? 1, overlay_low: overlay.low ?? 0, overlay_high: overlay.high ?? 1,
       unknown: overlay.unknown ?? 0,
-    }, {
-      count: state.emitters.length, lobe: scene.lobe, powers: scene.shapes[0]?.length ?? 0, placed: scene.placed,
-      parts: material.beyond ? parts.length : 0, with_shadows: shadows, with_diffuse: material.diffuse,
-      overlay: overlay.kind, logarithmic: overlay.logarithmic ?? false, local_viewer: camera.local_viewer,
-    });
-    mapTextures.bind(gl, program, {
+    }, { logarithmic: overlay.logarithmic ?? false });
+    shine(maps, defined);
+    mapTextures.bind(gl, maps, {
       geometry: [textures.geometry], k_d_n_s: [textures.k_d], k_s_status: [textures.k_s], own_region: [textures.own],
-      lights: [lights], shapes: [textures.shapes], beyond: [textures.beyond, gl.TEXTURE_2D_ARRAY],
+      lights: [lights], shapes: [textures.shapes], beyond: [beyond ? targets.beyond.of : none],
       passing: [shadows ? targets.shadow.of : none], colours: [textures.colours], palette: [textures.palette],
       numbers: [textures[overlay.of ?? "k_d"]],
     });
@@ -115,20 +171,30 @@ const mapPicture = (canvas, gl, scene, textures) => {
       gl.blendColor(0, 0, 0, 1 / (samples + 1));
       gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
     }
+    const ends = size.map((side, i) => [0, side].map((x) => Math.round((x - first[i]) / of.stride)));
+    const [[left, right], [top, bottom]] = ends.map((end) => [end[0] - 1, end[1] + 1]);  // of the maps, in the picture
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(left, into ? top : height - bottom, Math.max(right - left, 0), Math.max(bottom - top, 0));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.disable(gl.SCISSOR_TEST);
     gl.disable(gl.BLEND);
   }
 
-  function present(from, of) {
-    const { view, photograph } = state, [width, height] = of.sides, program = programs.present;
+  function beginCanvas(of) {
+    const [width, height] = of.sides;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = of.sides;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
-    use(program, {
+  }
+
+  function present(from, of) {
+    const { view, photograph } = state, [width, height] = of.sides, shown = program("present", photograph ? { COMPARED: 1 } : {});
+    beginCanvas(of);
+    use(shown, {
       size, corner: of.corner, stride: of.stride, view_corner: view.corner, view_stride: of.wide, height,
       exposure: state.exposure, wipe: photograph ? state.wipe * width : -1,
     });
-    mapTextures.bind(gl, program, { picture: [from.of], photograph: [photograph ?? none] });
+    mapTextures.bind(gl, shown, { picture: [from.of], photograph: [photograph ?? none] });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
@@ -145,10 +211,15 @@ const mapPicture = (canvas, gl, scene, textures) => {
       upload();
     }
     const of = frame_(), shadows = state.material.shadows && Boolean(scene.heights);
-    const into = resting ? targets.resting : targets.moving;
-    if (shadows) castShadows(resting ? AT_REST : SHADOWS * budget);
-    shade(into, of, samples > 0 ? [halton(samples, 2) - 0.5, halton(samples, 3) - 0.5] : [0, 0], shadows);
-    present(into, of);
+    const beyond = state.material.beyond && parts.length > 0;
+    if (shadows) castShadows(resting ? AT_REST : SHADOWS * Math.min(budget, of.sides[0] * of.sides[1]));
+    if (beyond && samples === 0) goBeyond();
+    if (!resting && of.wide > 1 && !state.photograph) shade(null, of, { shadows, beyond });
+    else {
+      const into = resting ? targets.resting : targets.moving;
+      shade(into, of, { shadows, beyond, ...(samples > 0 && { shift: [halton(samples, 2) - 0.5, halton(samples, 3) - 0.5] }) });
+      present(into, of);
+    }
     if (resting) samples += 1;
     const done = resting && samples >= (of.wide > 1 ? SAMPLES : 1);
     canvas.dataset.resting = String(done);

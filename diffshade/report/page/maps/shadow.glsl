@@ -9,10 +9,10 @@ uniform int count;
 uniform vec2 size;  // of the maps, texels
 uniform vec2 target_size;
 uniform float texel, low, high;  // scene units
+uniform float growth;       // a step, of the way so far: as the penumbra grows
 uniform mat4 to_pixel;
 
 const int STEPS = 200;
-const float GROWTH = 0.03;    // a step, of the way so far: as the penumbra grows
 const float PENUMBRA = 0.05;  // tangent of the angle over which a shadow's edge fades
 
 out vec4 passing;
@@ -28,9 +28,9 @@ float passed(vec3 p, float h, vec3 l) {
   float across = length(l - dot(l, backward) * backward);
   if (across < 1e-3) return 1.0;
   float per_texel = texel / across, covered = 0.0, way = 1.0;
-  float rise = dot(l, backward);
+  float rise = dot(l, backward), least = max(1.0, 0.5 * size.x / target_size.x);  // texels
   for (int i = 0; i < STEPS; i++) {
-    float stride = max(1.0, GROWTH * way);
+    float stride = max(least, growth * way);
     way += stride;
     float t = way * per_texel;
     float ray = h + t * rise;

@@ -18,8 +18,6 @@ from ....texels.status import OUTSIDE
 from ....texels.unexplained import Unexplained
 from ..ball import camera_vectors, emitter_rows, lobe_number, own_lobes
 
-PADDED = 9  # weights of the parts of the light beyond the model, in a light's row
-
 
 class Lighting(NamedTuple):
     """The lights that are on, and how they are exposed."""
@@ -113,10 +111,10 @@ def _lighting(
         l, everywhere = Unexplained.toward(light, position, inside)
         light_here = (everywhere if everywhere.ndim == 2 else everywhere[inside].mean(0)).sum(0)
         toward, arriving = toward + l * light_here.mean(), arriving + light_here
-        weights = [0.0] * PADDED if maps.unexplained is None else _weights(maps.unexplained, l)
+        weights = [] if maps.unexplained is None else _weights(maps.unexplained, l)
         for row in found or ():
             seen_from_target = [*(np.asarray(row[:3]) - (target if row[3] else 0.0)).tolist(), *row[3:]]
-            rows.append([*seen_from_target, *by_threes(weights)])
+            rows.append([*seen_from_target, *weights])
     length = np.linalg.norm(toward)
     return {
         "emitters": rows,
@@ -126,11 +124,6 @@ def _lighting(
     }
 
 
-def by_threes(weights: Sequence[float]) -> list[float]:
-    """Return nine numbers as three texels of four."""
-    return [x for k in range(0, PADDED, 3) for x in (*weights[k : k + 3], 0.0)]
-
-
 def _weights(unexplained: Unexplained, toward: Float[np.ndarray, "3"]) -> list[float]:
-    weights = unexplained.interpolation.weights(toward) if np.any(toward) else np.zeros(0)
-    return [*weights.tolist(), *[0.0] * (PADDED - len(weights))]
+    weights = unexplained.interpolation.weights(toward)
+    return (weights if np.any(toward) else np.zeros_like(weights)).tolist()

@@ -29,7 +29,7 @@ from .stage import Lighting, stage_of
 
 MOST_PHOTOGRAPHS = 24  # that the live picture is compared with
 MOST_PREDICTIONS = 12
-SHADERS = ("decode", "relief", "shadow", "maps", "present")
+SHADERS = ("decode", "relief", "shadow", "beyond", "maps", "present")
 STYLES = ("page.css", "maps/maps.css")
 SCRIPTS = (
     "webgl.js",
@@ -150,11 +150,12 @@ def _scene(
     overlays: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     """Return what the page's scripts know of its layers, ready for JSON."""
-    height = layers[0].channels[2]
+    height, own = layers[0].channels[2], numbers.own[numbers.inside]
     return {
         **{name: of for name, of in stage.items() if name != "lobes"},
         "layers": [{**layer.about(), "planes": len(planes[layer.name])} for layer in layers],
         "heights": None if numbers.height is None else [height.low, height.high],
+        "own": own[0].tolist() if (own == own[0]).all() else None,  # the same for all texels, or a layer
         "first_power": numbers.first_power,
         "shapes": numbers.shapes,
         "colours": gradient().tolist(),
