@@ -21,6 +21,7 @@ STARTER = """\
 
 ambient = 1.0      # the ambient light
 background = 0.0   # the radiance of a ray that hits nothing
+# bands = [650, 550, 450]  # the channels in place of R, G, B: wavelengths in nm, names, or how many (up to 40)
 # shadows = true     # a light reaches a point only if nothing opaque stands between
 # atmosphere = {{ type = "Fog", density = 0.1, I_dc = 0.0, squared = false, radial = false }}
 # atmosphere = {{ type = "DepthCueing", z_f = 1.0, z_b = 10.0, s_f = 1.0, s_b = 0.0, I_dc = 0.0, radial = false }}

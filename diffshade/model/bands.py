@@ -169,3 +169,13 @@ def refuse_bands(what: str, bands: Sequence[str], instead: str) -> None:
             f"{what} knows red, green and blue; this scene has {count(len(bands), 'band')}, {bands[0]} to {bands[-1]}. "
             f"{instead}"
         )
+
+
+def check_rgb(name: str, tree: Any) -> None:
+    """Refuse a material or light of bands where colours are red, green and blue."""
+    for path, value in colours(tree):
+        if (got := np.shape(value)[-1]) != 3 and got in WIDTHS:
+            raise ValueError(
+                f"{name} must have colours of red, green and blue here; its {'.'.join(map(str, path))} has {got} "
+                "numbers. Choose three of them, or convert them to RGB."
+            )

@@ -138,7 +138,7 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
 def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width channels"]:
     projection = camera.projection()
     rays = pixel_rays(projection, camera.shape)
-    if scene.channels == 3:
+    if scene.width == 3:
         return radiance(scene, rays, projection).stack()
     return in_bands(lambda grey: radiance(grey, rays, projection), scene, axis=-1)
 

@@ -223,7 +223,7 @@ class StackedScene(eqx.Module):
     shadows: bool = eqx.field(static=True, default=False)
 
     @property
-    def channels(self) -> int:
+    def width(self) -> int:
         """How many channels its colours have."""
         return self.background.shape[-1]
 

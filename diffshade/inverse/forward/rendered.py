@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from ...core.backend import jit_quickly
 from ...core.fields import Array
+from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
 from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
@@ -73,6 +74,9 @@ class RenderedModel(AbstractForwardModel):
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         row, column = block.points.row, block.points.column
         sensor = jax.tree.map(lambda leaf: leaf[view], setup.sensor)
+        if scene.width != 3:
+            bands = in_bands(lambda grey: self._seen(grey, projection, row, column, None), scene)
+            return tuple(setup.exposure[view] * band + setup.black[view] for band in bands)
         seen = self._seen(scene, projection, row, column, sensor)
         mean = (seen.x + seen.y + seen.z) / 3.0
         grey = setting.grey[view] > 0
