@@ -48,6 +48,7 @@ surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
 
 [objects.material]
 {material}
+# in place of k_a, k_d, k_s their products: foley = {{ O_d = [0.7, 0.2, 0.1], O_s = 1, k_a = 0.1, k_d = 1, k_s = 0.4 }}
 # k_d = {{ type = "Chequer", a = 0.1, b = 0.9, period = 1.0, smooth = false, u = [1, 0, 0], v = [0, 1, 0] }}
 # lobe = {{ type = "Brushed", along = [1, 0, 0], n_v = 10.0 }}    # or "Phong", "Blinn"
 # fresnel = "Schlick"                # or "NoFresnel"; "Dielectric" with eta and without k_s

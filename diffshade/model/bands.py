@@ -32,7 +32,7 @@ from ..core.fields import (
 from ..core.words import count
 from .vectors import Vec3
 
-RGB = ("r", "g", "b")
+RGB, XYZ = ("r", "g", "b"), ("x", "y", "z")
 CONVERTERS = (as_colour, as_surround, as_coefficient, as_exponent)
 T = TypeVar("T")
 Path = tuple[str | int, ...]
@@ -43,7 +43,7 @@ def as_bands(bands: int | Numbers | Sequence[str] | None) -> tuple[str, ...]:
 
     Raises:
         ValueError: There are no bands, two, or more than `MOST_BANDS`; a wavelength is not above 0; a name is used
-            twice, or has a space, comma or equals sign in it.
+            twice, is that of an axis, or has a space, comma, slash or equals sign in it.
         TypeError: They are neither a number, nor numbers or names.
     """
     if bands is None or (isinstance(bands, tuple) and not bands):
@@ -68,9 +68,10 @@ def as_bands(bands: int | Numbers | Sequence[str] | None) -> tuple[str, ...]:
             "Take every other one, or means of several; give two a third one of zeros."
         )
     for name in names:
-        if names.count(name) > 1 or not name or any(letter in name for letter in " ,=/"):
+        if names.count(name) > 1 or not name or any(letter in name for letter in " ,=/") or name in XYZ:
             raise ValueError(
-                f"Scene.bands must have different names, without spaces, commas, '=' or '/'; got {name!r}. Rename it."
+                f"Scene.bands must have different names, without spaces, commas, '=' or '/', and not x, y or z; got "
+                f"{name!r}. Rename it."
             )
     return names
 

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from refusals import refuses
 
 import diffshade as ds
+from diffshade.inverse.data.views import in_channels_of
+from diffshade.inverse.problem import fit_problem
+from diffshade.inverse.running import samples_for
+from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.unknown import coordinates
 
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
 WAVELENGTHS = np.arange(400, 701, 10)
@@ -52,6 +62,23 @@ def test_a_fit_by_rendering_finds_bands_too():
     fit = ds.fit(true, view(true), free=("k_d", "k_s", "n_s"))
     assert np.abs((fit.values - fit.values_in(true)) / fit.errors).max() < 4.5
     assert np.abs(fit.predict(view(true)).difference).max() < 0.02
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("steepest", [None, 0.3])
+def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
+    true = scene(5, fresnel=ds.Schlick())
+    views = in_channels_of(true, [view(true)])
+    unknowns = find_unknowns(true, views, ("k_d", "k_s", "n_s", "lights.0.position"))
+    problem = fit_problem(true, views, unknowns, *samples_for(true, views, unknowns, "hinge"), "huber", "hinge")
+    limits = None if steepest is None else np.full(len(unknowns), steepest)
+    model = dataclasses.replace(problem.model, steepest=limits)
+    dense = eqx.tree_at(lambda m: m.setting.of_bands, model, None)
+    theta = coordinates(np.array([u.start for u in unknowns]), unknowns)
+    few, all_of_them = (of.summary(jnp.asarray(theta), problem.chunks()[0]) for of in (model, dense))
+    assert model.setting.of_bands[0].shape == (6, 14)  # k_d, k_s, n_s, x, y and z
+    for one, other in zip(jax.tree.leaves(few), jax.tree.leaves(all_of_them), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
 
 
 def test_in_four_bands_the_fourth_is_no_alpha():
