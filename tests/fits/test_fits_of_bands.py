@@ -76,6 +76,7 @@ def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
     dense = eqx.tree_at(lambda m: m.setting.of_bands, model, None)
     theta = coordinates(np.array([u.start for u in unknowns]), unknowns)
     few, all_of_them = (of.summary(jnp.asarray(theta), problem.chunks()[0]) for of in (model, dense))
+    assert model.setting.of_bands is not None
     assert model.setting.of_bands[0].shape == (6, 14)  # k_d, k_s, n_s, x, y and z
     for one, other in zip(jax.tree.leaves(few), jax.tree.leaves(all_of_them), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())

@@ -122,10 +122,10 @@ class RenderedModel(AbstractForwardModel):
 
         return jax.lax.scan(add, zero, chunk)[0]
 
-    def _adder_of_bands(self, theta: Array, seeds: Array, index: Array) -> Callable[[Gram, Block], tuple[Gram, None]]:
+    def _adder_of_bands(self, theta: Array, seeds: Array, index: Array) -> Callable[[Any, Block], tuple[Gram, None]]:
         """Return what adds the Gram of a block of many bands, each of which shows few of the unknowns."""
 
-        def add(total: Gram, block: Block) -> tuple[Gram, None]:
+        def add(total: Any, block: Block) -> tuple[Gram, None]:
             m, derivative = jax.linearize(lambda q: jnp.stack(self.predict(q, block)), theta)
             J, seen = jax.vmap(derivative, out_axes=1)(seeds), block.observed  # (bands, seeds, pixels)
             weight = seen.weight
