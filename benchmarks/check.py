@@ -64,8 +64,15 @@ def texel_ratios() -> Ratios:
     return found
 
 
+def band_ratios() -> Ratios:
+    """A band of 31 beside a channel of RGB."""
+    import bands
+
+    return bands.band_ratios()
+
+
 # A benchmark joins the check with a function of its own: name of the ratio -> diffshade's time over another's.
-MEASURES: tuple[Callable[[], Ratios], ...] = (shading_ratios, cold_start_ratios, texel_ratios)
+MEASURES: tuple[Callable[[], Ratios], ...] = (shading_ratios, cold_start_ratios, texel_ratios, band_ratios)
 
 
 def measure() -> Ratios:

@@ -21,6 +21,7 @@ STARTER = """\
 
 ambient = 1.0      # the ambient light
 background = 0.0   # the radiance of a ray that hits nothing
+# bands = [650, 550, 450]  # the channels in place of R, G, B: wavelengths in nm, names, or how many (up to 40)
 # shadows = true     # a light reaches a point only if nothing opaque stands between
 # atmosphere = {{ type = "Fog", density = 0.1, I_dc = 0.0, squared = false, radial = false }}
 # atmosphere = {{ type = "DepthCueing", z_f = 1.0, z_b = 10.0, s_f = 1.0, s_b = 0.0, I_dc = 0.0, radial = false }}
@@ -47,6 +48,7 @@ surface = {{ type = "Sphere", center = [0, 0, 0], radius = 1.0 }}
 
 [objects.material]
 {material}
+# in place of k_a, k_d, k_s their products: foley = {{ O_d = [0.7, 0.2, 0.1], O_s = 1, k_a = 0.1, k_d = 1, k_s = 0.4 }}
 # k_d = {{ type = "Chequer", a = 0.1, b = 0.9, period = 1.0, smooth = false, u = [1, 0, 0], v = [0, 1, 0] }}
 # lobe = {{ type = "Brushed", along = [1, 0, 0], n_v = 10.0 }}    # or "Phong", "Blinn"
 # fresnel = "Schlick"                # or "NoFresnel"; "Dielectric" with eta and without k_s

@@ -21,8 +21,16 @@ def check_picture(out: Path, exposure: float, bits: int | None = None) -> None:
         raise ValueError(f"--exposure must be above 0 and finite; got {exposure:g}. Give 1 for unscaled radiance.")
 
 
+def check_holds_bands(out: Path, bands: int) -> None:
+    """Refuse a file of a format that has fewer channels than a picture."""
+    from ..io.image_formats import format_of
+
+    if bands > format_of(out).channels:
+        raise ValueError(f"{out} cannot hold {bands} bands. Give a .tif or .npy: -o {out.with_suffix('.tif')}.")
+
+
 def put_picture(
-    out: Path, image: Float[np.ndarray, "h w 3"], *, srgb: bool | None, bits: int | None = None, as_json: bool
+    out: Path, image: Float[np.ndarray, "h w c"], *, srgb: bool | None, bits: int | None = None, as_json: bool
 ) -> None:
     """Write a picture, and print its size and its range."""
     import diffshade as ds

@@ -10,7 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from .materials import find_material, find_materials, put_material
-from .pictures import check_picture, put_picture
+from .pictures import check_holds_bands, check_picture, put_picture
 from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, as_json, completions
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ def render(
     with showing("render"):
         if scene.suffix.lower() == ".toml":
             world, camera = ds.read_scene(scene), ds.read_camera(scene)
+            check_holds_bands(out, len(world.channels))
             if size is not None:
                 camera = dataclasses.replace(camera, shape=(size[1], size[0]))
         else:

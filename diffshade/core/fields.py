@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 else:  # where no axis is left NumPy returns a scalar in place of an array
     Array: TypeAlias = np.ndarray | np.generic | jax.Array
 Scalar: TypeAlias = Float[Array, ""]
-Colour: TypeAlias = Float[Array, "3"]
+Colour: TypeAlias = Float[Array, "_"]  # red, green and blue, or the bands of a scene
 Vector: TypeAlias = Float[Array, "3"]
 Pair: TypeAlias = Float[Array, "2"]
-Exponent: TypeAlias = Float[Array, ""] | Float[Array, "3"]
+Exponent: TypeAlias = Float[Array, ""] | Float[Array, "_"]
 # A Colour (for n_s an Exponent), an array of these over the pixels, a pattern (patterns.py), or None; Any, so that a
 # type checker takes it for what one knows it is.
 Coefficient: TypeAlias = Any
@@ -91,6 +91,11 @@ def as_colour(value: Numbers | None) -> Any:
     return colour
 
 
+def as_surround(value: Numbers) -> Any:
+    """Make a scene's own colour, which the scene has made one of its channels before."""
+    return as_array(value)
+
+
 def as_coefficient(value: Numbers | Checked | None) -> Any:
     """Make a colour, or a colour for each pixel; a pattern stays one, and None, where it means no such term, too."""
     if value is None or isinstance(value, Checked):
@@ -119,17 +124,27 @@ def as_normals(value: Numbers | Checked | None) -> Any:
     return value if value is None or isinstance(value, Checked) else as_array(value)
 
 
+MOST_BANDS = 40
+# of R, G, B, of one band, or of the bands of a scene; two numbers are a slip
+WIDTHS = (3, 1, *range(4, MOST_BANDS + 1))
+_COLOURS = tuple((width,) for width in WIDTHS)
 _MAPS = "an array (H, W) or (H, W, 3) over the pixels"
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     as_scalar: (((),), "a number", "Give one number."),
     as_pair: (((2,),), "a pair of numbers", "Give two numbers (column, row)."),
     as_vector: (((3,),), "a vector of 3 numbers", "Give three numbers (x, y, z)."),
-    as_colour: (((3,),), "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
-    as_coefficient: (((3,),), "a colour of 1 or 3 numbers", f"Give one number (grey), three (R, G, B), or {_MAPS}."),
-    as_exponent: (((), (3,)), "1 or 3 numbers", f"Give one number, three (R, G, B), or {_MAPS}."),
+    as_colour: (_COLOURS, "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_surround: (_COLOURS, "a colour of 1 or 3 numbers", "Give one number (grey) or three (R, G, B)."),
+    as_coefficient: (_COLOURS, "a colour of 1 or 3 numbers", f"Give one number (grey), three (R, G, B), or {_MAPS}."),
+    as_exponent: (
+        ((), *(of for of in _COLOURS if of != (1,))),
+        "1 or 3 numbers",
+        f"Give one number, three (R, G, B), or {_MAPS}.",
+    ),
     as_normals: ((), "an array (H, W, 3)", "Give a unit vector for each pixel."),
 }
-_OVER_PIXELS = {as_coefficient: ((3, 3),), as_exponent: ((3, 1), (3, 3)), as_normals: ((3, 3),)}
+_MAPPED = tuple((3, width) for width in WIDTHS)
+_OVER_PIXELS = {as_coefficient: _MAPPED, as_exponent: _MAPPED, as_normals: ((3, 3),)}
 
 
 def is_over_pixels(value: Any) -> bool:
@@ -228,6 +243,10 @@ def _check_field(
         raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")
     shape = np.shape(value)
     mapped = any((len(shape), *shape[-1:]) == of for of in over_pixels)
+    if len(shape) == 1 and shape[0] > MOST_BANDS and (MOST_BANDS,) in shapes:
+        raise ValueError(
+            f"{name} must have at most {MOST_BANDS} bands; got {shape[0]}. Take every other one, or means of several."
+        )
     if shape not in shapes and not mapped:
         raise ValueError(f"{name} must be {noun}; got shape {shape}. {remedy}")
     numbers, where = _as_numpy(value), ""

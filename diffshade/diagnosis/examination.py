@@ -17,6 +17,7 @@ from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_erro
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
+from ..model.bands import refuse_bands
 from .intervals import Profile, intervals
 from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
@@ -90,6 +91,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    refuse_bands("examine", fit.scene.bands, "Examine a fit of three of them.")
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
         clusters, inflation = inflate_errors(own, find_clusters(own))

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 
 from ..core.backend import in_float64
 from ..inverse.data.recording import photograph
-from ..inverse.data.views import Noise, View, is_grey
+from ..inverse.data.views import Noise, View, has_alpha, in_channels_of, is_grey
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
@@ -91,6 +91,7 @@ def forecast(
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
     check_choices(scene, views, constraints, "squares", "hinge", "search")
+    views = in_channels_of(scene, views)
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
     with in_float64((scene, views)) as (scene, views):
@@ -114,7 +115,7 @@ def forecast(
 def _with_expected_image(scene: Scene, view: View, noise: Noise | float) -> View:
     """Return a view with the photograph to expect of the scene, without noise."""
     image = photograph(scene, view)
-    if view.image.shape[2] in (2, 4):
+    if has_alpha(view):
         image = np.concatenate([image, view.image[:][..., -1:]], -1)
     noise = noise if view.noise is None else view.noise
     return dataclasses.replace(view, image=image, noise=noise)

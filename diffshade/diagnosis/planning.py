@@ -17,6 +17,7 @@ from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.names import CHANNELS
 from ..inverse.unknowns.unknown import Unknown
+from ..model.bands import refuse_bands
 from ..model.scenes import as_tuple
 from .plan_notes import Ranked, plan_notes, quantities_of
 from .shot_ranking import add_shot, information, rank_shots, relative_to_values
@@ -125,6 +126,7 @@ def plan(
         TypeError: If an argument has another type.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
+    refuse_bands("plan", fit.scene.bands, "Plan with a fit of three of them.")
     shots = as_tuple(shots)
     if not shots:
         raise ValueError("plan needs at least one shot; got none. Give for example Shot(light=PointLight((0, 0, 3))).")

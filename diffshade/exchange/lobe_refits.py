@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from ..core.fields import check, check_kind
 from ..core.words import count, listing
+from ..model.bands import check_rgb
 from ..model.fresnel import Dielectric, NoFresnel
 from ..model.lobes import AbstractLobe, AbstractPowerLobe
 from ..model.materials import Material
@@ -79,6 +80,7 @@ def with_lobe(
         TypeError: If an argument has another type.
     """
     check_plain(material)
+    check_rgb("with_lobe's material", material)
     check_kind("lobe", lobe, AbstractPowerLobe, "Blinn()")
     n_s = np.unique(np.asarray(material.n_s))
     within = all(np.all(np.asarray(k) <= highest_k) for k in (material.k_d, material.k_s)) and n_s[-1] <= highest_n_s

@@ -13,6 +13,7 @@ from ..core.words import did_you_mean
 from ..io.files import replacing
 from ..io.parsing import read_glb, read_text, short
 from ..io.scene_files import read_scene
+from ..model.bands import check_rgb
 from ..model.lights import AbstractLight
 from ..model.materials import Material
 from .gltf import read_gltf, write_gltf
@@ -104,6 +105,7 @@ def write_material(
         if not isinstance(word, str) or not word.strip():
             raise ValueError(f"a material's name must be a word; got {in_short(word)}. Give for example 'gold'.")
         check_kind(f"the material {word!r}", one, Material, "Material(k_d=0.7)")
+        check_rgb(f"the material {word!r}", one)
     draft = WRITERS[suffix](named, lights)
     with replacing(path) as temporary:
         temporary.write_text(draft.text, encoding="utf-8")

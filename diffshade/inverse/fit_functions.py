@@ -14,7 +14,7 @@ from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..model.scenes import Scene
-from .data.views import View, is_grey
+from .data.views import View, in_channels_of, is_grey
 from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
@@ -264,7 +264,7 @@ def fit_function(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_choices(scene, views, (), "squares", "hinge", "search")
     check_backend()
-    scene = jax.tree.map(as_float64, scene)
+    scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
     unknowns = find_unknowns(scene, views, free, bounds=bounds, grey=all(map(is_grey, views)))
     check_free(unknowns)
     with in_float64((scene, views)) as (scene, views):

@@ -20,7 +20,7 @@ from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup, open_checkpoint
 from .data.samples import Counts, check_enough, count_samples
-from .data.views import View, find_repeats, is_grey
+from .data.views import View, find_repeats, in_channels_of, is_grey
 from .forward.losses import LOSSES
 from .forward.streams import surveyed
 from .pixels.tiles import Tiles
@@ -129,7 +129,7 @@ def fit(
     check_choices(scene, views, constraints, loss, clipped, start)
     check_scale(memory, checkpoint, mesh)
     check_backend()
-    scene = jax.tree.map(as_float64, scene)
+    scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
     grey = all(is_grey(view) for view in views)
     unknowns = find_unknowns(
         scene,

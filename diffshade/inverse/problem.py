@@ -25,7 +25,7 @@ from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
 from ..parallel.threads import on_all_cores
 from .data.samples import Counts, Samples
-from .data.views import View, is_grey, lights_on
+from .data.views import View, channels, is_grey, lights_on
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
@@ -121,8 +121,8 @@ class FitProblem:
 
     def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
         """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
-        channels = 1 if self.grey else 3
-        seen, row, column = observed(parts, self.views, size, channels, clipping=self.clips, length=length)
+        most = 1 if self.grey else len(self.scene.channels)
+        seen, row, column = observed(parts, self.views, size, most, clipping=self.clips, length=length)
         view = np.zeros(len(row), np.int64)
         view[: len(parts)] = [part.view for part in parts]
         return Block(view, place(parts, row, column, apart(self.scene)[0]), seen)
@@ -260,7 +260,7 @@ class LaidOutProblem:
         cost, model = float(end.point.views.cost.sum()), self.problem.model
         if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
             sizes = zip(self.problem.pixels, self.problem.views, strict=True)
-            count = float(sum(n * (1 if is_grey(view) else 3) for n, view in sizes))
+            count = float(sum(n * channels(view) for n, view in sizes))
             return np.array([count, *[2 * cost] * 2, *[count] * 2])
         return np.asarray(sum_over(self.pixels, spread, end.point.theta, model))
 
@@ -329,7 +329,7 @@ def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -
     """Return the approximate bytes of laid-out pixels, by default all of the views: samples, and numbers per light."""
     pixels = sum(view.image.shape[0] * view.image.shape[1] for view in views) if pixels is None else pixels
     lights = max(len(lights_on(scene, view)) for view in views)
-    return 8.0 * pixels * (6 + 4 * min(lights, MOST_LIGHTS))
+    return 8.0 * pixels * (2 * len(scene.channels) + 4 * min(lights, MOST_LIGHTS))
 
 
 @jit_quickly

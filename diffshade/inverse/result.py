@@ -14,7 +14,7 @@ from ..model.materials import Material
 from ..model.scenes import Scene
 from .data.recording import photograph
 from .data.samples import Counts, find_samples
-from .data.views import View, has_mask
+from .data.views import View, has_mask, in_channels_of
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
 from .statistics.clusters import Clusters
@@ -135,6 +135,7 @@ class Fit:
     def predict(self, view: View) -> Prediction:
         """Return a view's photograph together with this fit's prediction of it; the view may be fitted or held out."""
         moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
+        (view,) = in_channels_of(self.scene, (view,))
         with in_float64((self.scene, view)) as (scene, view):
             samples = find_samples(scene, view, moving=moving and has_mask(view))
             image = photograph(scene, view)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.fields import MOST_BANDS
 from .image_headers import NPY_HEADER, UnsupportedError, check_exr, check_pixels, check_png, check_tiff
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import decode_raw
@@ -28,6 +29,7 @@ class Format(NamedTuple):
     name: str
     decode: Callable[[Path, bytes], np.ndarray]
     dtypes: tuple[type, ...]  # types that can be written, the default first; none if it is read alone
+    channels: int = 4  # at most; more than 4 are bands
 
 
 def format_of(path: Path) -> Format:
@@ -55,9 +57,11 @@ def _decode_png(path: Path, data: bytes) -> np.ndarray:
 
 
 def _decode_tiff(path: Path, data: bytes) -> np.ndarray:
-    tags = check_tiff(data)
+    tags, *more = check_tiff(data)
     bits, number, channels, photometric, planar = (tags.get(tag, (1,))[0] for tag in (258, 339, 277, 262, 284))
-    if bits <= 8:
+    if more and (bits, number) in ((8, 1), (16, 1), (32, 3)):
+        return np.moveaxis(_decode_with_opencv(path, page=...), 0, -1)
+    if bits <= 8 and not more:
         return _decode_with_pillow("TIFF", path, data)
     # OpenCV silently returns wrong pixels for other layouts.
     if (bits, number) in ((16, 1), (32, 3)) and channels in (1, 3, 4) and photometric in (1, 2) and planar == 1:
@@ -105,11 +109,12 @@ def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
     return iio.imread(path, plugin="pillow", index=0, mode=mode, rotate=True)
 
 
-def _decode_with_opencv(path: Path) -> np.ndarray:
+def _decode_with_opencv(path: Path, page: Any = 0) -> np.ndarray:
+    """Decode one page of a file or, with `...`, all."""
     import imageio.v3 as iio
 
     with _quiet_opencv():
-        return iio.imread(path, plugin="opencv", index=0, flags=-1)  # without the flag it returns 8 bits
+        return iio.imread(path, plugin="opencv", index=page, flags=-1)  # without the flag it returns 8 bits
 
 
 @contextmanager
@@ -151,9 +156,12 @@ def _save_exr(path: Path, pixels: np.ndarray) -> None:
 
 
 def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
-    """Return pixels of 8 or 16 bits encoded as a file; `quality` is for JPEG."""
+    """Return pixels encoded as a file, of bands a page for each; `quality` is for JPEG."""
     import imageio.v3 as iio
 
+    if pixels.shape[-1] > 4:
+        pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
+        return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
     if pixels.shape[-1] == 1:
         pixels = pixels[..., 0]
     name = FORMATS[suffix].name
@@ -180,10 +188,10 @@ FORMATS = {
     ".png": Format("PNG", _decode_png, (np.uint8, np.uint16)),
     ".jpg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
     ".jpeg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
-    ".tif": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32)),
-    ".tiff": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32)),
+    ".tif": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32), MOST_BANDS),
+    ".tiff": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32), MOST_BANDS),
     ".tga": Format("TGA", partial(_decode_with_pillow, "TGA"), (np.uint8,)),
     ".exr": Format("EXR", _decode_exr, (np.float32, np.float16)),
-    ".npy": Format("NPY", _decode_npy, (np.float64,)),
+    ".npy": Format("NPY", _decode_npy, (np.float64,), MOST_BANDS),
     **dict.fromkeys(RAW_SUFFIXES, Format("RAW", decode_raw, ())),
 }

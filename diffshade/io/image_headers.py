@@ -8,6 +8,8 @@ TIFF becomes at most 1032 bytes. Each check raises an error of some type for a d
 import struct
 import zlib
 
+from ..core.fields import MOST_BANDS
+
 DEFLATE = 1032  # largest expansion, in bytes per byte: 258 for 2 bits (RFC 1951, section 3.2.5)
 NPY_HEADER = 1000  # bytes; an array of numbers takes 120, and a longer header could exhaust Python's parser
 ANY_EXPANSION = 2**16  # for codecs whose largest expansion is not known
@@ -51,10 +53,33 @@ def check_png(data: bytes) -> tuple[int, int]:
     return depth, colour_type
 
 
-def check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
-    """Return the tags about the pixels (TIFF 6.0, section 2); raise if the pixels are truncated or not inflatable."""
+def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
+    """Return each page's tags about its pixels (TIFF 6.0, section 2); raise if pixels are truncated or not inflatable.
+
+    Several pages are the bands of one picture: each is grey, and all are of one size and kind.
+    """
     order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
     (directory,) = struct.unpack_from(f"{order}I", data, 4)
+    found: dict[int, dict[int, tuple[int, ...]]] = {}
+    while directory and directory not in found and len(found) <= MOST_BANDS:
+        found[directory], directory = _tags_of_page(data, order, directory)
+    pages = list(found.values())
+    kinds = {tuple(tags.get(tag, (1,)) for tag in (256, 257, 258, 339, 277, 262)) for tags in pages}
+    grey = all(kind[-2:] == ((1,), (1,)) for kind in kinds)
+    if directory or (len(pages) > 1 and not (grey and len(kinds) == 1 and len(pages) <= MOST_BANDS)):
+        raise UnsupportedError(
+            f"has more than one page. Save each to a file of its own, or up to {MOST_BANDS} bands as grey pages of one "
+            "size and kind."
+        )
+    for tags in pages:
+        _check_strips(data, tags)
+    if sum(sum(tags[325] if 324 in tags else tags[279]) for tags in pages) > len(data):
+        raise ValueError
+    return pages
+
+
+def _tags_of_page(data: bytes, order: str, directory: int) -> tuple[dict[int, tuple[int, ...]], int]:
+    """Return the tags of a page, and where the next page begins; 0 for none."""
     (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
     end = directory + 2 + 12 * n_tags
     tags: dict[int, tuple[int, ...]] = {}
@@ -65,10 +90,7 @@ def check_tiff(data: bytes) -> dict[int, tuple[int, ...]]:
                 raise ValueError
             numbers = struct.Struct(f"{order}{count}{ {3: 'H', 4: 'I'}[kind] }")
             tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
-    if struct.unpack_from(f"{order}I", data, end) != (0,):
-        raise UnsupportedError("has more than one page. Save each to a file of its own.")
-    _check_strips(data, tags)
-    return tags
+    return tags, struct.unpack_from(f"{order}I", data, end)[0]
 
 
 def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:

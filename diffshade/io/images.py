@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from ..core.fields import Numbers
+from ..core.fields import MOST_BANDS, Numbers
 from .files import replacing
-from .image_formats import FORMATS, format_of, png_depth, save
+from .image_formats import FORMATS, Format, format_of, png_depth, save
 from .image_headers import UnsupportedError
 
 _LOGGER = logging.getLogger("diffshade")
@@ -19,8 +19,9 @@ _LOGGER = logging.getLogger("diffshade")
 def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Float64[np.ndarray, "h w c"]:
     """Read an image as linear radiance, row 0 on top.
 
-    C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha), as in the file. Integers are divided by their full range
-    (255, 65535) and are in [0, 1]; floats are returned unchanged, whatever their range.
+    C is 1 (grey), 2 (grey, alpha), 3 (RGB) or 4 (RGB, alpha), as in the file; or the number of its bands, up to 40: of
+    a .npy, or of a TIFF with a grey page for each. Integers are divided by their full range (255, 65535) and are in [0,
+    1]; floats are returned unchanged, whatever their range.
 
     Formats: PNG (up to 16 bits, palette), JPEG (turned upright by its EXIF tag), TIFF (up to 16 bits, 32-bit float),
     TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). Colour profiles are ignored. RAW files of cameras
@@ -110,7 +111,8 @@ def write_image(
 
     Args:
         path: The image file; its suffix chooses the format, one of those of `read_image`.
-        image: Linear radiance of shape (H, W) or (H, W, C), with C as in `read_image`.
+        image: Linear radiance of shape (H, W) or (H, W, C), with C as in `read_image`. Of more than 4 bands, each is a
+            grey page of a TIFF.
         srgb: Whether the colours, never alpha, are encoded by the sRGB curve; by default the rule of `read_image`, so
             that a file reads back as it was written.
         bits: Bits per number: 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16
@@ -197,10 +199,14 @@ def _on_colours(curve: Callable[[np.ndarray], np.ndarray], image: np.ndarray) ->
     return np.concatenate([curve(image[..., :n_colours]), image[..., n_colours:]], axis=-1)
 
 
-def _with_channels(array: np.ndarray, subject: str) -> np.ndarray:
+def _with_channels(array: np.ndarray, subject: str, known: Format) -> np.ndarray:
     image = array[..., None] if array.ndim == 2 else array
-    if image.ndim != 3 or image.size == 0 or image.shape[-1] > 4:
-        raise ValueError(f"{subject} has shape {array.shape}. An image is (H, W) or (H, W, C) with C from 1 to 4.")
+    if image.ndim != 3 or image.size == 0 or image.shape[-1] > known.channels:
+        bands = " Write more bands as .npy or .tif." if image.ndim == 3 and 4 < image.shape[-1] <= MOST_BANDS else ""
+        raise ValueError(
+            f"{subject} has shape {array.shape}. An image is (H, W) or (H, W, C) with C from 1 to {known.channels}."
+            f"{bands}"
+        )
     return image
 
 
@@ -233,7 +239,7 @@ def _read(path: Path) -> np.ndarray:
     except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
         message = f"it is no {known.name}, or is empty, truncated or damaged. Make or copy the file again."
         raise OSError(f"cannot read {path}: {message}") from None
-    return _with_channels(stored, f"cannot read {path}: it")
+    return _with_channels(stored, f"cannot read {path}: it", known)
 
 
 def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
@@ -250,7 +256,7 @@ def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
 
 def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
     """Return the number type of a file's format for a number of bits; refuse what it does not support."""
-    name, _, types = format_of(path)
+    name, _, types, _ = format_of(path)
     dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
     if not dtypes:
         raise ValueError(f"cannot write {path}: {name} is only read. Write .png, .tif, .exr or .npy.")
@@ -263,7 +269,7 @@ def _as_pixels(path: Path, image: Numbers) -> np.ndarray:
     array = np.asarray(image)
     if np.iscomplexobj(array) or array.dtype.kind in "OSUMm":
         raise ValueError(f"cannot write {path}: the image has type {array.dtype}. Give an array of real numbers.")
-    return _with_channels(array.astype(np.float64), f"cannot write {path}: the image")
+    return _with_channels(array.astype(np.float64), f"cannot write {path}: the image", format_of(path))
 
 
 def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:

@@ -55,6 +55,7 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
 # may be an array over the pixels
 _MAPPED = ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal", "position", "mask")
 _SEVERAL = ("objects", "lights", "highlights")
+_PRODUCTS = ("k_a", "k_d", "k_s")  # of a table foley
 # Users' own classes of these bases can stand there too, once their module is imported.
 _OPEN: dict[str, type[eqx.Module]] = {
     "surface": AbstractSurface,
@@ -67,11 +68,12 @@ _OPEN: dict[str, type[eqx.Module]] = {
 
 
 def read_scene(path: str | Path) -> Scene:
-    """Read the scene of a TOML file: `ambient`, `background`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
+    """Read the scene of a TOML file: `ambient`, `background`, `bands`, `[atmosphere]`, `[[objects]]`, `[[lights]]`.
 
     Names are those of the classes and their fields; where there is a choice of classes, `type` names one. A light with
     `file = "lamp.ies"`, a path from the scene's folder, is that lamp; `direction`, `side`, `lamp_set` and `tilt` (a
-    path too) are those of `read_lamp`, and its table's other keys replace the lamp's fields.
+    path too) are those of `read_lamp`, and its table's other keys replace the lamp's fields. A table
+    `[objects.material.foley]` of O_d, O_s, k_a, k_d and k_s stands for their products, as in `Material.foley`.
 
     Args:
         path: The TOML file; its table `[camera]` is ignored.
@@ -268,7 +270,26 @@ def _value(key: str, value: Any, where: str) -> Any:
     if isinstance(value, dict) and "type" not in value:
         _check_default(value, types, where)
     table = {k: v for k, v in value.items() if k != "type"} if isinstance(value, dict) else value
+    if types[name] is Material and isinstance(table, dict) and "foley" in table:
+        table = _multiplied(table, where)
     return _build(types[name], table, where)
+
+
+def _multiplied(table: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return a material's table with the products of its table `foley` in place of that (E10)."""
+    form, own = table["foley"], {key: value for key, value in table.items() if key != "foley"}
+    if not isinstance(form, dict) or "O_d" not in form:
+        raise ValueError(
+            f"{where}.foley must be a table with O_d, and O_s, k_a, k_d and k_s where needed. Write it so."
+        )
+    _check_keys(form, ("O_d", "O_s", *_PRODUCTS), f"{where}.foley")
+    if twice := [key for key in _PRODUCTS if key in own]:
+        raise ValueError(f"{where}.{twice[0]} is given beside foley, which makes it a product. Leave one of them out.")
+    try:
+        material = Material.foley(**form)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{where}: {error}") from None
+    return own | {key: getattr(material, key) for key in _PRODUCTS}
 
 
 def _types_of(key: str) -> dict[str, type[eqx.Module]]:

@@ -25,6 +25,7 @@ from ..core.fields import (
     is_over_pixels,
     parameter,
 )
+from .bands import of_bands
 from .fresnel import AbstractFresnel, Dielectric, NoFresnel
 from .lobes import EXPONENT, AbstractLobe, AbstractReflectance, Coefficients, Phong
 from .patterns import AbstractPattern, Texture, colour_at
@@ -125,9 +126,11 @@ class Material(Checked):
     ) -> Material:
         """Return the material of Foley's form, $k_a O_d$, $k_d O_d$ and $k_s O_s$ per channel (E10; Foley et al. 1990).
 
+        The channels are red, green and blue, or samples of the wavelength (`Scene.bands`).
+
         Args:
-            O_d: Diffuse colour of the object, RGB or grey, at least 0.
-            O_s: Specular colour of the object, RGB or grey, at least 0; 1 by default.
+            O_d: Diffuse colour of the object, RGB, grey or a number for each band, at least 0.
+            O_s: Specular colour of the object, RGB, grey or a number for each band, at least 0; 1 by default.
             k_a: Ambient coefficient, at least 0; 0 by default.
             k_d: Diffuse coefficient, at least 0; 0 by default.
             k_s: Specular coefficient, at least 0; 0 by default.
@@ -142,6 +145,15 @@ class Material(Checked):
         """
         given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
         colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}
+        width = max(np.shape(of)[-1] for of in colours.values())
+        if width != 3:
+            colours = {name: of_bands(of, width) for name, of in colours.items()}
+            for name, of in colours.items():
+                if np.shape(of)[-1] != width:
+                    raise ValueError(
+                        f"Material.foley's {name} has {np.shape(of)[-1]} numbers, beside colours of {width}. Give one, "
+                        f"or {width}."
+                    )
         scaled = {k: colours[k] * colours["O_s" if k == "k_s" else "O_d"] for k in ("k_a", "k_d", "k_s")}
         return Material(**scaled, **more)
 

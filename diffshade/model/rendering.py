@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from ..core.backend import UNFUSED, check_backend, with_new_arrays
 from ..core.fields import Array, check, is_concrete
+from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
 from .gbuffers import GBuffer
 from .lights import AbstractLight
@@ -26,7 +27,7 @@ MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 def render(
     scene: Scene, camera: AbstractCamera, *, lit: Sequence[int] | int | None = None
-) -> Float[Array, "height width 3"]:
+) -> Float[Array, "height width channels"]:
     r"""Render a scene as linear radiance, unclamped, row 0 on top, with one sample at the centre of each pixel.
 
     $$ I = k_e + k_a I_a + \sum_l f_{rad} f_{ang} I_l (k_d (n \cdot l)_+ + W (v \cdot r)_+^{n_s}) $$
@@ -45,7 +46,7 @@ def render(
         lit: Indices of the lights that are on, from 0; all of them by default. Ambient light is always on.
 
     Returns:
-        The image, in float32, or float64 if `jax_enable_x64` is on.
+        The image, in float32, or float64 if `jax_enable_x64` is on; of a scene of `bands`, a channel for each.
 
     Raises:
         ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, or the image has
@@ -68,7 +69,7 @@ def render(
     return program(*with_new_arrays((stacked, camera)))
 
 
-def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width channels"]:
     """Shade a G-buffer with the material of the scene's only object, whatever that object's own shape (E9).
 
     Everything else is as in `render`. With several objects, put each G-buffer into the scene: `Object(gbuffer,
@@ -134,9 +135,12 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
     return projection.rays(row, column)
 
 
-def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width 3"]:
+def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width channels"]:
     projection = camera.projection()
-    return radiance(scene, pixel_rays(projection, camera.shape), projection).stack()
+    rays = pixel_rays(projection, camera.shape)
+    if scene.width == 3:
+        return radiance(scene, rays, projection).stack()
+    return in_bands(lambda grey: radiance(grey, rays, projection), scene, axis=-1)
 
 
 _render = jax.jit(_image)

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
-from ..core.fields import Array, Checked, Colour, as_colour, check_kind, is_concrete, parameter
+from ..core.fields import Array, Checked, Colour, as_colour, as_surround, check_kind, is_concrete, parameter
 from ..core.words import with_article
 from .attenuation import AbstractAtmosphere
+from .bands import RGB, as_bands, check_widths, of_bands, widened
 from .cameras import AbstractCamera
 from .gbuffers import GBuffer
 from .lights import AbstractLight
@@ -72,20 +73,36 @@ class Scene(Checked):
         shadows: Whether opaque objects keep light from what is behind them; False by default. Objects with k_t cast
             none. Where a shadow ends the image jumps, which contributes no derivative: a fit can find materials and
             intensities under shadows, but should not be asked for what moves them.
+        bands: What the channels are in place of red, green and blue: how many (1, or 3 to 40), their wavelengths in nm,
+            or their names, which parameters then bear: `k_d.450nm`. Every colour is then one number, or one for each
+            band. RGB by default.
 
     Raises:
-        ValueError: A colour has the wrong shape, is not finite or is below 0; there is no object; two objects have the
-            same name; or a GBuffer cannot be in the scene: it has no positions beside other objects, glass bends
-            rays, or there are shadows.
+        ValueError: A colour has the wrong shape, another number of channels than the scene, is not finite or is below
+            0; there is no object; two objects have the same name; there are two bands or more than 40; or a GBuffer
+            cannot be in the scene: it has no positions beside other objects, glass bends rays, or there are shadows.
         TypeError: An object, a light, a colour or the atmosphere is of the wrong kind.
     """
 
     objects: tuple[Object, ...] = eqx.field(converter=as_tuple)
     lights: tuple[AbstractLight, ...] = eqx.field(converter=as_tuple, default=())
-    ambient: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
-    background: Colour = eqx.field(converter=as_colour, default=0.0, metadata={"lower": 0})
+    ambient: Colour = eqx.field(converter=as_surround, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
+    background: Colour = eqx.field(converter=as_surround, default=0.0, metadata={"lower": 0})
     atmosphere: AbstractAtmosphere | None = None
     shadows: bool = eqx.field(static=True, default=False)
+    bands: tuple[str, ...] = eqx.field(converter=as_bands, static=True, default=())
+
+    def __post_init__(self) -> None:
+        self.ambient, self.background = as_colour(self.ambient), as_colour(self.background)
+        if (bands := len(as_bands(self.bands))) not in (0, 3):  # greys, which were made RGB, get the scene's bands
+            self.objects, self.lights = (widened(as_tuple(of), bands) for of in (self.objects, self.lights))
+            self.ambient, self.background = (of_bands(of, bands) for of in (self.ambient, self.background))
+            self.atmosphere = widened(self.atmosphere, bands)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of its channels: "r", "g" and "b", or those of its bands."""
+        return self.bands or RGB
 
     def check_together(self) -> None:
         if not isinstance(self.shadows, bool):
@@ -126,6 +143,7 @@ class Scene(Checked):
                 "a GBuffer casts no shadow, since only what its camera sees is known of it; got one in a scene with "
                 "shadows=True. Give a Mesh, or another shape."
             )
+        check_widths(self, self.bands)
         for i, item in enumerate(self.objects):
             _check_maps(i, item)
         seen_as_they_are = buffers or any(item.material.maps for item in self.objects)
@@ -199,10 +217,15 @@ class StackedScene(eqx.Module):
 
     objects: tuple[Object, ...]
     lights: tuple[AbstractLight, ...]
-    ambient: Shaped[Array, "3"]
-    background: Shaped[Array, "3"]
+    ambient: Shaped[Array, "channels"] = eqx.field(metadata={"colour": True})
+    background: Shaped[Array, "channels"] = eqx.field(metadata={"colour": True})
     atmosphere: AbstractAtmosphere | None
     shadows: bool = eqx.field(static=True, default=False)
+
+    @property
+    def width(self) -> int:
+        """How many channels its colours have."""
+        return self.background.shape[-1]
 
 
 def stack_scene(scene: Scene) -> StackedScene:

@@ -13,6 +13,7 @@ from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
 from ..io.files import replacing
 from ..io.images import srgb_encode
+from ..model.bands import refuse_bands
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,6 +60,7 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
     import matplotlib.figure
 
     views = (views,) if isinstance(views, View) else tuple(views)
+    refuse_bands("a comparison", fit.scene.bands, "Draw channels of fit.predict(view) yourself.")
     titles = titles or [f"view {i}" for i in range(len(views))]
     if len(titles) != len(views):
         raise ValueError(f"titles must be one for each of {len(views)} views; got {len(titles)}. Leave them out.")

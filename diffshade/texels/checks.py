@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
 from ..core.fields import check, check_kind, refuse_traced
-from ..inverse.data.views import View, is_grey
+from ..inverse.data.views import View, in_channels_of, is_grey
 from ..inverse.forward.losses import LOSSES
+from ..model.bands import refuse_bands
 from ..model.fresnel import NoFresnel
 from ..model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ..model.rendering import select
@@ -33,6 +34,8 @@ def checked(
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
     refuse_traced("a fit", "Fit outside.", scene=scene, views=tuple(views))
     check((scene, tuple(views)))
+    refuse_bands("a fit of texels", scene.bands, "Fit three of them at a time.")
+    in_channels_of(scene, views)  # refuses views of more channels
     free = _checked_names(free)
     if loss is not None and (not isinstance(loss, str) or loss not in LOSSES):
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")

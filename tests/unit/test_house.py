@@ -17,6 +17,7 @@ LAYERS = (
     "core.words core.progress core.backend",
     "core.fields",
     "model.vectors",
+    "model.bands",
     "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",
     "model.flaps model.lobes",
     "model.photometry",

@@ -335,7 +335,7 @@ def test_what_cannot_be_written_is_said_and_nothing_is(tmp_path, name, image, bi
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (2, 3, 5), (2, 3, 0), (0, 3, 3), (1, 2, 3, 3)])
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3, 41), (2, 3, 0), (0, 3, 3), (1, 2, 3, 3)])
 def test_a_shape_that_is_no_image(tmp_path, shape):
     message = rf"has shape {re.escape(str(shape))}\. An image is \(H, W\) or \(H, W, C\) with C from"
     with pytest.raises(ValueError, match=message):
@@ -462,22 +462,22 @@ def test_a_jpeg_or_tga_is_refused_where_it_declares_more_pixels_than_its_bytes_c
 
 def test_a_tiff_is_refused_where_it_declares_more_than_its_strips_could_hold():
     plain = by.tiff(by.integers(8, 2, 8))  # one strip of 16 bytes
-    assert check_tiff(plain)[256] == (8,)
+    assert check_tiff(plain)[0][256] == (8,)
     for tags in ({"height": 3}, {"bits": 16}, {"channels": 2}, {"counts": 17}, {"offsets": len(plain) - 15}):
         with without_a_word():
             check_tiff(by.declared(plain, **tags))
     packed = by.tiff(by.integers(8, 2, 8), deflate=True)
-    stored = check_tiff(packed)[279][0] / 16  # of 16 bytes
+    stored = check_tiff(packed)[0][279][0] / 16  # of 16 bytes
     for data, compression, most in ((plain, 5, 2800), (plain, 7, 1536), (plain, 32773, 64), (packed, 8, 1032 * stored)):
         check_tiff(by.declared(data, compression=compression, width=int(8 * most)))
         with without_a_word():
             check_tiff(by.declared(data, compression=compression, width=int(8 * most) + 1))
-    assert check_tiff(by.tiff(by.integers(8, 2, 8), ">", deflate=True))[259] == (8,)
+    assert check_tiff(by.tiff(by.integers(8, 2, 8), ">", deflate=True))[0][259] == (8,)
     with without_a_word():
         check_tiff(by.declared(plain, bits=8, rename={"bits": 277}))  # twice the same tag
     to_tiles = {"offsets": 324, "counts": 325, "rows": 322, "orientation": 323}
     tiles = by.declared(plain, rows=4, orientation=4, rename=to_tiles)
-    assert check_tiff(tiles)[323] == (4,)
+    assert check_tiff(tiles)[0][323] == (4,)
     with without_a_word():
         check_tiff(by.declared(tiles, **{"tile height": 5}))
 
@@ -503,3 +503,30 @@ def test_an_exr_is_refused_where_its_window_is_larger_than_its_bytes_could_hold(
     check_exr(data[:at] + struct.pack("<II", wide, 2) + data[at + 8 :])
     with without_a_word():
         check_exr(data[:at] + struct.pack("<II", wide + 1, 2) + data[at + 8 :])
+
+
+# Bands
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "step"), [("a.npy", None, 0), ("a.tif", 32, 1e-7), ("a.tif", 16, 1e-5), ("a.tif", 8, 2e-3)]
+)
+def test_bands_come_back_from_the_pages_of_a_tiff_and_from_npy(tmp_path, name, bits, step):
+    image = np.random.default_rng(0).uniform(0, 1, (5, 7, 31))
+    write_image(tmp_path / name, image, bits=bits)
+    np.testing.assert_allclose(read_image(tmp_path / name), image, rtol=0, atol=step)
+
+
+def test_pages_that_are_no_bands_are_refused(tmp_path):
+    page = Image.new("L", (9, 9))
+    for number, others in ((2, Image.new("L", (9, 8))), (2, Image.new("RGB", (9, 9))), (41, page)):
+        page.save(tmp_path / "a.tif", save_all=True, append_images=[others] * (number - 1))
+        with pytest.raises(ValueError, match=r"a\.tif: it has more than one page\. .* up to 40 bands as grey pages"):
+            read_image(tmp_path / "a.tif")
+
+
+def test_a_picture_of_bands_needs_a_format_that_has_them(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"a\.png: the image has shape \(2, 3, 31\).*Write more bands as \.npy or \.tif"
+    ):
+        write_image(tmp_path / "a.png", np.zeros((2, 3, 31)))

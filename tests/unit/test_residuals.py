@@ -58,7 +58,7 @@ def test_what_is_lit():
     ("image", "options", "words"),
     [
         (DARK[..., None], {}, ("View.image", "shape", "(10, 12, 3, 1)")),
-        (np.zeros((10, 12, 5)), {}, ("View.image", "shape", "(10, 12, 5)")),
+        (np.zeros((10, 12, 41)), {}, ("View.image", "shape", "(10, 12, 41)", "40")),
         (np.zeros((10, 12, 3), np.uint8), {}, ("View.image", "uint8", "ds.read_image")),
         (np.zeros((10, 12, 3), bool), {}, ("View.image", "floats", "bool")),
         (np.zeros((12, 10, 3)), {}, ("View.image", "camera's shape (10, 12)", "(12, 10)")),

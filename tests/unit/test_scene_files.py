@@ -5,6 +5,7 @@ from re import escape
 import jax
 import numpy as np
 import pytest
+from refusals import refuses
 
 import diffshade as ds
 
@@ -292,3 +293,50 @@ def test_a_texture_has_no_form_in_toml(tmp_path):
     with pytest.raises(ValueError, match=r"a Texture has no form in TOML\. Write its arrays with numpy\.save"):
         ds.write_scene(path, scene)
     assert path.read_text() == "old"
+
+
+SPECTRAL = """
+bands = [450, 550, 650, 850]
+[camera]
+eye = [0, 0, 4]
+[[objects]]
+surface = "Sphere"
+[objects.material]
+n_s = 40
+[objects.material.foley]
+O_d = [0.1, 0.5, 0.9, 1.0]
+k_a = 0.1
+k_d = 0.6
+k_s = 0.3
+"""
+
+
+def test_foleys_form_is_read_as_its_products_in_each_band(tmp_path):
+    path = tmp_path / "ball.toml"
+    path.write_text(SPECTRAL)
+    scene = ds.read_scene(path)
+    material = scene.objects[0].material
+    np.testing.assert_allclose(material.k_d, 0.6 * np.array([0.1, 0.5, 0.9, 1.0]))
+    np.testing.assert_allclose(material.k_s, [0.3] * 4)
+    assert scene.bands == ("450nm", "550nm", "650nm", "850nm")
+    ds.write_scene(tmp_path / "again.toml", scene)
+    again = ds.read_scene(tmp_path / "again.toml")
+    assert again.bands == scene.bands
+    np.testing.assert_array_equal(again.objects[0].material.k_a, material.k_a)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("O_d = [0.1, 0.5, 0.9, 1.0]\n", "", ("foley", "O_d")),
+        ("n_s = 40", "n_s = 40\nk_d = 0.5", ("material.k_d", "foley")),
+        ("k_s = 0.3", "k_z = 0.3", ("foley", "k_z", "k_s")),
+        ("k_s = 0.3", "k_s = -0.3", ("foley", "k_s", "at least 0")),
+        ("k_s = 0.3", "k_s = [0.1, 0.2, 0.3]", ("foley", "k_s", "3 numbers", "4")),
+        ("[450, 550, 650, 850]", "[450, 550, 650]", ("k_a", "4 numbers", "3 bands, 450nm to 650nm")),
+    ],
+)
+def test_wrong_tables_of_foleys_form_are_refused(tmp_path, old, new, words):
+    path = tmp_path / "ball.toml"
+    path.write_text(SPECTRAL.replace(old, new))
+    refuses(lambda: ds.read_scene(path), *words)

@@ -12,7 +12,7 @@ from ...io.lazy_images import LazyImage
 from ...model.gbuffers import as_mask
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
-from .views import Image, View, colours, find_repeats, has_alpha, has_mask, is_grey
+from .views import Image, View, channels, colours, find_repeats, has_alpha, has_mask
 
 
 class Samples(eqx.Module):
@@ -113,7 +113,7 @@ def count_samples(
     views: Sequence[View], again: Mapping[int, int], pixels: Sequence[int], clipped: int, left_out: int
 ) -> Counts:
     """Return the counts of a fit, given the views that repeat others and the pixels of each view that count."""
-    number = sum(n * (1 if is_grey(view) else 3) for n, view in zip(pixels, views, strict=True))
+    number = sum(n * channels(view) for n, view in zip(pixels, views, strict=True))
     return Counts(len(views) - len(again), sum(pixels), number, clipped, left_out, tuple(again.items()))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -12,8 +13,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from ...core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number, parameter
-from ...core.words import Note
+from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number, parameter
+from ...core.words import Note, count
 from ...io.lazy_images import LazyImage, row_tiles
 from ...model.cameras import AbstractCamera
 from ...model.scenes import Scene
@@ -116,7 +117,8 @@ class View(Checked):
 
     Args:
         image: Linear radiance, unless `sensor` says what else it is, (H, W), (H, W, 1) grey or (H, W, 3). A further
-            channel is alpha; alpha of at least half is inside the mask. For images larger than memory: what
+            channel is alpha; alpha of at least half is inside the mask. For a scene of `bands`, (H, W, C) with a
+            channel for each of them and no alpha. For images larger than memory: what
             `open_image` returns, or any array with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats
             (h5py, zarr).
         camera: A camera of the image's shape.
@@ -129,6 +131,7 @@ class View(Checked):
             exactly 1, the top of an integer file's range; else none.
         floor: Samples at or below it are clipped from below. Default: none.
         sensor: Response, white balance, vignetting and blur of the camera. Default: none of these.
+        bands: Whether each channel is a band, and none of them alpha; `fit` sets it as the scene says.
     """
 
     image: Image = eqx.field(converter=as_image)
@@ -145,6 +148,7 @@ class View(Checked):
     saturation: float | None = eqx.field(converter=as_level, static=True, default=None)
     floor: float | None = eqx.field(converter=as_level, static=True, default=None)
     sensor: Sensor | None = None
+    bands: bool = eqx.field(static=True, default=False)
 
     def check_together(self) -> None:
         if self.sensor is not None:
@@ -155,10 +159,11 @@ class View(Checked):
             raise ValueError(
                 f"View.image must be linear radiance in floats; got {image.dtype}. Read the file with ds.read_image."
             )
-        if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
+        if image.ndim != 3 or not 1 <= image.shape[2] <= MOST_BANDS:
             raise ValueError(
-                f"View.image must have shape (H, W), or (H, W, C) with 1 to 4 channels; got {image.shape}. "
-                "Give a grey or RGB image, with alpha or without."
+                f"View.image must have shape (H, W), or (H, W, C) with 1 to 4 channels, or one for each band of a "
+                f"scene; got {image.shape}. Give a grey or RGB image, with alpha or without, or at most {MOST_BANDS} "
+                "bands."
             )
         if image.shape[:2] != shape:
             raise ValueError(
@@ -188,7 +193,33 @@ class View(Checked):
 
 def is_grey(view: View) -> bool:
     """Whether a view has one channel, and so one residual a pixel."""
-    return view.image.shape[2] < 3
+    return not view.bands and view.image.shape[2] < 3
+
+
+def channels(view: View) -> int:
+    """Return how many samples a pixel of a view has: its channels without alpha."""
+    return view.image.shape[2] - has_alpha(view)
+
+
+def in_channels_of(scene: Scene, views: Sequence[View]) -> tuple[View, ...]:
+    """Return the views with their channels taken as the scene's; refuse views of other channels, by their number.
+
+    In a scene of red, green and blue a view may be grey, and its last channel alpha; in one of other bands it has a
+    channel for each band.
+    """
+    wanted, rgb = len(scene.channels), len(scene.channels) == 3
+    for i, view in enumerate(views):
+        got = view.image.shape[2]
+        if got > 4 if rgb else got != wanted:
+            has = "red, green and blue" if not scene.bands else f"{count(wanted, 'band')}, {', '.join(scene.bands)}"
+            remedy = f"Give Scene(..., bands={got})" if rgb else "Give an image with a channel for each"
+            raise ValueError(f"views[{i}].image has {count(got, 'channel')}, but the scene has {has}. {remedy}.")
+        if view.sensor is not None and not rgb:
+            raise ValueError(
+                f"views[{i}].sensor knows red, green and blue, but the scene has {count(wanted, 'band')}. Give linear "
+                "images, and leave it out."
+            )
+    return tuple(views) if rgb else tuple(dataclasses.replace(view, bands=True) for view in views)
 
 
 def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
@@ -260,7 +291,7 @@ def _equal(one: Any, other: Any) -> bool:
 
 def has_alpha(view: View) -> bool:
     """Whether the last channel of a view's image is alpha."""
-    return view.image.shape[2] in (2, 4)
+    return not view.bands and view.image.shape[2] in (2, 4)
 
 
 def colours(view: View) -> Image:

@@ -133,7 +133,7 @@ class FeatureModel(AbstractForwardModel):
         scene, lamps = setup.scene, lamps_of(setup.scene, setting.lit)
         material = scene.objects[0].material
         exposure = setup.exposure[:, None]
-        constant = exposure * (material.k_e + material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, 3)
+        constant = exposure * (material.k_e + material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, c)
         held = jax.lax.stop_gradient
         predicted, slopes = [constant], []
         for light, (kind, k) in enumerate(self._slots()):
@@ -151,12 +151,12 @@ class FeatureModel(AbstractForwardModel):
         return self._channels(predicted + none), self._channels(predicted + slopes)
 
     def _channels(self, coefficients: Sequence[Array]) -> Array:
-        """Stack coefficients (views, 3) as (views, channels, features); a grey view has their mean, in channel 0."""
+        """Stack coefficients (views, c) as (views, c, features); a grey view has their mean, in channel 0."""
         stacked = jnp.stack(coefficients, -1)
         mean = stacked.mean(1, keepdims=True)
         if self.grey:
             return mean
-        first = jnp.where(jnp.arange(3)[None, :, None] == 0, mean, 0.0)
+        first = jnp.where(jnp.arange(stacked.shape[1])[None, :, None] == 0, mean, 0.0)
         return jnp.where(self.setting.grey[:, None, None] > 0, first, stacked)
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:

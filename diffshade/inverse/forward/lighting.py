@@ -76,7 +76,7 @@ class Shaded(NamedTuple):
 class Lamps(eqx.Module):
     """The lights that are on in each view; padding is dark."""
 
-    intensity: Float[Array, "views lights 3"]
+    intensity: Float[Array, "views lights channels"]
     fade: Float[Array, "views lights 3"]
     """constant, linear, quadratic; (1, 0, 0) at infinity."""
     clamp: Float[Array, "views lights"]
@@ -99,7 +99,8 @@ def lamps_of(scene: Any, lit: Any) -> Lamps:
             clamp.append(ones if a.clamp else 0.0 * ones)
     if not intensity:
         views = lit[0][0].shape[0] if lit else 1
-        return Lamps(jnp.zeros((views, 0, 3)), jnp.zeros((views, 0, 3)), jnp.zeros((views, 0)))
+        none = jnp.zeros((views, 0, scene.width))
+        return Lamps(none, jnp.zeros((views, 0, 3)), jnp.zeros((views, 0)))
     return Lamps(*(jnp.concatenate(of, 1) for of in (intensity, fade, clamp)))
 
 

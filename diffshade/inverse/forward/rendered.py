@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from ...core.backend import jit_quickly
 from ...core.fields import Array
+from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
 from ...model.scenes import Scene, light_kinds, stack_scene
 from ...model.tracing import radiance
@@ -22,7 +23,7 @@ from ..data.views import View, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
 from ..unknowns.slots import Setup, apart, sensors_of, slots_of, together
 from ..unknowns.unknown import Unknown
-from ..unknowns.visibility import seeds_of, shown_unknowns
+from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
 from .gram import Gram, ViewGrams, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
@@ -73,6 +74,9 @@ class RenderedModel(AbstractForwardModel):
         projection = jax.tree.map(lambda leaf: leaf[view], setting.projections)
         row, column = block.points.row, block.points.column
         sensor = jax.tree.map(lambda leaf: leaf[view], setup.sensor)
+        if scene.width != 3:
+            bands = in_bands(lambda grey: self._seen(grey, projection, row, column, None), scene)
+            return tuple(setup.exposure[view] * band + setup.black[view] for band in bands)
         seen = self._seen(scene, projection, row, column, sensor)
         mean = (seen.x + seen.y + seen.z) / 3.0
         grey = setting.grey[view] > 0
@@ -101,6 +105,9 @@ class RenderedModel(AbstractForwardModel):
         """Return the Gram of each view over the blocks of a chunk: memory for one block at a time."""
         p, views, shown = theta.shape[0], self.setting.grey.shape[0], self.setting.shown
         most = p if shown is None else shown.shape[1]
+        zero = Gram(jnp.zeros(views), jnp.zeros((views, most)), jnp.zeros((views, most, most)))
+        if self.setting.of_bands is not None:
+            return jax.lax.scan(self._adder_of_bands(theta, *self.setting.of_bands), zero, chunk)[0]
 
         def add(total: Gram, block: Block) -> tuple[Gram, None]:
             m, derivative = jax.linearize(lambda q: self.predict(q, block), theta)
@@ -113,8 +120,30 @@ class RenderedModel(AbstractForwardModel):
             of_block = jax.tree.map(lambda *leaves: sum(leaves), *grams)
             return jax.tree.map(lambda t, b: t.at[block.view].add(b), total, of_block), None
 
-        zero = Gram(jnp.zeros(views), jnp.zeros((views, most)), jnp.zeros((views, most, most)))
         return jax.lax.scan(add, zero, chunk)[0]
+
+    def _adder_of_bands(self, theta: Array, seeds: Array, index: Array) -> Callable[[Any, Block], tuple[Gram, None]]:
+        """Return what adds the Gram of a block of many bands, each of which shows few of the unknowns."""
+
+        def add(total: Any, block: Block) -> tuple[Gram, None]:
+            m, derivative = jax.linearize(lambda q: jnp.stack(self.predict(q, block)), theta)
+            J, seen = jax.vmap(derivative, out_axes=1)(seeds), block.observed  # (bands, seeds, pixels)
+            weight = seen.weight
+            if self.steepest is not None:
+                limit = jnp.append(self.steepest, jnp.inf)[index][:, :, None]
+                weight = jnp.where(jnp.all(jnp.sqrt(weight)[:, None] * jnp.abs(J) <= limit, 1), weight, 0.0)
+            terms = jax.vmap(self.likelihood.terms)(m, seen.target, weight, seen.clipped)
+            slope = jnp.einsum("csp,cp->cs", J, terms.slope)
+            curvature = jnp.einsum("csp,ctp->cst", J * terms.curvature[:, None], J)
+            view = block.view
+            of_block = Gram(
+                total.cost.at[view].add(terms.cost.sum()),
+                total.gradient.at[view, index].add(slope, mode="drop"),
+                total.hessian.at[view, index[:, :, None], index[:, None, :]].add(curvature, mode="drop"),
+            )
+            return of_block, None
+
+        return add
 
     def _costs(self, m: Sequence[Any], J: Sequence[Any], index: Array, seen: Observed) -> list[Any]:
         """Return the likelihood's terms channel by channel, of samples that are not too steep."""
@@ -162,6 +191,7 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
         no_rounding(len(views)),
         shown,
         seeds_of(shown, len(unknowns)),
+        None if len(scene.channels) == 3 or shown is not None else seeds_of_bands(scene, unknowns),
         blurred,
     )
 

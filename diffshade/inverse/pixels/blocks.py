@@ -13,7 +13,8 @@ from jaxtyping import Float, Int, Int8
 
 from ...core.fields import Array
 from ..data.samples import Samples
-from ..data.views import View, is_grey
+from ..data.views import View
+from ..data.views import channels as channels_of
 
 T = TypeVar("T")
 BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
@@ -97,7 +98,7 @@ def observed(
         n = len(part.pixels)
         row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.photograph.shape[1])
         values = part.samples.values(part.pixels)
-        used = 1 if is_grey(views[part.view]) else 3
+        used = channels_of(views[part.view])
         target[b, :used, :n] = values.T
         weight[b, :used, :n] = 1.0
         if clipped is not None:

@@ -29,7 +29,7 @@ def interchangeable(scene: Scene, unknowns: Sequence[Unknown]) -> list[Highlight
         starts = [base, *(f"{base}.highlights.{k}" for k in range(len(m.highlights)))]
         members = []
         for start, lobe in zip(starts, lobes, strict=True):
-            places = [(f"{start}.k_s", c) for c in range(3)] + [(f"{start}.n_s", 0)]
+            places = [(f"{start}.k_s", c) for c in range(len(scene.channels))] + [(f"{start}.n_s", 0)]
             indices = [at.get((path_with_names(path, scene), c), -1) for path, c in places]
             if min(indices) >= 0 and eqx.tree_equal(lobe, lobes[0]) and np.ndim(m.n_s) == 0:
                 members.append(list(dict.fromkeys(indices)))

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import as_coefficient, as_colour, as_exponent
+from ...core.fields import as_coefficient, as_colour, as_exponent, as_surround
 from .names import check_names, end_of_run
 from .unknown import Product, Unknown
 
-COLOURS = (as_colour, as_coefficient)
+COLOURS = (as_colour, as_surround, as_coefficient)
 
 
 @dataclass(frozen=True)

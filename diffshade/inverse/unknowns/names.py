@@ -99,8 +99,10 @@ def end_of_run(name: str, path: str) -> int | None:
 
 def concerns(name: str, unknown: Unknown, path: str, channel: int) -> bool:
     """Whether a name means the number at a place: a run of its path, with its channel after it or without."""
+    own = unknown.name[len(unknown.quantity) + 1 :]  # r of k_d.r
+    if own and name.endswith(f".{own}") and end_of_run(name[: -len(own) - 1], path) is not None:
+        return True
     head, _, letter = name.rpartition(".")
-    own = unknown.name.rpartition(".")[2]
     return end_of_run(name, path) is not None or (
         own in CHANNELS
         and letter in CHANNELS

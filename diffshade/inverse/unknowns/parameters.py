@@ -80,7 +80,8 @@ def find_unknowns(
     for path in freed:
         if path not in proportions:
             _check_can_be_free(path, known)
-            _add(found, path, known, tied, one_channel=grey or path in one_channel, from_scene=from_scene)
+            one = grey or path in one_channel
+            _add(found, path, known, tied, scene.channels, one_channel=one, from_scene=from_scene)
     if not with_dark_lights:
         _leave_out_dark_lights(found, free, scene, views)
     unknowns = list(found.values())
@@ -143,6 +144,7 @@ def _add(
     path: str,
     known: Mapping[str, Any],
     tied: Sequence[str],
+    of_colours: Sequence[str],
     *,
     one_channel: bool,
     from_scene: bool,
@@ -151,7 +153,7 @@ def _add(
     value, spec = known[path]
     converter = spec.metadata["converter"]
     colour = converter in COLOURS or (converter is as_exponent and np.ndim(value) == 1)
-    channels = "rgb" if colour else "xyz" if converter is as_vector else ""
+    channels = of_colours if colour else "xyz" if converter is as_vector else ""
     quantity = next((n for name in tied if (n := tied_name(name, path))), path)
     one = not channels or (colour and one_channel)
     for c, number in enumerate(numbers_of(value, spec)):

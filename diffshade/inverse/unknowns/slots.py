@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.fields import Array, is_over_pixels
+from ...core.fields import MOST_BANDS, Array, is_over_pixels
 from ...model.gbuffers import GBuffer
 from ...model.lobes import AbstractReflectance
 from ...model.patterns import AbstractPattern
@@ -69,8 +69,8 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
         index_of[product.path, product.channel] = p + k
 
     def indices(name: str, leaf: Array) -> np.ndarray:
-        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= 3 else [-1]
-        return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= 3 else ()), np.shape(leaf))
+        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= MOST_BANDS else [-1]
+        return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= MOST_BANDS else ()), np.shape(leaf))
 
     leaves, structure = jax.tree_util.tree_flatten_with_path(apart(scene)[1])
     places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]

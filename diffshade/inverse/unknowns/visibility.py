@@ -92,6 +92,27 @@ def seeds_of(
     return np.eye(int(seed.max()) + 1)[:, seed[:p]], seed[shown]
 
 
+def seeds_of_bands(
+    scene: Scene, unknowns: Sequence[Unknown]
+) -> tuple[Float[np.ndarray, "seeds p"], Int[np.ndarray, "bands seeds"]]:
+    """Return directions that each take one unknown of every band together, or one that all bands show.
+
+    Beside them comes which unknown each direction is in each band, padded with their number. As in `seeds_of`,
+    derivatives along these few are all that there are: no band shows the unknowns of another.
+    """
+    p, bands = len(unknowns), scene.channels
+    own = [unknown.name[len(unknown.quantity) + 1 :] for unknown in unknowns]
+    common = [j for j, band in enumerate(own) if band not in bands]
+    alone = [[j for j, of in enumerate(own) if of == band] for band in bands]
+    index = np.full((len(bands), len(common) + max(map(len, alone))), p)
+    for row, of_band in zip(index, alone, strict=True):
+        row[: len(common)] = common
+        row[len(common) : len(common) + len(of_band)] = of_band
+    seeds = np.zeros((index.shape[1], p + 1))
+    seeds[np.arange(index.shape[1]), index] = 1.0
+    return seeds[:, :p], index
+
+
 def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Arrow | None:
     """Return the unknowns as border and blocks, such as those of each light; None where that would save nothing."""
     shows = views_that_show(scene, views, unknowns)

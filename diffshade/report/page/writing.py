@@ -20,6 +20,7 @@ from ...inverse.data.recording import developed
 from ...inverse.data.views import View
 from ...inverse.result import Fit
 from ...io.files import replacing
+from ...model.bands import refuse_bands
 from ...texels.heights.map import HeightMap
 from ...texels.maps import TexelMaps
 from . import charts, tables
@@ -101,6 +102,7 @@ def write_report(
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
     _refuse(of_maps, "TexelMaps", "a fit")
+    refuse_bands("a report", result.scene.bands, "Report a fit of three of them, or print this one.")
     _write_fit(path, result, examination, choice, plan, titles, progress=progress)
 
 
