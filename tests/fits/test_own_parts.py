@@ -235,6 +235,7 @@ def test_the_command_line_imports_them_where_it_is_told_to(tmp_path):
     assert "imported first" in found.stderr
 
 
+@pytest.mark.thorough
 def test_a_number_may_have_the_name_of_one_of_the_librarys():
     class HighLamp(AbstractLamp):
         position: Vector = vector(role="position")
