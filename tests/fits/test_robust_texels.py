@@ -78,7 +78,7 @@ def test_bands_are_the_whole_map(shadowed, tmp_path):
     np.testing.assert_array_equal(bands.status, maps.status)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_bands_are_the_whole_map_under_near_lamps_too():
     at = 3.0 * lights_about(20)
     ball = textured_ball(40, noise=0.005, shadows=0.1, at=at)
@@ -146,7 +146,7 @@ def test_lamps_without_a_channel_are_fitted_texel_by_texel():
         ds.fit_texels(facing_us(ball), ball.views, free=FREE, light_error=1.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_faint_lamps_change_nothing(shadowed):
     ball, views = with_bounced_light(24)
     scene = facing_us(ball)

@@ -35,7 +35,7 @@ def step_error(heights: ds.HeightMap, surface: Relief) -> float:
     return float((wrong[:6, middle : middle + 6].mean() - wrong[:6, middle - 6 : middle].mean()) / step)
 
 
-@pytest.mark.parametrize("perspective", [False, True])
+@pytest.mark.parametrize("perspective", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("name", SURFACES)
 def test_heights_are_within_one_percent_and_their_errors_cover(name: str, perspective: bool):
     """Required: below 1 %, the step within 5 %, and 90 to 98 % within the nominal 95 % intervals."""
@@ -60,7 +60,14 @@ def test_plain_least_squares_would_lose_the_step():
     assert abs(step_error(heights, surface)) > 0.3
 
 
-@pytest.mark.parametrize(("height", "angle"), [(0.3, 0.0), (0.1, 0.0), (0.05, 0.0), (0.3, 30.0), (0.3, -60.0)])
+STEPS = [
+    (0.05, 0.0),
+    (0.3, 30.0),
+    *(pytest.param(*step, marks=pytest.mark.slow) for step in ((0.3, 0.0), (0.1, 0.0), (0.3, -60.0))),
+]
+
+
+@pytest.mark.parametrize(("height", "angle"), STEPS)
 def test_a_step_across_leaves_two_parts(height: float, angle: float):
     surface = relief(SIZE, stepped(height, whole=True, angle=angle))
     for seed in range(4):
@@ -69,7 +76,7 @@ def test_a_step_across_leaves_two_parts(height: float, angle: float):
         assert "relative heights of 2 parts" in next(note for note in heights.notes if note.kind == "parts")
 
 
-@pytest.mark.parametrize("end", [-0.9, -0.5, 0.0, 0.5])
+@pytest.mark.parametrize("end", [-0.9, *(pytest.param(end, marks=pytest.mark.slow) for end in (-0.5, 0.0)), 0.5])
 def test_a_step_that_fades_out_leaves_one_part(end: float):
     surface = relief(SIZE, stepped(0.3, end=end))
     for seed in range(3):

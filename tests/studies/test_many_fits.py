@@ -82,9 +82,10 @@ def failure(seed: int, number: int) -> str:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "half",
-    [0, pytest.param(1, marks=pytest.mark.slow)],
+    [0, 1],
     ids=["one light in each view", "all lights in one view"],
 )
 def test_a_fit_that_is_told_nothing_of_the_material_ends_no_worse_than_the_truth(half):

@@ -60,6 +60,7 @@ ENDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "at_a_bound"), ENDS.values(), ids=ENDS)
 def test_within_bounds_the_optimum_is_that_of_scipy(options, at_a_bound):
     assert_the_optimum_is_that_of_scipy(three_views(**options), at_a_bound)

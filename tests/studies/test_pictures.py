@@ -6,10 +6,11 @@ import numpy as np
 import oracle
 import pytest
 from equations import FILES, picture, reference
-from oracle_scenes import LONG_TO_COMPILE, LONG_TO_RENDER, SCENES, assert_same, needed
+from oracle_scenes import LONG_TO_RENDER, SCENES, assert_same, needed
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG_TO_COMPILE)) for n in SCENES])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
 def test_a_compiled_picture_is_that_of_the_oracle(name):
     assert_same(*picture(name, compiled=True))
 

@@ -122,7 +122,8 @@ def shifted(one: Ball, way: tuple[int, bool], shifts: int) -> tuple[np.ndarray, 
     return np.array(off), np.array(said)
 
 
-@pytest.mark.parametrize(("materials", "shifts"), [(2, 6), pytest.param(40, 20, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("materials", "shifts"), [(2, 6), (40, 20)])
 def test_intervals_are_no_wider_than_the_errors_ask_for(tmp_path, materials, shifts):
     """The whole width of an interval beside the RMS error, over shifts of the camera, in errors, and materials.
 
@@ -149,6 +150,7 @@ def test_an_examination_withdraws_nothing_for_rounding(tmp_path):
             assert not (fit.determined & ~examination.determined).any()
 
 
+@pytest.mark.slow
 def test_profile_intervals_hold_the_truth_too(tmp_path):
     one = ball(5, tmp_path, 1)  # by patches
     fit = one.fit(one.read_back(one.images(), 8, False))

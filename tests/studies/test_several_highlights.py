@@ -38,6 +38,7 @@ def test_both_exponents_are_found(draws):
     assert inside >= 0.97 * draws
 
 
+@pytest.mark.slow
 def test_one_highlight_fitted_to_two_is_found_out():
     examination = ds.examine(fitted(TWO, ds.Material(), 0))
     assert "second, sharper part" in examination.notes[0]
@@ -98,6 +99,7 @@ def own(case: str) -> tuple[ds.Scene, ds.Scene, tuple[str, ...]]:
     return truth, told, ("k_d.a", "k_d.b", "turns", "k_s", "n_s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["Torrance and Sparrow", "a line light", "marble"])
 def test_errors_of_own_numbers_cover(case):
     """20 draws, each with some ten numbers: about 95 % are within 1.96 errors."""

@@ -100,6 +100,7 @@ def test_right_data_raises_none(material, only):
         assert found == (), [s.sentence for s in found]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("truth", "model"), [(BLINN, MATERIAL), (MATERIAL, BLINN)], ids=["blinn", "phong"])
 @pytest.mark.parametrize("only", [None, (3,)], ids=str)
 def test_a_lobe_of_the_other_form_is_named_or_within_the_noise(truth, model, only):
@@ -110,16 +111,17 @@ def test_a_lobe_of_the_other_form_is_named_or_within_the_noise(truth, model, onl
         assert found or sigma > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("view", "options"),
     [
         ({}, {"loss": "cauchy"}),
-        pytest.param({}, {"loss": "huber"}, marks=pytest.mark.slow),
+        ({}, {"loss": "huber"}),
         ({"noise": 0.01}, {}),
         ({"noise": ds.Noise(read=0.01, shot=1e-4)}, {}),
         ({"saturation": 0.6}, {}),
         ({"saturation": 0.6}, {"clipped": "exclude"}),
-        pytest.param({"saturation": 0.6, "noise": 0.01}, {"clipped": "tobit"}, marks=pytest.mark.slow),
+        ({"saturation": 0.6, "noise": 0.01}, {"clipped": "tobit"}),
     ],
     ids=lambda options: " ".join(map(str, options)) or "plain",
 )
@@ -130,6 +132,7 @@ def test_losses_noise_and_clipped_samples_raise_none(clean, view, options):
     assert suspicions(fitted(images, view=view, **options)) == ()
 
 
+@pytest.mark.slow
 def test_images_that_fit_exactly_and_grey_and_8_bit_ones_raise_none(clean):
     assert suspicions(fitted(clean)) == ()
     assert suspicions(fitted([np.round(255 * image) / 255 for image in clean])) == ()
@@ -158,6 +161,7 @@ def test_an_encoding_is_found_by_a_robust_loss(clean):
 # --- exposures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 0.94, 1.2, 2.0])
 @pytest.mark.parametrize("options", [{}, {"loss": "cauchy"}], ids=["squares", "cauchy"])
 def test_an_exposure_is_found_with_its_factor(clean, factor, options):
@@ -169,6 +173,7 @@ def test_an_exposure_is_found_with_its_factor(clean, factor, options):
     assert "'views.2.exposure'" in found.sentence
 
 
+@pytest.mark.slow
 def test_of_two_views_it_is_said_that_either_may_be_wrong(clean):
     images = [clean[2], 1.2 * clean[3]]
     scene = standard_scene(lights=point_lights()[2:4])
@@ -190,9 +195,8 @@ def test_views_that_all_disagree_are_told_as_one(clean):
 # --- lights
 
 
-@pytest.mark.parametrize(
-    "degrees", [pytest.param(4, marks=pytest.mark.slow), 8, pytest.param(20, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [4, 8, 20])
 @pytest.mark.parametrize("only", [None, (3,)], ids=str)
 def test_a_light_is_found_with_its_tilt(clean, degrees, only):
     images, there = taken_from_elsewhere(clean, 3, degrees)
@@ -203,6 +207,7 @@ def test_a_light_is_found_with_its_tilt(clean, degrees, only):
     np.testing.assert_allclose(float(found.sentence.split(" is ")[1].split()[0]), expected, rtol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True], ids=["colour", "grey"])
 def test_a_direction_is_found_from_normals_alone(grey):
     camera = ds.OrthographicCamera((0, 0, 1), shape=CAMERA.shape, local_viewer=False)
@@ -224,6 +229,7 @@ def test_a_direction_is_found_from_normals_alone(grey):
 # --- regions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [0.005, 0.02])
 @pytest.mark.parametrize("only", [None, (4,)], ids=str)
 def test_a_cast_shadow_is_found_with_its_region(clean, sigma, only):

@@ -13,6 +13,7 @@ import diffshade as ds
 MAPS = ("k_d", "k_s", "n_s")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["cauchy", "geman-mcclure"])
 def test_shadows_are_outliers(loss):
     ball = textured_ball(shadows=0.1)
@@ -46,6 +47,7 @@ def test_regions_share_one_exponent(fit_normal):
         assert abs(n_s[0] - truth) < 3 * error[0] < 0.05 * truth
 
 
+@pytest.mark.slow
 def test_lamps_nearby_of_every_kind_and_a_near_viewer():
     """`render` draws the views, so that positions, falloff, cones and emitters count; the maps draw them again."""
     camera = ds.Camera(eye=(0, 0, 4), fov=30, shape=(24, 24))
@@ -73,6 +75,7 @@ def test_lamps_nearby_of_every_kind_and_a_near_viewer():
     np.testing.assert_allclose(again[good], drawn[good], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_noise_of_counted_photons_weighs_each_observation():
     ball = textured_ball(noise=0.0)
     rng = np.random.default_rng(3)
@@ -126,6 +129,7 @@ def test_a_region_of_each_texel_is_a_fit_of_each_texel():
     assert np.isinf(each.errors["n_s"][dull]).all()
 
 
+@pytest.mark.slow
 def test_a_robust_fit_is_the_same_in_bands():
     ball = textured_ball(shadows=0.1)
     whole = ds.fit_texels(ball.scene, ball.views, loss="huber")
@@ -155,6 +159,7 @@ def ball_of_photographs(loss: str, step: int) -> tuple[ds.TexelMaps, np.ndarray]
     return maps, angle(maps.values["normal"], np.asarray(surface.normal))[mask]
 
 
+@pytest.mark.slow
 def test_the_real_ball_has_its_normals_within_3_degrees():
     """Plain photometric stereo: 4.2; on the 20-70 % brightest ranks alone: 2.2. Its n_s is not asked for here."""
     maps, off = ball_of_photographs("cauchy", 3)

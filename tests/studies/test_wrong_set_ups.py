@@ -36,6 +36,7 @@ def test_a_fault_is_named_with_what_to_do(seed, fault):
     assert set(remarks(fit)) & set(KINDS[fault]), [*fit.notes, *(s.sentence for s in suspicions(fit))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 7])
 def test_a_right_set_up_gets_no_remark(seed):
     assert remarks(fitted(set_up(seed), None)) == []
