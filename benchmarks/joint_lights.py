@@ -9,6 +9,7 @@ gives no error bars. `ds.fit` is the whole call, from photographs to error bars;
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import time
 from typing import Any
@@ -50,6 +51,21 @@ def make(count: int) -> tuple[ds.Scene, list[ds.View], np.ndarray]:
     return ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated]), views, towards
 
 
+def residuals(material: jax.Array, toward: jax.Array, image: jax.Array, n: jax.Array) -> jax.Array:
+    """Return the residuals of one view, for Ceres."""
+    l = toward / jnp.linalg.norm(toward)
+    n_l = n @ l
+    cosine = 2.0 * n_l * n[:, 2] - l[2]
+    shines = (n_l > 0) & (cosine > 0)
+    highlight = jnp.where(shines, jnp.exp(jnp.exp(material[6]) * jnp.log(jnp.where(shines, cosine, 1.0))), 0.0)
+    shown = material[:3] * jnp.maximum(n_l, 0.0)[:, None] + material[3:6] * highlight[:, None]
+    return (shown - image).reshape(-1)
+
+
+COMPILED = jax.jit(residuals)
+SLOPES = jax.jit(jax.jacfwd(residuals, (0, 1)))
+
+
 def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray]:
     """Return the material and the directions to the lights by Ceres' `DENSE_SCHUR`."""
     import pyceres
@@ -59,18 +75,6 @@ def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray
     inside = np.asarray(seen.mask)
     stated = np.array([-np.asarray(light.direction, float) for light in scene.lights])  # pyright: ignore
 
-    def residuals(material: jax.Array, toward: jax.Array, image: jax.Array) -> jax.Array:
-        l = toward / jnp.linalg.norm(toward)
-        n_l = n @ l
-        cosine = 2.0 * n_l * n[:, 2] - l[2]
-        shines = (n_l > 0) & (cosine > 0)
-        highlight = jnp.where(shines, jnp.exp(jnp.exp(material[6]) * jnp.log(jnp.where(shines, cosine, 1.0))), 0.0)
-        shown = material[:3] * jnp.maximum(n_l, 0.0)[:, None] + material[3:6] * highlight[:, None]
-        return (shown - image).reshape(-1)
-
-    compiled = jax.jit(residuals)
-    slopes = jax.jit(lambda *of: jax.jacfwd(residuals, (0, 1))(*of))
-
     class OfView(pyceres.CostFunction):
         def __init__(self, image: np.ndarray):
             super().__init__()
@@ -79,10 +83,10 @@ def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray
             self.set_parameter_block_sizes([7, 3])
 
         def Evaluate(self, parameters, out, jacobians):  # noqa: N802
-            at = (jnp.asarray(parameters[0]), jnp.asarray(parameters[1]), self.image)
-            out[:] = np.asarray(compiled(*at))
+            at = (jnp.asarray(parameters[0]), jnp.asarray(parameters[1]), self.image, n)
+            out[:] = np.asarray(COMPILED(*at))
             if jacobians is not None:
-                for into, of in zip(jacobians, slopes(*at), strict=True):
+                for into, of in zip(jacobians, SLOPES(*at), strict=True):
                     if into is not None:
                         into[:] = np.asarray(of).reshape(-1)
             return True
@@ -130,6 +134,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], rounds: int) -> flo
         return material.k_d, material.k_s, material.n_s
 
     given = eqx.tree_at(begun, scene, (START[:3], START[3:6], np.exp(START[6])))
+    stated = [dataclasses.replace(view, noise=NOISE) for view in views]  # which Ceres is given too
     whole, taken = running.solve, []
 
     def timed(*of: Any, **options: Any) -> Any:
@@ -141,7 +146,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], rounds: int) -> flo
     for _ in range(1 + rounds):
         running.solve = timed  # pyright: ignore[reportPrivateImportUsage]
         try:
-            ds.fit(given, views, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")
+            ds.fit(given, stated, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")
         finally:
             running.solve = whole  # pyright: ignore[reportPrivateImportUsage]
     return float(np.median(taken[1:]))

@@ -26,6 +26,7 @@ from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import values_in
 from ..inverse.unknowns.unknown import coordinates
 from ..model.scenes import Scene
+from ..parallel.threads import ONE_BLAS_THREAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +95,7 @@ def forecast(
     views = in_channels_of(scene, views)
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
-    with in_float64((scene, views)) as (scene, views):
+    with in_float64((scene, views)) as (scene, views), ONE_BLAS_THREAD:
         scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
         views = tuple(_with_expected_image(scene, view, noise) for view in views)
         unknowns = find_unknowns(

@@ -19,6 +19,7 @@ from ..core.progress import ReportProgress, showing
 from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup, open_checkpoint
+from ..parallel.threads import ONE_BLAS_THREAD
 from .data.samples import Counts, check_enough, count_samples
 from .data.views import View, find_repeats, in_channels_of, is_grey
 from .forward.losses import LOSSES
@@ -148,6 +149,7 @@ def fit(
     with (
         showing("fit", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
+        ONE_BLAS_THREAD,
     ):
         report_progress("reading the views")
         by_tiles = checkpoint is not None or mesh is not None or laid_bytes(scene, views) > memory

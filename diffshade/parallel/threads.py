@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
+from threadpoolctl import ThreadpoolController
 
 from ..core.backend import in_float64
 
@@ -62,3 +65,32 @@ def in_order(work: Callable[[S], T], items: Iterable[S], *, threads: int, ahead:
                 yield waiting.popleft().result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+class _OneBlasThread:
+    """Limits NumPy's linear algebra to one thread while anyone is inside; the last one to leave restores the number."""
+
+    def __init__(self) -> None:
+        self.lock, self.inside, self.limit = threading.Lock(), 0, contextlib.ExitStack()
+
+    def __enter__(self) -> None:
+        with self.lock:
+            if self.inside == 0:
+                self.limit.enter_context(_blas().limit(limits=1, user_api="blas"))
+            self.inside += 1
+
+    def __exit__(self, *_: Any) -> None:
+        with self.lock:
+            self.inside -= 1
+            if self.inside == 0:
+                self.limit.close()
+
+
+@functools.cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+ONE_BLAS_THREAD = _OneBlasThread()
+"""For matrices of a few hundred rows. More threads gain little there, and wait for each other where other programs run:
+on two such cores the eigenvectors of 583 rows took 4.7 s in place of 0.06 s."""

@@ -13,7 +13,7 @@ import diffshade as ds
 from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.descent import box_step
-from diffshade.inverse.solve.elimination import solve
+from diffshade.inverse.solve.elimination import in_order, out_of_order, symmetric
 from diffshade.inverse.solve.solvers import evaluate, minimise
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.unknowns.parameters import find_unknowns
@@ -109,7 +109,12 @@ def test_elimination_gives_the_dense_solution(seed):
         H = np.asarray(point.total.hessian)
         D = H + 1e-3 * np.diag(np.diag(H) + 1.0)
         b, arrow = random.standard_normal(len(D)), task.box.arrow
-        np.testing.assert_allclose(solve(jnp.asarray(D), jnp.asarray(b), arrow), np.linalg.solve(D, b), rtol=1e-9)
+        by_blocks, right = symmetric(jnp.asarray(D), arrow), in_order(jnp.asarray(b), arrow)
+        for found, dense in ((by_blocks.times(right), D @ b), (by_blocks.diagonal(), np.diag(D))):
+            np.testing.assert_allclose(out_of_order(found, len(b), arrow), dense, rtol=1e-9)
+        padded = jnp.where(by_blocks.diagonal() > 0, 0.0, 1.0)  # a block of fewer unknowns than the others
+        solved = out_of_order(by_blocks.plus(padded).solve(right), len(b), arrow)
+        np.testing.assert_allclose(solved, np.linalg.solve(D, b), rtol=1e-9)
         low, high = -random.uniform(0.0, 0.1, len(D)), random.uniform(0.0, 0.1, len(D))
         of = (jnp.asarray(D), jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
         step, dense = np.asarray(box_step(*of, arrow)), np.asarray(box_step(*of, None))

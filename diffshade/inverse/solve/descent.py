@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..forward.gram import Point
 from ..unknowns.visibility import Arrow
-from .elimination import solve
+from .elimination import Symmetric, in_order, out_of_order, symmetric
 
 TINY = 1e-12  # relative; keeps a matrix of unknowns that change nothing regular
 
@@ -53,9 +53,7 @@ class BoxNewton(optx.AbstractDescent):
         return jnp.where(finite, dy, 0.0), result
 
 
-def box_minimum(
-    A: Float[Array, "p p"], g: Float[Array, " p"], low: Array, high: Array, arrow: Arrow | None
-) -> Float[Array, " p"]:
+def box_minimum(A: Symmetric, g: Float[Array, " p"], low: Array, high: Array) -> Float[Array, " p"]:
     """Minimise g.z + z.A z/2 over low <= z <= high, where low <= 0 <= high and A is positive definite.
 
     The primal active-set method (Nocedal and Wright 2006, algorithm 16.3), from z = 0: go towards the minimum over what
@@ -65,15 +63,15 @@ def box_minimum(
     def move(state: tuple) -> tuple:
         z, held, _, count = state
         free = jnp.where(held, 0.0, 1.0)
-        M = A * jnp.outer(free, free) + jnp.diag(1.0 - free)
-        target = jnp.where(held, z, -solve(M, free * (g + A @ jnp.where(held, z, 0.0)), arrow))
+        M = A.scaled(free).plus(1.0 - free)
+        target = jnp.where(held, z, -M.solve(free * (g + A.times(jnp.where(held, z, 0.0)))))
         bound = jnp.where(target < z, low, high)
         room = jnp.where(~held & (target != z), (bound - z) / jnp.where(target != z, target - z, 1.0), jnp.inf)
         nearest = jnp.min(room)
         blocked = nearest < 1.0
         hits = blocked & (room <= nearest)
         z = jnp.where(hits, bound, jnp.where(blocked, z + nearest * (target - z), target))
-        slope = g + A @ z
+        slope = g + A.times(z)
         wrong = jnp.where(held, jnp.where(z <= low, -slope, 0.0) + jnp.where(z >= high, slope, 0.0), -jnp.inf)
         release = ~blocked & (wrong == jnp.max(wrong)) & (wrong > 1e-12 * jnp.max(jnp.abs(g)))
         return z, (held | hits) & ~release, ~blocked & ~jnp.any(release), count + 1
@@ -222,6 +220,8 @@ def box_step(
     D = jnp.diagonal(H) if D is None else D
     D = jnp.maximum(D, TINY * jnp.max(D))
     scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
-    A = H * jnp.outer(scale, scale) + jnp.diag(jnp.maximum(damping, 0.0))
-    A = A + jnp.diag(jnp.where(jnp.diagonal(A) > 0, 0.0, 1.0))
-    return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale, arrow), low, high)
+    put = partial(in_order, arrow=arrow)
+    A = symmetric(H, arrow).scaled(put(scale)).plus(put(jnp.maximum(damping, 0.0)))
+    A = A.plus(jnp.where(A.diagonal() > 0, 0.0, 1.0))
+    z = box_minimum(A, put(scale * g), put(low / scale), put(high / scale))
+    return jnp.clip(scale * out_of_order(z, len(scale), arrow), low, high)

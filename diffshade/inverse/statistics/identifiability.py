@@ -74,11 +74,14 @@ def relative_errors(unknowns: Sequence[Unknown], values: Vector, errors: Vector,
     For a coordinate this is the object's size in `scales` if that is larger than the vector's length.
     """
     size = np.abs(values)
+    together: dict[str, list[int]] = {}
+    for j, unknown in enumerate(unknowns):
+        together.setdefault(unknown.quantity, []).append(j)
     for j, unknown in enumerate(unknowns):
         if unknown.logarithmic:
             continue
         if not np.isfinite(unknown.lower):  # a component of a vector, or a black level, may be 0
-            same = [i for i, other in enumerate(unknowns) if other.quantity == unknown.quantity]
+            same = together[unknown.quantity]
             length = np.linalg.norm(values[same]) if len(same) > 1 else 0.0
             size[j] = max(length, scales[j]) or np.inf
     with np.errstate(over="ignore"):  # an infinite error over a tiny value

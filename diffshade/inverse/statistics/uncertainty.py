@@ -120,10 +120,11 @@ def deciding_view(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> int | None:
 
 def on_unit_vectors(covariance: Matrix, values: Vector, units: Int[np.ndarray, "u 3"]) -> Matrix:
     """Return the covariance without the lengths of unit vectors, which do not vary: P C P with P = 1 - d d^T."""
-    P = np.eye(len(values))
-    for unit in units:
-        P[np.ix_(unit, unit)] -= np.outer(values[unit], values[unit])
-    return P @ covariance @ P
+    turned = covariance.copy()
+    for unit, d in zip(units, values[units], strict=True):
+        turned[unit] -= np.outer(d, d @ turned[unit])
+        turned[:, unit] -= np.outer(turned[:, unit] @ d, d)
+    return turned
 
 
 def standard_errors(covariance: Callable[[Bool[np.ndarray, " p"]], Matrix], at_bound: Bool[np.ndarray, " p"]) -> Vector:
