@@ -160,9 +160,8 @@ def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]
     """Name what the views do not constrain."""
     if not unconstrained.any():
         return []
-    return [
-        f"the views do not constrain {listing(some_channels(unconstrained, fit.unknowns))}: any value within the bounds fits."
-    ]
+    names = listing(some_channels(unconstrained, fit.unknowns))
+    return [f"the views do not constrain {names}: any value within the bounds fits."]
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:

@@ -125,6 +125,13 @@ def of_bands(colour: Any, bands: int) -> Any:
     return colour[..., :1].repeat(bands, -1) if (numbers == numbers[..., :1]).all() else colour
 
 
+def of_channels(scene: T, channels: Sequence[int]) -> T:
+    """Return the scene of red, green and blue that three channels of a scene of bands make."""
+    places = list(colours(scene))
+    three = _with(scene, [path for path, _ in places], [value[..., list(channels)] for _, value in places])
+    return dataclasses.replace(three, bands=())  # pyright: ignore[reportArgumentType]
+
+
 def check_widths(tree: Any, bands: tuple[str, ...]) -> None:
     """Refuse a colour of another number of channels than the scene's."""
     wanted = len(bands) or 3
