@@ -64,7 +64,8 @@ def test_the_figure_shows_three_bands_and_says_which(fit):
     prediction = fit.predict(view)
     inside = prediction.counts.any(-1)
     (shown,) = figure.axes[1].get_images()
-    assert (array := shown.get_array()) is not None
+    array = shown.get_array()
+    assert array is not None
     drawn = prediction.image[..., [2, 1, 0]][inside]
     white = np.quantile(prediction.target[..., [2, 1, 0]][inside], 0.995)
     np.testing.assert_allclose(ds.srgb_decode(array.data)[inside], np.clip(drawn / white, 0, 1), atol=1e-6)

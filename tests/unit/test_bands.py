@@ -117,3 +117,11 @@ def test_wrong_bands_are_refused(made, says):
 
 def test_bands_that_are_no_bands_are_refused():
     refuses(lambda: ds.Scene(ds.Object(ds.Sphere()), bands="rgb"), "Scene.bands", "'rgb'", error=TypeError)
+
+
+@pytest.mark.parametrize("bands", [1, 2, 4])
+def test_foleys_form_takes_a_spectrum_beside_greys(bands):
+    O_d = np.linspace(0.2, 0.8, bands)
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material.foley(O_d=O_d, k_a=0.5, k_d=0.5, k_s=0.3)), bands=bands)
+    np.testing.assert_allclose(scene.objects[0].material.k_d, 0.5 * O_d)
+    np.testing.assert_allclose(scene.objects[0].material.k_s, [0.3] * bands)
