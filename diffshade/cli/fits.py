@@ -171,7 +171,9 @@ def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fi
         if name == "matte":
             objects = len(source.scene.objects)
             none = eqx.tree_at(
-                lambda s: [item.material.k_s for item in s.objects], source.scene, [np.zeros(3)] * objects
+                lambda s: [item.material.k_s for item in s.objects],
+                source.scene,
+                [np.zeros(len(source.scene.channels))] * objects,
             )
             fits[name] = matte.fit(source, none)
             continue

@@ -22,10 +22,11 @@ def check_picture(out: Path, exposure: float, bits: int | None = None) -> None:
 
 
 def check_holds_bands(out: Path, bands: int) -> None:
-    """Refuse a file of a format that has fewer channels than a picture."""
+    """Refuse a file of a format that has fewer channels than a picture, or takes its last one for alpha."""
+    from ..core.fields import MOST_BANDS
     from ..io.image_formats import format_of
 
-    if bands > format_of(out).channels:
+    if bands not in (1, 3) and format_of(out).channels < MOST_BANDS:
         raise ValueError(f"{out} cannot hold {bands} bands. Give a .tif or .npy: -o {out.with_suffix('.tif')}.")
 
 

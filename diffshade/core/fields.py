@@ -125,8 +125,7 @@ def as_normals(value: Numbers | Checked | None) -> Any:
 
 
 MOST_BANDS = 40
-# of R, G, B, of one band, or of the bands of a scene; two numbers are a slip
-WIDTHS = (3, 1, *range(4, MOST_BANDS + 1))
+WIDTHS = (3, 1, 2, *range(4, MOST_BANDS + 1))  # of R, G, B, of one band, or of the bands of a scene
 _COLOURS = tuple((width,) for width in WIDTHS)
 _MAPS = "an array (H, W) or (H, W, 3) over the pixels"
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {

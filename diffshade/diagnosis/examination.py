@@ -13,11 +13,10 @@ from ..core.progress import showing
 from ..core.words import count, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
-from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy
+from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy, some_channels
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
-from ..model.bands import refuse_bands
 from .intervals import Profile, intervals
 from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
@@ -91,7 +90,6 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    refuse_bands("examine", fit.scene.bands, "Examine a fit of three of them.")
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
         clusters, inflation = inflate_errors(own, find_clusters(own))
@@ -154,7 +152,7 @@ def _affected(fit: Fit, affected: Bool[np.ndarray, " p"]) -> list[str]:
     """Name what is not determined because of a suspected fault."""
     if not affected.any():
         return []
-    names = _names(fit, affected)
+    names = some_channels(affected, fit.unknowns)
     return [f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."]
 
 
@@ -162,7 +160,8 @@ def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]
     """Name what the views do not constrain."""
     if not unconstrained.any():
         return []
-    return [f"the views do not constrain {listing(_names(fit, unconstrained))}: any value within the bounds fits."]
+    names = listing(some_channels(unconstrained, fit.unknowns))
+    return [f"the views do not constrain {names}: any value within the bounds fits."]
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
@@ -198,7 +197,3 @@ def _correlated(fit: Fit) -> list[str]:
         key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)
         groups[key] = max(groups.get(key, 0.0), abs(float(correlation[i, j])))
     return [f"{a} and {b} are strongly correlated ({c:.3f})." for (a, b), c in groups.items() if a != b]
-
-
-def _names(fit: Fit, which: Bool[np.ndarray, " p"]) -> list[str]:
-    return [name for name, here in zip(fit.names, which, strict=True) if here]

@@ -17,7 +17,6 @@ from ..core.words import listing
 from ..inverse.data.views import is_grey
 from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.result import Fit
-from ..model.bands import refuse_bands
 from .cross_validation import Folds, Scores, cross_validate, make_folds
 
 ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
@@ -106,7 +105,6 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
         if not isinstance(name, str):
             raise TypeError(f"fits must have strings as names; got {name!r}. Give for example 'Phong'.")
         check_kind(f"fits['{name}']", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-        refuse_bands("compare", fit.scene.bands, "Compare fits of three of them.")
     names = sorted(fits)  # independent of the order of the mapping
     for name in names[1:]:
         _check_same_photographs(names[0], fits[names[0]], name, fits[name])

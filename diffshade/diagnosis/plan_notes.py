@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.words import listing
 from ..inverse.result import Fit
-from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG
+from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, some_channels
 from ..inverse.statistics.uncertainty import Vector
-from ..inverse.unknowns.unknown import Unknown, logarithms
+from ..inverse.unknowns.unknown import logarithms
 from .shot_ranking import relative_to_values
 from .shots import Shot, unknowns_of_lamp
 
@@ -43,14 +43,9 @@ class Ranked:
         """The errors to expect with the best shot."""
         return self.errors[self.order[0]]
 
-    def quantities(self, which: Bool[np.ndarray, " p"]) -> str:
-        """Return the quantities of some unknowns as a phrase."""
-        return listing(quantities_of(self.fit.unknowns, which))
-
-
-def quantities_of(unknowns: Sequence[Unknown], which: Bool[np.ndarray, " p"]) -> list[str]:
-    """Return the quantities of some unknowns, each once."""
-    return list(dict.fromkeys(u.quantity for u, here in zip(unknowns, which, strict=True) if here))
+    def names_of(self, which: Bool[np.ndarray, " p"]) -> str:
+        """Return the names of some unknowns as a phrase, a quantity's where all its channels are among them."""
+        return listing(some_channels(which, self.fit.unknowns))
 
 
 def plan_notes(ranked: Ranked) -> list[str]:
@@ -69,7 +64,7 @@ def plan_notes(ranked: Ranked) -> list[str]:
 
 def _newly_determined(ranked: Ranked) -> list[str]:
     new = ~np.isfinite(ranked.now) & np.isfinite(ranked.best_errors)
-    return [f"{ranked.best} determines {ranked.quantities(new)}, which the views do not."] if new.any() else []
+    return [f"{ranked.best} determines {ranked.names_of(new)}, which the views do not."] if new.any() else []
 
 
 def _error_ratio(ranked: Ranked) -> list[str]:
@@ -79,7 +74,7 @@ def _error_ratio(ranked: Ranked) -> list[str]:
     if not chosen.any():
         return []
     ratio = float(np.exp(np.mean(np.log(then[chosen] / now[chosen]))))
-    what = ranked.quantities(chosen) if ranked.aim.any() else "what the views determine"
+    what = ranked.names_of(chosen) if ranked.aim.any() else "what the views determine"
     return [f"with {ranked.best}, the errors of {what} are {ratio:.2g} times the present ones."]
 
 
@@ -88,7 +83,7 @@ def _undetermined(ranked: Ranked) -> list[str]:
     if never.any():
         fix = "it" if never.sum() == 1 else "one"
         return [
-            f"none of these shots determines {ranked.quantities(never)} (-). Fix {fix}, or plan with other lights, "
+            f"none of these shots determines {ranked.names_of(never)} (-). Fix {fix}, or plan with other lights, "
             "distances or cameras."
         ]
     if not np.isfinite(ranked.errors).all() or not np.isfinite(ranked.now).all():
@@ -101,7 +96,7 @@ def _too_uncertain(ranked: Ranked) -> list[str]:
     limit = np.where(logarithms(fit.unknowns), VAGUE_LOG, VAGUE)
     relative = relative_to_values(fit.unknowns, fit.values, then, fit.scales)
     lost = ~fit.determined & np.isfinite(then) & (relative > limit)
-    return [f"even with {ranked.best}, {ranked.quantities(lost)} would be lost in the noise."] if lost.any() else []
+    return [f"even with {ranked.best}, {ranked.names_of(lost)} would be lost in the noise."] if lost.any() else []
 
 
 def _new_directions(ranked: Ranked) -> list[str]:

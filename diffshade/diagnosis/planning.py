@@ -14,12 +14,11 @@ from ..core.fields import check, check_kind
 from ..core.progress import showing
 from ..core.words import count, did_you_mean, listing
 from ..inverse.result import Fit
+from ..inverse.statistics.identifiability import some_channels
 from ..inverse.statistics.uncertainty import Vector
-from ..inverse.unknowns.names import CHANNELS
 from ..inverse.unknowns.unknown import Unknown
-from ..model.bands import refuse_bands
 from ..model.scenes import as_tuple
-from .plan_notes import Ranked, plan_notes, quantities_of
+from .plan_notes import Ranked, plan_notes
 from .shot_ranking import add_shot, information, rank_shots, relative_to_values
 from .shots import Shot, information_of_shot
 
@@ -78,7 +77,7 @@ class Plan:
             )
             for row in rows
         ]
-        aim = listing(quantities_of(self.unknowns, self.aim)) if self.aim.any() else ""
+        aim = listing(some_channels(self.aim, self.unknowns)) if self.aim.any() else ""
         by = f"the error of {aim}" if aim else "all errors together"
         title = f"plan of {count(len(self.shots), 'photograph')}, ranked by {by}: standard errors with each"
         return "\n".join([title, *(line.rstrip() for line in lines), *(f"- {note}" for note in self.notes)])
@@ -126,7 +125,6 @@ def plan(
         TypeError: If an argument has another type.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    refuse_bands("plan", fit.scene.bands, "Plan with a fit of three of them.")
     shots = as_tuple(shots)
     if not shots:
         raise ValueError("plan needs at least one shot; got none. Give for example Shot(light=PointLight((0, 0, 3))).")
@@ -174,8 +172,7 @@ def find_aim(unknowns: Sequence[Unknown], aim: Sequence[str] | str | None) -> Bo
 
 
 def _is_named(name: str, unknown: Unknown) -> bool:
-    letter = unknown.name.rpartition(".")[2]
-    channel = f".{letter}" if letter in CHANNELS else ""
+    channel = unknown.name[len(unknown.quantity) :]  # .r of k_d.r
     paths = [unknown.name, *(f"{path}{channel}" for path, _ in unknown.places)]
     return any(f".{name}." in f".{path}." for path in paths)
 

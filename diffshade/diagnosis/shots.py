@@ -13,7 +13,7 @@ import numpy as np
 from ..core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
 from ..inverse.data.recording import photograph
 from ..inverse.data.samples import Counts, Samples, find_samples
-from ..inverse.data.views import View, has_mask, is_grey, lights_on
+from ..inverse.data.views import View, channels, has_mask, lights_on
 from ..inverse.forward.gram import Gram
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.pixels.blocks import Block, total
@@ -166,7 +166,7 @@ def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, movi
     """Return the photograph to expect, with the first view's sensor: black level, noise and saturation."""
     first = fit.views[0]
     view = View(
-        np.zeros((*placed.camera.shape, 1 if is_grey(first) else 3)),
+        np.zeros((*placed.camera.shape, channels(first))),
         placed.camera,
         mask=mask,
         lit=placed.lit,
@@ -176,6 +176,7 @@ def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, movi
         saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).level,
         floor=first.floor,
         sensor=first.sensor,
+        bands=first.bands,
     )
     return dataclasses.replace(view, image=photograph(placed.scene, view))
 

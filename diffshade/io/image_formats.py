@@ -159,12 +159,12 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     """Return pixels encoded as a file, of bands a page for each; `quality` is for JPEG."""
     import imageio.v3 as iio
 
-    if pixels.shape[-1] > 4:
+    name = FORMATS[suffix].name
+    if pixels.shape[-1] > 4 or (name == "TIFF" and pixels.shape[-1] == 2 and pixels.dtype != np.uint8):
         pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
         return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
     if pixels.shape[-1] == 1:
         pixels = pixels[..., 0]
-    name = FORMATS[suffix].name
     if pixels.dtype == np.uint8:
         jpeg, tiff = {"quality": quality, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}
         options = {"plugin": "pillow", "is_batch": False} | {"JPEG": jpeg, "TIFF": tiff}.get(name, {})

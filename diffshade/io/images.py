@@ -112,7 +112,7 @@ def write_image(
     Args:
         path: The image file; its suffix chooses the format, one of those of `read_image`.
         image: Linear radiance of shape (H, W) or (H, W, C), with C as in `read_image`. Of more than 4 bands, each is a
-            grey page of a TIFF.
+            grey page of a TIFF, as are two channels of more than 8 bits.
         srgb: Whether the colours, never alpha, are encoded by the sRGB curve; by default the rule of `read_image`, so
             that a file reads back as it was written.
         bits: Bits per number: 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16
@@ -283,7 +283,7 @@ def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:
     name, channels = format_of(path).name, pixels.shape[-1]
     if name == "JPEG" and _has_alpha(pixels):
         raise ValueError(f"cannot write {path}: a JPEG has no alpha. Leave the last channel out, or write a PNG.")
-    if name in ("PNG", "TIFF") and dtype != np.uint8 and channels == 2:
+    if name == "PNG" and dtype != np.uint8 and channels == 2:
         raise ValueError(f"cannot write {path}: {name} with grey + alpha takes bits=8. Write RGBA, EXR or .npy.")
     if dtype.kind == "f" and (largest := np.abs(pixels).max()) > np.finfo(dtype).max:
         raise ValueError(f"cannot write {path}: {largest:g} is too large for {dtype}. Scale the image, or write .npy.")

@@ -42,7 +42,7 @@ def as_bands(bands: int | Numbers | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of bands, from how many they are, their wavelengths in nm, or their names; () for RGB.
 
     Raises:
-        ValueError: There are no bands, two, or more than `MOST_BANDS`; a wavelength is not above 0; a name is used
+        ValueError: There are no bands, or more than `MOST_BANDS`; a wavelength is not above 0; a name is used
             twice, is that of an axis, or has a space, comma, slash or equals sign in it.
         TypeError: They are neither a number, nor numbers or names.
     """
@@ -62,10 +62,10 @@ def as_bands(bands: int | Numbers | Sequence[str] | None) -> tuple[str, ...]:
         if numbers and not (np.isfinite(each).all() and np.min(each) > 0):
             raise ValueError(f"Scene.bands must be wavelengths above 0 nm; got {np.min(each):g}. Give nanometres.")
         names = tuple(band if words else f"{band:.10g}nm" for band in each)
-    if len(names) == 2 or not 1 <= len(names) <= MOST_BANDS:
+    if not 1 <= len(names) <= MOST_BANDS:
         raise ValueError(
-            f"Scene.bands must be one band, or 3 to {MOST_BANDS}; got {bands if np.ndim(bands) == 0 else len(names)}. "
-            "Take every other one, or means of several; give two a third one of zeros."
+            f"Scene.bands must be 1 to {MOST_BANDS} bands; got {bands if np.ndim(bands) == 0 else len(names)}. Take "
+            "every other one, or means of several."
         )
     for name in names:
         if names.count(name) > 1 or not name or any(letter in name for letter in " ,=/") or name in XYZ:
@@ -125,6 +125,13 @@ def of_bands(colour: Any, bands: int) -> Any:
     return colour[..., :1].repeat(bands, -1) if (numbers == numbers[..., :1]).all() else colour
 
 
+def of_channels(scene: T, channels: Sequence[int]) -> T:
+    """Return the scene of red, green and blue that three channels of a scene of bands make."""
+    places = list(colours(scene))
+    three = _with(scene, [path for path, _ in places], [value[..., list(channels)] for _, value in places])
+    return dataclasses.replace(three, bands=())  # pyright: ignore[reportArgumentType]
+
+
 def check_widths(tree: Any, bands: tuple[str, ...]) -> None:
     """Refuse a colour of another number of channels than the scene's."""
     wanted = len(bands) or 3
@@ -133,8 +140,8 @@ def check_widths(tree: Any, bands: tuple[str, ...]) -> None:
             name = ".".join(map(str, path))
             if not bands:
                 raise ValueError(
-                    f"{name} has {got} numbers, but a scene without bands has red, green and blue. Give "
-                    f"Scene(..., bands={got}), or the wavelengths of the bands in nm."
+                    f"{name} has {got} numbers, but a scene without bands has red, green and blue. Give one number "
+                    f"(grey) or three (R, G, B), or Scene(..., bands={got}) or their wavelengths in nm."
                 )
             remedy = f"Give one number (grey) or {wanted}"
             if not is_concrete(value) and got == 3:  # whether a traced colour is grey cannot be seen

@@ -145,7 +145,7 @@ class Material(Checked):
         """
         given = {"O_d": O_d, "O_s": O_s, "k_a": k_a, "k_d": k_d, "k_s": k_s}
         colours = {name: checked_colour(f"Material.foley's {name}", value) for name, value in given.items()}
-        width = max(np.shape(of)[-1] for of in colours.values())
+        width = next((bands for of in colours.values() if (bands := np.shape(of)[-1]) != 3), 3)  # 3 may be grey
         if width != 3:
             colours = {name: of_bands(of, width) for name, of in colours.items()}
             for name, of in colours.items():

@@ -119,7 +119,7 @@ def _apart(stack: Any) -> tuple[AbstractEmitter, Colours]:
         is_leaf=lambda leaf: leaf is None,
     )
     emitters = stacked_emitters(unit)
-    each = len(jax.tree.leaves(emitters)[0]) // len(stack.intensity)
+    each = len(jax.tree.leaves(emitters)[0]) // max(len(stack.intensity), 1)  # none of a kind may be on
     return emitters, jax.tree.map(lambda colour: jnp.repeat(jnp.asarray(colour), each, 0), colours)
 
 

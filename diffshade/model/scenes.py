@@ -73,7 +73,7 @@ class Scene(Checked):
         shadows: Whether opaque objects keep light from what is behind them; False by default. Objects with k_t cast
             none. Where a shadow ends the image jumps, which contributes no derivative: a fit can find materials and
             intensities under shadows, but should not be asked for what moves them.
-        bands: What the channels are in place of red, green and blue: how many (1, or 3 to 40), their wavelengths in nm,
+        bands: What the channels are in place of red, green and blue: how many (1 to 40), their wavelengths in nm,
             or their names, which parameters then bear: `k_d.450nm`. Every colour is then one number, or one for each
             band. RGB by default.
 

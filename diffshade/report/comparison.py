@@ -13,7 +13,7 @@ from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
 from ..io.files import replacing
 from ..io.images import srgb_encode
-from ..model.bands import refuse_bands
+from .drawn_bands import drawn_bands
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,8 +43,9 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
     """Draw photograph, fit and difference side by side, one row per view; a notebook displays the figure.
 
     Photograph and fit are shown with the sRGB curve and one exposure, at which the brightest 0.5 % of the photographs
-    are white. The difference is the mean over the channels of fit - photograph, in the photograph's units: blue where
-    the fit is darker, red where it is brighter, and white where no sample counts.
+    are white; of a scene of bands the title says which are shown as red, green and blue. The difference is the mean
+    over the channels of fit - photograph, in the photograph's units: blue where the fit is darker, red where it is
+    brighter, and white where no sample counts.
 
     Args:
         fit: The fit.
@@ -60,24 +61,26 @@ def draw_comparison(fit: Fit, views: Sequence[View] | View, *, titles: Sequence[
     import matplotlib.figure
 
     views = (views,) if isinstance(views, View) else tuple(views)
-    refuse_bands("a comparison", fit.scene.bands, "Draw channels of fit.predict(view) yourself.")
     titles = titles or [f"view {i}" for i in range(len(views))]
     if len(titles) != len(views):
         raise ValueError(f"titles must be one for each of {len(views)} views; got {len(titles)}. Leave them out.")
     predictions = [fit.predict(view) for view in views]
-    white = max(float(np.quantile(p.target[p.counts], 0.995)) for p in predictions) or 1.0
+    drawn = drawn_bands(fit.scene.bands)
+    white = max(map(drawn.white, predictions)) or 1.0
     limit = max(float(np.quantile(np.abs(_signed(p).compressed()), 0.99)) for p in predictions) or 1e-12
 
     figure = matplotlib.figure.Figure(figsize=(9.6, 3.1 * len(views) + 0.3), layout="constrained")
     rows = figure.subplots(len(views), 3, squeeze=False)
     for row, p, title in zip(rows, predictions, titles, strict=True):
-        row[0].imshow(_display(p.target, p, white))
-        row[1].imshow(_display(p.image, p, white))
+        row[0].imshow(_display(drawn.of(p.target), p, white))
+        row[1].imshow(_display(drawn.of(p.image), p, white))
         difference = row[2].imshow(_signed(p), cmap="RdBu_r", vmin=-limit, vmax=limit)
         figure.colorbar(difference, ax=row[2], shrink=0.85)
         for axes, name in zip(row, (title, "fit", f"fit - photograph, RMSE {p.rmse:.2g}"), strict=True):
             axes.set_title(name, fontsize=10)
             axes.set_axis_off()
+    if drawn.words:
+        figure.suptitle(drawn.words, fontsize=9)
     return figure
 
 

@@ -34,7 +34,11 @@ def checked(
         check_kind(f"views[{i}]", view, View, "View(image, camera)")
     refuse_traced("a fit", "Fit outside.", scene=scene, views=tuple(views))
     check((scene, tuple(views)))
-    refuse_bands("a fit of texels", scene.bands, "Fit three of them at a time.")
+    refuse_bands(
+        "a fit of texels",
+        scene.bands,
+        "Fit three of them at a time as a scene of three, or each from grey photographs.",
+    )
     in_channels_of(scene, views)  # refuses views of more channels
     free = _checked_names(free)
     if loss is not None and (not isinstance(loss, str) or loss not in LOSSES):

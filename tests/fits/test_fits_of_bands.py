@@ -108,6 +108,6 @@ def test_photographs_of_other_channels_are_refused():
     of_three = view(scene(3))
     refuses(lambda: ds.fit(scene(5), of_three, free="k_d"), "views[0].image", "3 channels", "5 bands", "400nm", "440nm")
     refuses(lambda: ds.fit(scene(3), view(scene(5)), free="k_d"), "views[0].image", "5 channels", "bands=5")
-    with_sensor = ds.View(view(scene(5)).image, CAMERA, sensor=ds.Sensor(gamma=1.5))
-    refuses(lambda: ds.fit(scene(5), with_sensor, free="k_d"), "views[0].sensor", "5 bands")
+    with_gain = ds.View(view(scene(5)).image, CAMERA, sensor=ds.Sensor(red=1.5))
+    refuses(lambda: ds.fit(scene(5), with_gain, free="k_d"), "views[0].sensor", "red", "5 bands", "intensities")
     refuses(lambda: ds.fit(scene(5), view(scene(5)), free="k_d", bounds={"k_d.470nm": (0, 1)}), "k_d.470nm")

@@ -58,7 +58,7 @@ def test_each_band_is_what_red_green_and_blue_show_of_it(scene):
         np.testing.assert_allclose(whole[..., band], ds.render(scene(band, 3), CAMERA), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("bands", [5, *(pytest.param(bands, marks=pytest.mark.thorough) for bands in (1, 31))])
+@pytest.mark.parametrize("bands", [2, *(pytest.param(bands, marks=pytest.mark.thorough) for bands in (1, 5, 31))])
 def test_derivatives_in_each_direction_are_finite_differences(bands):
     scene = jax.tree.map(jnp.asarray, ball(bands))
     rng = np.random.default_rng(6)
@@ -105,7 +105,7 @@ def test_one_number_is_grey_in_all_bands():
         (lambda: ds.Scene(ball(31).objects), ("objects.0.material.k_a", "31", "bands=31")),
         (lambda: ds.Scene(ball(5).objects, bands=WAVELENGTHS), ("k_a", "5", "31 bands", "400nm to 700nm", "grey")),
         (lambda: ds.Scene(ball(31).objects, bands=41), ("Scene.bands", "40", "41")),
-        (lambda: ds.Scene(ds.Object(ds.Sphere()), bands=2), ("Scene.bands", "3 to 40", "2")),
+        (lambda: ds.Scene(ball(2).objects), ("objects.0.material.k_a", "2 numbers", "bands=2")),
         (lambda: ds.Scene(ds.Object(ds.Sphere()), bands=(0, 450, 500)), ("Scene.bands", "above 0 nm", "0")),
         (lambda: ds.Scene(ds.Object(ds.Sphere()), bands=("a", "b", "a")), ("Scene.bands", "different", "'a'")),
         (lambda: ds.Material(k_d=np.ones(41)), ("Material.k_d", "40 bands", "41")),
@@ -117,3 +117,11 @@ def test_wrong_bands_are_refused(made, says):
 
 def test_bands_that_are_no_bands_are_refused():
     refuses(lambda: ds.Scene(ds.Object(ds.Sphere()), bands="rgb"), "Scene.bands", "'rgb'", error=TypeError)
+
+
+@pytest.mark.parametrize("bands", [1, 2, 4])
+def test_foleys_form_takes_a_spectrum_beside_greys(bands):
+    O_d = np.linspace(0.2, 0.8, bands)
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material.foley(O_d=O_d, k_a=0.5, k_d=0.5, k_s=0.3)), bands=bands)
+    np.testing.assert_allclose(scene.objects[0].material.k_d, 0.5 * O_d)
+    np.testing.assert_allclose(scene.objects[0].material.k_s, [0.3] * bands)

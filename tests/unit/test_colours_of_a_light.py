@@ -189,7 +189,7 @@ def test_what_cannot_be_told_apart_is_refused():
     refuses(lambda: ds.Scene(item, lamp), "lights[0].specular", "a Whole", "objects[0]", "AbstractLobe")
     ds.Scene(item, dataclasses.replace(lamp, specular=None, ambient=0.5))  # its ambient light can be told
     refuses(lambda: ds.PointLight((0, 0, 4), ambient=-0.5), "PointLight.ambient", "at least 0", "-0.5")
-    refuses(lambda: ds.PointLight((0, 0, 4), specular=(1, 2)), "PointLight.specular", "shape (2,)")
+    refuses(lambda: ds.PointLight((0, 0, 4), specular=()), "PointLight.specular", "shape (0,)")
 
 
 @THOROUGH
@@ -206,6 +206,14 @@ def test_a_fit_finds_them_and_switches_all_of_them_off():
     first, second = fit.scene.lights
     found = [np.asarray(colour) for colour in (first.ambient, first.specular, second.specular)]
     np.testing.assert_allclose(found, [3 * [0.25], (0.9, 0.6, 0.3), 3 * [0.2]], atol=1e-6)
+
+
+def test_views_need_not_show_such_a_light():
+    lamps = ds.PointLight((2, 2, 3)), ds.SpotLight((0, 0, 3), (0, 0, -1), specular=0.5)
+    scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.6, fresnel=ds.Schlick())), lamps)
+    camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(12, 12))
+    fit = ds.fit(scene, ds.View(ds.render(scene, camera, lit=0), camera, lit=0), free="k_d")
+    np.testing.assert_allclose(fit.values, 0.6, atol=1e-6)
 
 
 def test_they_stand_in_scene_files_and_a_fit_of_texels_refuses_them(tmp_path):

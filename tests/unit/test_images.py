@@ -323,7 +323,7 @@ UNWRITABLE = [
     ("a.npy", LAYER, 32, "NPY takes 64."),
     ("a.jpg", ALPHA, None, "a JPEG has no alpha. Leave the last channel out"),
     ("a.jpg", np.zeros((H, W, 4)), None, "a JPEG has no alpha"),
-    *((f"a.{of}", ALPHA, bits, "grey + alpha takes bits=8.") for of, bits in (("png", 16), ("tif", 16), ("tif", 32))),
+    ("a.png", ALPHA, 16, "grey + alpha takes bits=8."),
     *((name, LAYER, None, "which is not a known image. Use .png, .jpg") for name in ("a.gif", "a", "a.png.txt")),
 ]
 
@@ -511,8 +511,9 @@ def test_an_exr_is_refused_where_its_window_is_larger_than_its_bytes_could_hold(
 @pytest.mark.parametrize(
     ("name", "bits", "step"), [("a.npy", None, 0), ("a.tif", 32, 1e-7), ("a.tif", 16, 1e-5), ("a.tif", 8, 2e-3)]
 )
-def test_bands_come_back_from_the_pages_of_a_tiff_and_from_npy(tmp_path, name, bits, step):
-    image = np.random.default_rng(0).uniform(0, 1, (5, 7, 31))
+@pytest.mark.parametrize("bands", [2, 31])
+def test_bands_come_back_from_the_pages_of_a_tiff_and_from_npy(tmp_path, name, bits, step, bands):
+    image = np.random.default_rng(0).uniform(0, 1, (5, 7, bands))
     write_image(tmp_path / name, image, bits=bits)
     np.testing.assert_allclose(read_image(tmp_path / name), image, rtol=0, atol=step)
 

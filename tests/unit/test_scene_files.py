@@ -196,7 +196,7 @@ BAD = [  # what stands there, what is written instead, and what is said after th
     ('{ k_d = 0.7, k_s = [0.1, 0.2, 0.3], lobe = "Blinn" }', '"jade"', "those of material('jade')."),
     # out of range
     ("k_d = 0.7", "n_s = -1", "material: Material.n_s must be at least 0; got -1. Give a value"),
-    ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", ": objects[0].material: Material.k_s must be a colour of 1 or 3 numbers; got"),
+    ("[0.1, 0.2, 0.3]", "[0.1, 0.2]", ": objects.0.material.k_s has 2 numbers, but a scene without bands has red, gre"),
     ("[2, 3, 4]", "[2, nan, 4]", ": lights[0]: PointLight.position must be finite; got (2, nan, 4)."),
     ("[0, 0, -1]", "[0, 0, 0]", ": lights[1]: DirectionalLight.direction must not be the zero vector; got [0, 0, 0]."),
     ("{ quadratic = 1 }", "{ constant = 0 }", ": lights[0].attenuation: RadialAttenuation needs one of constant,"),

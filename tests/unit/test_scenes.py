@@ -133,7 +133,11 @@ def test_normals_alone_do_for_a_light_and_a_viewer_at_infinity():
 @pytest.mark.parametrize(
     ("where", "value", "words"),
     [
-        (lambda s: s.objects[0].material.k_d, np.array([0.1, 0.2]), ("Material.k_d", "1 or 3 numbers")),
+        (
+            lambda s: s.objects[0].material.k_d,
+            np.array([0.1, 0.2]),
+            ("objects.0.material.k_d", "2 numbers", "three (R, G, B)"),
+        ),
         (lambda s: s.objects[0].material.n_s, np.array(-1.0), ("Material.n_s", "at least 0", "-1.")),
         (lambda s: s.objects[0].surface.radius, np.array(0.0), ("Sphere.radius", "above 0", "0.0")),
         (lambda s: s.lights[0].attenuation.constant, np.array(0.0), ("RadialAttenuation", "constant")),

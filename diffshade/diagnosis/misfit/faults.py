@@ -12,11 +12,12 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from ...inverse.data.recording import photograph
-from ...inverse.data.views import View, lights_on
+from ...inverse.data.views import View, channels, lights_on
 from ...inverse.forward.rounding import sawtooth
 from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
+from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
 from ...model.materials import Highlight
@@ -132,7 +133,7 @@ def _rho2(view: View) -> np.ndarray:
     h, w = view.camera.shape
     row, column = np.mgrid[:h, :w]
     rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
-    return np.broadcast_to(rho2[..., None], (h, w, 3))
+    return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
 
 
 def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
@@ -143,6 +144,7 @@ def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
         if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
             return None
         second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
+        second = widened(second, len(scene.channels))  # of one band its colour was made RGB
         scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
     return scene if shiny else None
 
@@ -214,7 +216,7 @@ def _of_geometry(
     fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
 ) -> list[Direction]:
     """Return the changes by faults of geometry, except at grazing rims, where they are not linear."""
-    shapes = [(*view.camera.shape, 3) for view in fit.views]
+    shapes = [(*view.camera.shape, channels(view)) for view in fit.views]
     grazing = [rims(fit.scene.objects, view.camera)[0][..., None] for view in fit.views]
     rim = samples.of([np.broadcast_to(*of) for of in zip(grazing, shapes, strict=True)]) > 0
     found, first = [], 0

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
-from ...inverse.data.views import is_grey
+from ...inverse.data.views import channels
 from ...inverse.forward.gram import Gram
 from ...inverse.forward.interface import AbstractForwardModel
 from ...inverse.laid_out_fit import LaidOutFit
@@ -78,7 +78,7 @@ class LaidSamples:
         self.tangents = np.concatenate([np.eye(len(laid.fit.unknowns), len(laid.theta)), along])
         self.laid, self.own = laid, len(laid.fit.unknowns)
         self.inside = np.flatnonzero(~laid.fit.at_bound)
-        self.used = [1 if is_grey(view) else 3 for view in laid.fit.views]
+        self.used = [channels(view) for view in laid.fit.views]
         places = [
             np.stack(np.broadcast_arrays(part.view, part.pixels[None], np.arange(self.used[part.view])[:, None]))
             for part in laid.parts

@@ -14,7 +14,7 @@ from ...io.lazy_images import LazyImage
 from ...model.rendering import render
 from ...model.scenes import Scene
 from .sensors import Sensor, falloff, linear_level
-from .views import Image, View, colours, has_alpha, is_grey
+from .views import Image, View, channels, colours, has_alpha, is_grey
 
 
 def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
@@ -70,7 +70,8 @@ def _developed(view: View, sensor: Sensor) -> View:
         )
     else:
         developed_image = rows(np.asarray(image, np.float64), 0)
-    return View(developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, None, shown, grown)
+    of = (developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, None, shown, grown)
+    return View(*of, bands=view.bands)
 
 
 def _top(view: View) -> float | None:
@@ -90,5 +91,5 @@ def _gains(view: View, sensor: Sensor, first: int, last: int) -> Float[np.ndarra
     row, column = np.mgrid[first:last, :width].astype(np.float64)
     projection = jax.tree.map(np.asarray, view.camera.projection())
     v = np.asarray(falloff(sensor.vignetting, projection, 0.5 * np.hypot(height, width), row, column))
-    gains = np.array([float(gain) for gain in sensor.gains(is_grey(view))[: 1 if is_grey(view) else 3]])
+    gains = np.ones(1) if view.bands else np.array([float(of) for of in sensor.gains(is_grey(view))[: channels(view)]])
     return v[..., None] * gains

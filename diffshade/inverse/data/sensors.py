@@ -53,7 +53,7 @@ class Sensor(Checked):
         gamma: gamma, above 0; default 1, a linear image. Files with the sRGB curve are linear once `read_image` has
             decoded them.
         bend: b, which lifts or lowers the bright half; default 0.
-        red: Gain of red over green, above 0; default 1. Grey photographs have no gains.
+        red: Gain of red over green, above 0; default 1. Grey photographs and bands have no gains.
         blue: Gain of blue over green, above 0; default 1.
         vignetting: V; default none.
         blur: Standard deviation of a Gaussian blur, pixels; default 0. A fit takes seven places around each pixel,

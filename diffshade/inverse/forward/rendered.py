@@ -75,8 +75,11 @@ class RenderedModel(AbstractForwardModel):
         row, column = block.points.row, block.points.column
         sensor = jax.tree.map(lambda leaf: leaf[view], setup.sensor)
         if scene.width != 3:
-            bands = in_bands(lambda grey: self._seen(grey, projection, row, column, None), scene)
-            return tuple(setup.exposure[view] * band + setup.black[view] for band in bands)
+            bands = in_bands(lambda grey: self._seen(grey, projection, row, column, sensor), scene)
+            if sensor is None:
+                return tuple(setup.exposure[view] * band + setup.black[view] for band in bands)
+            v = falloff(sensor.vignetting, projection, setting.half_diagonal[view], row, column)
+            return tuple(sensor.respond(setup.exposure[view] * v * band + setup.black[view]) for band in bands)
         seen = self._seen(scene, projection, row, column, sensor)
         mean = (seen.x + seen.y + seen.z) / 3.0
         grey = setting.grey[view] > 0

@@ -109,7 +109,7 @@ def singular_notes(
     """Say which unknowns these views do not determine at all, and what to do about it."""
     notes = []
     if zero.any():
-        names = _some_channels(zero, unknowns)
+        names = some_channels(zero, unknowns)
         it = "it" if len(names) == 1 else "them"
         text = (
             f"these views do not determine {listing(names)}: no pixel changes with {it}. Fix {it}, or add a view that "
@@ -150,7 +150,7 @@ def vague_notes(
     for quantity in dict.fromkeys(u.quantity for u, here in zip(unknowns, lost, strict=True) if here):
         members = np.array([u.quantity == quantity for u in unknowns]) & lost
         worst = int(np.argmax(np.where(members, relative, -1.0)))
-        names = _some_channels(members, unknowns)
+        names = some_channels(members, unknowns)
         if unknowns[worst].logarithmic:
             size = f"a factor of {np.exp(min(relative[worst], 99.0)):.2g}"
         elif values[worst]:
@@ -193,7 +193,7 @@ def remedy(names: Sequence[str]) -> str:
     return f"Fix {last}, or add a view that shows more of it."
 
 
-def _some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> list[str]:
+def some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> list[str]:
     """Return names of unknowns: the quantity's if all its channels are among them, else the channels'."""
     others = {u.quantity for u, here in zip(unknowns, which, strict=True) if not here}
     members = [u for u, here in zip(unknowns, which, strict=True) if here]

@@ -17,8 +17,8 @@ from ...model.scenes import Scene
 from ..data.views import View
 from .unknown import Unknown
 
+OF_RGB = ("red", "blue")  # gains of a sensor, which other bands have none of
 PER_VIEW = ("exposure", "black")  # numbers of a view itself that can be free
-CHANNELS = ("r", "g", "b", "x", "y", "z")
 
 
 def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array, dataclasses.Field]]:
@@ -30,7 +30,8 @@ def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array
         for name in PER_VIEW:
             yield f"views.{i}.{name}", getattr(view, name), fields[name]
         if view.sensor is not None:
-            yield from quantities(view.sensor, f"views.{i}.sensor")
+            whole = quantities(view.sensor, f"views.{i}.sensor")
+            yield from (of for of in whole if len(scene.channels) == 3 or of[2].name not in OF_RGB)
 
 
 def path_name(path: Any, scene: Scene) -> str:
@@ -97,18 +98,11 @@ def end_of_run(name: str, path: str) -> int | None:
     return None
 
 
-def concerns(name: str, unknown: Unknown, path: str, channel: int) -> bool:
-    """Whether a name means the number at a place: a run of its path, with its channel after it or without."""
+def concerns(name: str, unknown: Unknown, path: str) -> bool:
+    """Whether a name means an unknown at a path: a run of the path, with the unknown's channel after it or without."""
     own = unknown.name[len(unknown.quantity) + 1 :]  # r of k_d.r
-    if own and name.endswith(f".{own}") and end_of_run(name[: -len(own) - 1], path) is not None:
-        return True
-    head, _, letter = name.rpartition(".")
-    return end_of_run(name, path) is not None or (
-        own in CHANNELS
-        and letter in CHANNELS
-        and CHANNELS.index(letter) % 3 == channel
-        and end_of_run(head, path) is not None
-    )
+    of_one = bool(own) and name.endswith(f".{own}") and end_of_run(name[: -len(own) - 1], path) is not None
+    return of_one or end_of_run(name, path) is not None
 
 
 def ratio_name(unknown: Unknown, known: Mapping[str, Any]) -> str:

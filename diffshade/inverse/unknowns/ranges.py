@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...core.fields import parameter_of
-from .names import CHANNELS, check_names, concerns, end_of_run, ratio_name
+from ...core.words import listing
+from .names import check_names, concerns, end_of_run, ratio_name
 from .unknown import Unknown, unit_vectors
 
 
@@ -22,10 +23,14 @@ def check_names_an_unknown(
     known: Mapping[str, Any],
 ) -> None:
     """Refuse a name in bounds or priors that means no unknown."""
-    if any(name == ratio_name(u, known) or any(concerns(name, u, *place) for place in u.places) for u in found):
+    if any(name == ratio_name(u, known) or any(concerns(name, u, path) for path, _ in u.places) for u in found):
         return
-    head, _, letter = name.rpartition(".")
-    name = head if letter in CHANNELS and head else name
+    head = name.rpartition(".")[0]
+    here = [u for u in found if any(end_of_run(head, path) == path.count(".") + 1 for path, _ in u.places)]
+    if head and here:
+        channels = [unknown.name[len(unknown.quantity) + 1 :] for unknown in here]
+        has = f"has {listing(list(dict.fromkeys(channels)))}" if all(channels) else "is one number"
+        raise ValueError(f"{where} names '{name}', but {head} {has}. Name one of these, or '{head}'.")
     if "/" not in name:
         check_names(where, (name,), known)
     for path, (to, _) in proportions.items():
@@ -49,8 +54,8 @@ def check_directions(unknowns: Sequence[Unknown]) -> None:
 
 def set_range(unknown: Unknown, bounds: Mapping[str, Sequence[float | int]], known: Mapping[str, Any]) -> None:
     """Set the range of an unknown: the meet of those of all its places."""
-    for path, channel in unknown.places:
-        named = {name: pair for name, pair in bounds.items() if concerns(name, unknown, path, channel)}
+    for path, _ in unknown.places:
+        named = {name: pair for name, pair in bounds.items() if concerns(name, unknown, path)}
         lower, upper = _range_within(path, known[path][1], named)
         unknown.lower, unknown.upper = max(unknown.lower, lower), min(unknown.upper, upper)
     if not unknown.places:
@@ -87,7 +92,7 @@ def prior_of(unknown: Unknown, priors: Mapping[str, Sequence[Any]]) -> tuple[flo
     """Return the prior of an unknown in the solver's coordinates; of two, the one named last."""
     prior = None
     for name, pair in priors.items():
-        channel = next((c for path, c in unknown.places if concerns(name, unknown, path, c)), None)
+        channel = next((c for path, c in unknown.places if concerns(name, unknown, path)), None)
         if channel is None and name != unknown.name:
             continue
         pair = _of_unit_length(pair) if unknown.parameter.role == "direction" else pair

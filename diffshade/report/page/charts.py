@@ -215,8 +215,10 @@ def _smooth(points: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
     return t, np.asarray(PchipInterpolator(points[:, 0], signed)(t)) ** 2
 
 
-def errors_of_views(errors: Vector, names: Sequence[str], label: str = "RMSE", title: str = "Each view") -> Chart:
-    """Draw one error for each view."""
+def errors_of_each(
+    errors: Vector, names: Sequence[str], label: str = "RMSE", title: str = "Each view", x_label: str = "view"
+) -> Chart:
+    """Draw one error for each view, or for each band."""
     known = np.nan_to_num(errors)
     frame = Frame((-0.5, len(known) - 0.5), (0.0, 1.12 * float(max(known.max(), 1e-12))))
     ground, bars = frame.up(0.0), []
@@ -226,7 +228,7 @@ def errors_of_views(errors: Vector, names: Sequence[str], label: str = "RMSE", t
     worst = int(known.argmax())
     return Chart(
         title,
-        "view",
+        x_label,
         label,
         frame.x_ticks(whole=True),
         frame.y_ticks(),

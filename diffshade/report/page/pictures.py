@@ -14,6 +14,7 @@ from ...io.image_formats import encode, encode_indexed
 from ...io.images import srgb_encode
 from ...model.rendering import render
 from ...model.scenes import Scene
+from ..drawn_bands import DrawnBands
 
 LARGEST = 800  # pixels of the longer side; a larger photograph is shown smaller
 QUALITY = 88  # JPEG quality
@@ -48,18 +49,18 @@ class Gallery:
     """The colours of the differences from -limit to limit."""
 
 
-def build_gallery(predictions: Sequence[Prediction], names: Sequence[str]) -> Gallery:
+def build_gallery(predictions: Sequence[Prediction], names: Sequence[str], drawn: DrawnBands) -> Gallery:
     """Return the pictures of views and their predictions, with one white level and one scale of differences."""
     known = [p for p in predictions if p.counts.any()]
-    white = max((float(np.quantile(p.target[p.counts], 0.995)) for p in known), default=1.0) or 1.0
-    limit = max((float(np.quantile(np.abs(p.difference[p.counts]), 0.99)) for p in known), default=0.0) or 1e-12
+    white = max((drawn.white(p) for p in known), default=1.0) or 1.0
+    limit = max((float(np.quantile(np.abs(_differences(p, drawn)), 0.99)) for p in known), default=0.0) or 1e-12
     table = _table()
     pictures = []
     for name, p in zip(names, predictions, strict=True):
         height, width = p.target.shape[:2]
         small = min(1.0, LARGEST / max(height, width))
         shape = (max(round(height * small), 1), max(round(width * small), 1))
-        photograph, image = (displayed(of, shape, white) for of in (p.target, p.image))
+        photograph, image = (displayed(drawn.of(of), shape, white) for of in (p.target, p.image))
         difference = _steps(p, shape, limit)
         files = [encode(".jpg", of, quality=QUALITY) for of in (photograph, image)]
         pictures.append(
@@ -76,6 +77,12 @@ def build_gallery(predictions: Sequence[Prediction], names: Sequence[str]) -> Ga
         )
     colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])
     return Gallery(tuple(pictures), white, limit, colours)
+
+
+def _differences(p: Prediction, drawn: DrawnBands) -> Float[np.ndarray, " n"]:
+    """Return the differences that set the scale: of samples, or their means over many bands, which are smaller."""
+    counted = p.counts.sum(-1)
+    return (p.difference.sum(-1) / np.maximum(counted, 1))[counted > 0] if drawn.words else p.difference[p.counts]
 
 
 def ball_picture(fit: Fit, scene: Scene, white: float) -> str:

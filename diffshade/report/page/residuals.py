@@ -35,6 +35,8 @@ class Residuals:
     """The angle between n and l in degrees; the smallest of several lights."""
     to_mirror: Float[np.ndarray, " n"]
     """The angle between v and r in degrees; the smallest of several lights; NaN where n.l is not above 0."""
+    rmse_of_bands: Float[np.ndarray, " bands"]
+    """The RMSE of each band, of all views; empty without bands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +54,21 @@ def collect_residuals(fit: Fit, report_progress: ReportProgress) -> Residuals:
     """Predict every view, and return the residuals of randomly drawn samples. Runs in float64."""
     random = np.random.default_rng(0)
     rmse, parts = [], []
+    squares, samples = np.zeros((2, len(fit.scene.bands)))
     for i, view in enumerate(fit.views):
         report_progress(f"view {i + 1} of {len(fit.views)}", i / len(fit.views))
         p = fit.predict(view)
         rmse.append(p.rmse if p.counts.any() else np.nan)
+        if fit.scene.bands:
+            squares += np.sum(p.difference**2, (0, 1))
+            samples += np.sum(p.counts, (0, 1))
         pixels = np.flatnonzero(p.counts.any(-1))
         few = MOST // (len(fit.views) * p.target.shape[2])
         if len(pixels) > few:
             pixels = random.choice(pixels, few, replace=False)
         parts.append(_of_view(fit, view, p, pixels))
     values, to_light, to_mirror = (np.concatenate(of) for of in zip(*parts, strict=True))
-    return Residuals(np.array(rmse), values, to_light, to_mirror)
+    return Residuals(np.array(rmse), values, to_light, to_mirror, np.sqrt(squares / np.maximum(samples, 1)))
 
 
 def _of_view(fit: Fit, view: View, p: Prediction, pixels: Int[np.ndarray, " m"]) -> tuple[np.ndarray, ...]:

@@ -20,9 +20,9 @@ from ...inverse.data.recording import developed
 from ...inverse.data.views import View
 from ...inverse.result import Fit
 from ...io.files import replacing
-from ...model.bands import refuse_bands
 from ...texels.heights.map import HeightMap
 from ...texels.maps import TexelMaps
+from ..drawn_bands import drawn_bands
 from . import charts, tables
 from .ball import ball_scene, scene_to_render
 from .checks import check_page, check_titles
@@ -31,6 +31,7 @@ from .maps.writing import Photographs, write_maps_page
 from .pictures import ball_picture, build_gallery
 from .residuals import collect_residuals, curve
 from .shaders import shader
+from .spectra import errors_of_bands, spectra
 from .template import as_script, fill
 
 MOST_VIEWS = 12  # shown as pictures
@@ -102,7 +103,6 @@ def write_report(
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
     _refuse(of_maps, "TexelMaps", "a fit")
-    refuse_bands("a report", result.scene.bands, "Report a fit of three of them, or print this one.")
     _write_fit(path, result, examination, choice, plan, titles, progress=progress)
 
 
@@ -136,9 +136,11 @@ def _write_fit(
         residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
         report_progress("drawing")
-        gallery = build_gallery([fit.predict(fit.views[i]) for i in which], [names[i] for i in which])
-        ball, missing = ball_scene(fit, names, gallery.white)
-        whole = scene_to_render(fit)
+        drawn = drawn_bands(fit.scene.bands)
+        gallery = build_gallery([fit.predict(fit.views[i]) for i in which], [names[i] for i in which], drawn)
+        fit_drawn = dataclasses.replace(fit, scene=drawn.scene(fit.scene))
+        ball, missing = ball_scene(fit_drawn, names, gallery.white)
+        whole = scene_to_render(fit_drawn)
         rms = float(np.sqrt(np.mean(residuals.values**2)))
         curves = (
             ("From the light", "angle between n and l, degrees", curve(residuals, residuals.to_light)),
@@ -155,10 +157,13 @@ def _write_fit(
             ball=ball,
             missing=missing,
             whole=None if whole is None else ball_picture(fit, whole, gallery.white),
+            drawn=drawn,
+            spectra=spectra(fit, examination),
             residual_charts=[
                 *(charts.over_angle(found, title, label, rms) for title, label, found in curves if found is not None),
                 charts.histogram(residuals),
-                *([charts.errors_of_views(residuals.rmse, names)] if len(names) > 1 else []),
+                *([charts.errors_of_each(residuals.rmse, names)] if len(names) > 1 else []),
+                *([errors_of_bands(residuals.rmse_of_bands, bands)] if len(bands := fit.scene.bands) > 1 else []),
             ],
             correlations=tables.correlations(fit),
             convergence=charts.convergence(fit),

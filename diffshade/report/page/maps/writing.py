@@ -16,6 +16,7 @@ from ....texels.heights.map import HeightMap
 from ....texels.maps import TexelMaps
 from ....texels.predictions import relative_error
 from ....texels.status import OUTSIDE
+from ...drawn_bands import drawn_bands
 from .. import charts
 from ..pictures import build_gallery
 from ..shaders import shader
@@ -113,9 +114,9 @@ def write_maps_page(
         remarks=tables.remarks(stage),
         table=tables.table_of(maps),
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
-        gallery=build_gallery(predictions, names) if predictions else None,
+        gallery=build_gallery(predictions, names, drawn_bands(())) if predictions else None,
         seen=not photographs.left_out,
-        charts=[charts.errors_of_views(off, names, "relative error", "Each photograph")] if predictions else [],
+        charts=[charts.errors_of_each(off, names, "relative error", "Each photograph")] if predictions else [],
         factor=numbers.factor,
         packed=tables.packed(numbers, layers),
         scene=as_script(_scene(numbers, layers, planes, stage, overlays)),
