@@ -71,8 +71,9 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     fitted, seen = put_back(scene, views, unknowns, found.values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
-    held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
-    evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
+    if found.at_bound.any():
+        held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
+        evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
     which = _clusters_in_words(groups, problem.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)

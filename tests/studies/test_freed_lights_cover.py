@@ -32,9 +32,7 @@ def test_freed_lights_and_their_material_are_found_with_errors_that_cover():
             towards + np.deg2rad(2.0) * random.standard_normal(towards.shape),
             np.exp(0.05 * random.standard_normal(VIEWS)),
         )
-        fit = ds.fit(
-            stated, views, free=FREE, light_error=2.0, intensity_error=0.05, constraints=ds.Grey("intensity")
-        )
+        fit = ds.fit(stated, views, free=FREE, light_error=2.0, intensity_error=0.05, constraints=ds.Grey("intensity"))
         truth = fit.values_in(true)
         inside.append(np.abs(fit.values - truth) <= 1.96 * fit.errors)
         directions = np.array([-np.asarray(light.direction) for light in fit.scene.lights])  # pyright: ignore

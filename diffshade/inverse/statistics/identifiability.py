@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, logarithms
+from .arrowheads import regular_inverse
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
@@ -42,6 +43,8 @@ def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray
     live = np.flatnonzero(~zero)
     if not len(live):
         return zero, np.zeros((0, len(H)))
+    if regular_inverse(A[np.ix_(live, live)], SINGULAR**2) is not None:
+        return zero, np.zeros((0, len(H)))
     w, V = np.linalg.eigh(A[np.ix_(live, live)])
     basis = V[:, w < SINGULAR**2 * w[-1]].T
     for i in range(len(basis)):
@@ -62,6 +65,8 @@ def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
     at least a tenth of the largest component.
     """
     A, lengths = scaled(H)
+    if regular_inverse(A, ILL**2) is not None:
+        return []
     w, V = np.linalg.eigh(A)
     weak = (w >= SINGULAR**2 * w.max(initial=0.0)) & (w < ILL**2 * w.max(initial=0.0))
     shares = np.abs(V[:, weak]) * (lengths > 0)[:, None]
