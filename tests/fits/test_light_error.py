@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -10,14 +11,16 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.core.fields import parameter
 from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.descent import box_step
 from diffshade.inverse.solve.elimination import in_order, out_of_order, symmetric
 from diffshade.inverse.solve.solvers import evaluate, minimise
 from diffshade.inverse.statistics.evidence import Evidence
+from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
-from diffshade.inverse.unknowns.unknown import coordinates
+from diffshade.inverse.unknowns.unknown import Unknown, coordinates
 from diffshade.inverse.unknowns.visibility import arrow_of, seeds_of, shown_unknowns
 from tests.support.textured import lights_about
 
@@ -177,6 +180,46 @@ def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams(
             np.testing.assert_allclose(a, b, rtol=1e-9)
         np.testing.assert_allclose(one.scatter(), other.scatter(), rtol=1e-9)
         assert one.deciding() == other.deciding()
+
+
+# --- what the views leave open
+
+
+def test_the_scale_of_freed_intensities_is_named_whether_priors_set_it_or_nothing_does():
+    scene, views, _ = photographed(4)
+    free, grey = (*FREE, "intensity"), ds.Grey("intensity")
+    nothing = ds.fit(scene, views, free=free, constraints=grey, light_error=2.0)
+    (said,) = [note for note in nothing.notes if note.kind == "not separated"]
+    assert "cannot separate k_d and k_s from the intensity of lights 0 to 3: scaling the former up" in said
+    assert "or give intensity_error" in said
+    priors = ds.fit(scene, views, free=free, constraints=grey, light_error=2.0, intensity_error=0.05)
+    (said,) = [note for note in priors.notes if note.kind == "gauge"]
+    assert "the views alone cannot separate k_d and k_s from the intensity of lights 0 to 3" in said
+    known = float(re.search(r"k_d.r times the mean intensity .* is known to ([\d.]+) %", said)[1])  # pyright: ignore
+    assert known < 0.1  # per cent
+    assert priors.errors[0] / priors.values[0] > 0.02  # .05 over the root of 4
+    assert not [note for note in ds.fit(scene, views, free=FREE, light_error=2.0).notes if note.kind == "gauge"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"center": lambda x: [0.0, 0.0, 1.0], "position": lambda x: [0.0, 0.0, 1.0]}, "moving them together"),
+        ({"center": lambda x: x - 4.0, "position": lambda x: x - 4.0, "radius": lambda x: x}, "about one point"),
+        ({"center": lambda x: x**2, "position": lambda x: -x}, "they can be changed together"),
+    ],
+)
+def test_places_that_no_pixel_shows_are_said_to_move_or_to_grow_together(changes, words):
+    kinds = {"center": parameter("position"), "position": parameter("position"), "radius": parameter("")}
+    values = {"center": np.array([0.1, 0.2, 0.3]), "position": np.array([2.0, 3.0, 4.0]), "radius": np.array([1.5])}
+    unknowns, found, direction = [], [], []
+    for name in changes:
+        for axis, value, change in zip("xyz", values[name], np.ravel(changes[name](values[name])), strict=False):
+            own = name if name == "radius" else f"{name}.{axis}"
+            unknowns.append(Unknown(own, name, -9.0, 9.0, 0.0, kinds[name]["parameter"]))
+            found.append(value)
+            direction.append(change)
+    assert words in sentence(np.array(direction), unknowns, np.array(found))
 
 
 # --- what lies beside it

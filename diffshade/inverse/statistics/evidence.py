@@ -29,7 +29,6 @@ from .uncertainty import (
     without_single_views,
 )
 
-
 T = TypeVar("T")
 
 
