@@ -25,7 +25,7 @@ def test_freed_lights_and_their_material_are_found_with_errors_that_cover():
     towards, random = lights_about(VIEWS), np.random.default_rng(0)
     true = lit_by(towards, np.ones(VIEWS))
     clean = [np.asarray(ds.render(true, CAMERA, lit=i), np.float64) for i in range(VIEWS)]
-    inside, near = [], []
+    inside, near, names = [], [], np.array([])
     for _ in range(DRAWS):
         views = [ds.View(c + 0.005 * random.standard_normal(c.shape), CAMERA, lit=i) for i, c in enumerate(clean)]
         stated = lit_by(
@@ -41,7 +41,8 @@ def test_freed_lights_and_their_material_are_found_with_errors_that_cover():
         k_d = np.asarray(fit.material.k_d) / np.asarray(MATERIAL.k_d)
         near.append([np.median(off), off.max(), *np.abs(k_d * intensities.mean() - 1.0), *np.abs(k_d - 1.0)])
         near[-1].append(abs(float(fit.material.n_s) / 20.0 - 1.0))
-    names, share = np.array(fit.names), np.mean(inside, 0)
+        names = np.array(fit.names)
+    share = np.mean(inside, 0)
     kinds = {kind: np.array([kind in name for name in names]) for kind in ("direction", "intensity")}
     material = ~np.any(list(kinds.values()), axis=0)
     near = np.array(near)

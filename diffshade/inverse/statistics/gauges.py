@@ -80,7 +80,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def _gauge(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> tuple[str, str, str]:
-    """Return what is mixed, how it changes together, and another remedy: pixels hold reflection x light / attenuation."""
+    """Return what is mixed, how it changes together, and one more remedy; pixels hold reflection light/attenuation."""
     involved = np.flatnonzero(direction)
     names = quantities(unknowns, involved)
     signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
@@ -132,8 +132,8 @@ def _motion(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> s
 def _product(
     direction: Vector, covariance: Float[np.ndarray, "p p"], unknowns: Sequence[Unknown], values: Vector
 ) -> str:
-    """Return how well a reflection times the mean intensity is known, where a direction scales one against the other."""
-    involved = np.flatnonzero(direction)
+    """Return how well k_d times the mean intensity is known, where a direction scales one against the other."""
+    involved = np.flatnonzero(direction).tolist()
     channel = next((unknowns[j].name for j in involved if unknowns[j].kind == "k_d"), "")
     last = channel.rpartition(".")[2]
     sent = [j for j in involved if unknowns[j].kind == "intensity" and unknowns[j].name.endswith((".intensity", last))]
