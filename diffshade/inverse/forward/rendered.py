@@ -15,13 +15,13 @@ from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
-from ...model.scenes import Scene, light_kinds, stack_scene
+from ...model.scenes import Scene, light_kinds, stack_scene, together
 from ...model.tracing import radiance
 from ...model.vectors import Vec3
 from ..data.sensors import Sensor, falloff
 from ..data.views import View, camera_key, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, apart, sensors_of, slots_of, together
+from ..unknowns.slots import Setup, apart, sensors_of, slots_of
 from ..unknowns.unknown import Unknown
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
 from .gram import Gram, ViewGrams, directions_of
