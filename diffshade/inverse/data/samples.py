@@ -41,7 +41,7 @@ class Samples(eqx.Module):
         if isinstance(self.photograph, LazyImage):
             return self.photograph.at(pixels)
         h, w, c = self.photograph.shape
-        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
+        return self.photograph.reshape(h * w, c).take(pixels - self.first * w if self.first else pixels, 0)
 
     def whole(self) -> Float[np.ndarray, "h w c"]:
         """Return the whole photograph, which is read here where it is lazy."""

@@ -21,11 +21,12 @@ from ..result import Fit
 from ..running import samples_for
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import relative_errors
-from ..statistics.uncertainty import Vector
-from ..unknowns.unknown import coordinates, logarithms
+from ..statistics.uncertainty import Vector, inverse
+from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
 ERRORS = 3.0
+SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
     "this fit was made by tiles, so it was not checked whether values depend on saturated pixels or on the brightest "
@@ -172,12 +173,15 @@ def moved(
 
     They move by 30 % or three errors, and the remaining data contradict the old value: holding it raises their cost by
     three errors squared, as in a profile (`rises` is the rise for one error). Data that say hardly anything about a
-    value do not contradict its old one.
+    value do not contradict its old one; where even a tenth of that rise is not to be expected, none is computed.
     """
     far = how_far(fit, again.values)
     distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
     known = again.evidence.regular & fit.evidence.regular & ~blamed
-    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * errors)))
+    expected = _expected_rises(fit, again)
+    suspects = np.flatnonzero(
+        known & ((far > MOVED) | (distance > ERRORS * errors)) & (expected > SURELY * ERRORS**2 * rises)
+    )
     found = np.zeros(len(known), bool)
     if not len(suspects):
         return found
@@ -196,6 +200,19 @@ def moved(
         rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
         found[j] = 2.0 * rise > ERRORS**2 * rises[j]
     return found
+
+
+def _expected_rises(fit: Fit, again: Fit) -> Vector:
+    """Return by how much twice a refit's cost would rise with each unknown at its old value, if it were quadratic.
+
+    Infinite where the refit has it at a bound.
+    """
+    slope, inside = coordinate_slopes(again.values, fit.unknowns), ~again.at_bound
+    H = again.evidence.total / np.outer(slope, slope)
+    variance = np.full(len(slope), np.nan)
+    variance[inside] = np.diag(inverse(H[np.ix_(inside, inside)]))
+    moved = coordinates(again.values, fit.unknowns) - coordinates(fit.values, fit.unknowns)
+    return np.where(variance > 0.0, moved**2 / np.where(variance > 0.0, variance, 1.0), np.inf)
 
 
 def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
