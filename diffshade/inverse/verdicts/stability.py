@@ -63,7 +63,10 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
     """Yield, for each width, the pixels farther than that from saturated ones; nothing if no pixel is saturated."""
-    samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
+    if fit.clipped == "exclude":  # with those that the fit left out
+        samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")
+    else:
+        samples, _ = samples_of(fit)
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
@@ -92,9 +95,19 @@ def _is_glossy(fit: Fit) -> bool:
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
     scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
-    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [np.zeros(3) for _ in scene.objects])
-    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
-    return (with_it - without).mean(-1)
+    black = np.zeros(len(scene.channels))
+
+    def without(scene: Scene, *names: str) -> Scene:
+        of = lambda s: [getattr(item.material, name) for item in s.objects for name in names]  # noqa: E731
+        return eqx.tree_at(of, scene, [black for _ in of(scene)])
+
+    if scene.atmosphere is None and all(item.material.k_t is None for item in scene.objects):
+        materials = [replace(item.material, highlights=()) for item in scene.objects]
+        scene = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, materials)
+        alone = replace(without(scene, "k_a", "k_d", "k_e"), background=0.0)
+        return np.asarray(render(alone, view.camera)).mean(-1)
+    with_it, dull = (np.asarray(render(s, view.camera)) for s in (scene, without(scene, "k_s")))
+    return (with_it - dull).mean(-1)
 
 
 def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
