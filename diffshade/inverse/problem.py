@@ -336,7 +336,8 @@ def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -
 
 @jit_quickly
 def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    return priors.gram(theta)
+    gram = priors.gram(theta)
+    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
 
 
 def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:

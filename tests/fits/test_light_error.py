@@ -15,13 +15,13 @@ from diffshade.core.fields import parameter
 from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.descent import box_step
-from diffshade.inverse.solve.elimination import in_order, out_of_order, symmetric
+from diffshade.inverse.solve.elimination import Arrowhead, Dense, nothing
 from diffshade.inverse.solve.solvers import evaluate, minimise
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates
-from diffshade.inverse.unknowns.visibility import arrow_of, seeds_of, shown_unknowns
+from diffshade.inverse.unknowns.visibility import Arrow, arrow_of, seeds_of, shown_unknowns
 from tests.support.textured import lights_about
 
 FREE = ("k_d", "k_s", "n_s", "direction")
@@ -109,20 +109,35 @@ def test_elimination_gives_the_dense_solution(seed):
         theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
         task = problem.task(problem.sum_of_squares(problem.chunks()))
         point = evaluate(theta, task, problem.chunks())
+        assert isinstance(point.total.hessian, Arrowhead)
         H = np.asarray(point.total.hessian)
-        D = H + 1e-3 * np.diag(np.diag(H) + 1.0)
-        b, arrow = random.standard_normal(len(D)), task.box.arrow
-        by_blocks, right = symmetric(jnp.asarray(D), arrow), in_order(jnp.asarray(b), arrow)
-        for found, dense in ((by_blocks.times(right), D @ b), (by_blocks.diagonal(), np.diag(D))):
-            np.testing.assert_allclose(out_of_order(found, len(b), arrow), dense, rtol=1e-9)
-        padded = jnp.where(by_blocks.diagonal() > 0, 0.0, 1.0)  # a block of fewer unknowns than the others
-        solved = out_of_order(by_blocks.plus(padded).solve(right), len(b), arrow)
-        np.testing.assert_allclose(solved, np.linalg.solve(D, b), rtol=1e-9)
+        whole = np.asarray(point.views.total(len(H)).hessian) + np.asarray(task.priors.gram(theta).hessian)
+        np.testing.assert_allclose(H, whole, rtol=1e-12)
+        more = jnp.asarray(1e-3 * (np.diag(H) + 1.0))
+        D, by_blocks = H + np.diag(more), point.total.hessian.plus(more)
+        b = random.standard_normal(len(D))
+        for found, dense in ((by_blocks.times(jnp.asarray(b)), D @ b), (by_blocks.diagonal(), np.diag(D))):
+            np.testing.assert_allclose(found, dense, rtol=1e-9)
+        np.testing.assert_allclose(by_blocks.solve(jnp.asarray(b)), np.linalg.solve(D, b), rtol=1e-9)
+        scale = jnp.asarray(random.uniform(0.5, 2.0, len(D)))
+        np.testing.assert_allclose(by_blocks.scaled(scale), D * np.outer(scale, scale), rtol=1e-12)
         low, high = -random.uniform(0.0, 0.1, len(D)), random.uniform(0.0, 0.1, len(D))
-        of = (jnp.asarray(D), jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
-        step, dense = np.asarray(box_step(*of, arrow)), np.asarray(box_step(*of, None))
+        of = (jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
+        step, dense = (np.asarray(box_step(A, *of)) for A in (by_blocks, Dense(jnp.asarray(D))))
         assert (np.isclose(step, low) | np.isclose(step, high)).any()
         np.testing.assert_allclose(step, dense, rtol=1e-9, atol=1e-12)
+
+
+def test_a_block_of_fewer_unknowns_than_others_is_padded():
+    arrow, p = Arrow(jnp.array([2]), jnp.array([[0, 1], [3, 4], [5, 6]])), 6  # 6 is nowhere
+    with jax.enable_x64(True):
+        A = nothing(p, arrow).plus(jnp.arange(1.0, 7.0)).added(jnp.array([[2, 5, 6], [2, 0, 1]]), jnp.ones((2, 3, 3)))
+        whole = np.diag(np.arange(1.0, 7.0))
+        for index in ([2, 5], [2, 0, 1]):
+            whole[np.ix_(index, index)] += 1.0
+        np.testing.assert_array_equal(A.as_matrix(), whole)
+        np.testing.assert_allclose(A.solve(jnp.ones(p)), np.linalg.solve(whole, np.ones(p)), rtol=1e-12)
+        np.testing.assert_allclose(A.times(jnp.ones(p)), whole.sum(1), rtol=1e-12)
 
 
 def test_a_fit_by_elimination_ends_where_the_dense_one_does():
