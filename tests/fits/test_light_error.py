@@ -209,7 +209,7 @@ def test_the_scale_of_freed_intensities_is_named_whether_priors_set_it_or_nothin
     assert "or give intensity_error" in said
     priors = ds.fit(scene, views, free=free, constraints=grey, light_error=2.0, intensity_error=0.05)
     (said,) = [note for note in priors.notes if note.kind == "gauge"]
-    assert "the views alone cannot separate k_d and k_s from the intensity of lights 0 to 3" in said
+    assert "without priors the views cannot separate k_d and k_s from the intensity of lights 0 to 3" in said
     known = float(re.search(r"k_d.r times the mean intensity .* is known to ([\d.]+) %", said)[1])  # pyright: ignore
     assert known < 0.1  # per cent
     assert priors.errors[0] / priors.values[0] > 0.02  # .05 over the root of 4
