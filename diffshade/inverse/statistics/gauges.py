@@ -48,8 +48,8 @@ def set_by_priors(
     for direction in directions:
         cannot, together, _ = _gauge(direction, unknowns, values)
         text = (
-            f"without priors the views cannot separate {cannot}: {together}. The priors decide this, and the errors contain "
-            f"their width.{_product(direction, covariance, unknowns, values)}"
+            f"without priors the views cannot separate {cannot}: {together}. The priors decide this, and the errors "
+            f"contain their width.{_product(direction, covariance, unknowns, values)}"
         )
         notes.append(Note(text, "gauge", tuple(quantities(unknowns, np.flatnonzero(direction)))))
     return list(dict.fromkeys(notes))
