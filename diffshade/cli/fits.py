@@ -13,7 +13,7 @@ from .domes import dome, place_of
 from .map_uses import is_maps, report_maps
 from .maps import bands_data, divided, on_bands
 from .materials import check_out, put_material
-from .sources import LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
+from .sources import LIGHT_ERRORS, LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
 from .terminal import FILE, SETTINGS, Names, answer, as_json
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ MODELS = ("phong", "blinn", "matte")
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade fit ball.toml 0.png 1.png --free k_d,k_s,n_s -o brass.mtl")
-@with_options(*VIEWS, *MODEL, LOBE, ROOM)
+@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo by the others, with bands")
 @click.option(
@@ -70,7 +70,7 @@ def _bands(typed: Options, source: Source, checkpoint: Path | None) -> ds.Predic
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade report photographs -o ball.html")
-@with_options(*VIEWS, *MODEL, LOBE)
+@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Of maps: every N-th photograph was left out of them")
@@ -102,7 +102,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
-@with_options(*VIEWS, *MODEL)
+@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS)
 @click.option("--model", type=Names(), default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
 @as_json
 def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
@@ -126,7 +126,7 @@ def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
-@with_options(*VIEWS, *MODEL, LOBE)
+@with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
 @click.option("--aim", type=Names(), default=(), help="Parameters to improve  [default: all]")
 @click.option("--lights", type=FILE, help="Scene with candidate lights  [default: a dome]")
 @as_json

@@ -51,7 +51,6 @@ def texels(
     out: Path,
     shared: bool,
     alone: bool,
-    light_error: float | None,
     hold_out: int | None,
     bands: bool,
     heights: bool,
@@ -76,7 +75,7 @@ def texels(
         raise ValueError("--bands needs photographs to predict; got no --hold-out. Give for example --hold-out 4.")
     seen, left_out = divided(len(found.views), hold_out)
     names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
-    error: Any = light_error
+    error: Any = typed.light_error
     if error is None and found.folder is not None and set(free) == {*FREE, "normal"} and typed.loss != "squares":
         errors = light_errors(found.folder)
         error = None if errors is None else errors[[found.indices[i] for i in seen]]
@@ -115,7 +114,7 @@ def texels(
         try:
             maps, made = fitted(error)
         except UnsuitedLights:
-            if light_error is not None:  # asked for by hand
+            if typed.light_error is not None:  # asked for by hand
                 raise
             _LOGGER.warning(
                 "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."

@@ -29,7 +29,7 @@ SOURCE = (
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by file type]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
-    click.option("--lit", type=Lit(), help="each (default: one per photo), all, or as in 0,1,0+1"),
+    click.option("--lit", type=Lit(), help="each (default: one per photo), all, or 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
     EXIF,
@@ -43,6 +43,14 @@ MODEL = (
         "--loss", type=OneOf(LOSSES), default="squares", help="squares (default), huber, cauchy, geman-mcclure"
     ),
     click.option("--noise", type=float, metavar="SIGMA", help="Standard deviation, white = 1  [default: fitted]"),
+)
+LIGHT_ERRORS = (
+    click.option(
+        "--light-error", type=float, metavar="DEGREES", help="Error of light directions  [default: the folder's]"
+    ),
+    click.option(
+        "--intensity-error", type=float, metavar="SHARE", help="Error of intensities, 0.05 for 5 %  [default: none]"
+    ),
 )
 LOBE = click.option("--lobe", type=OneOf(LOBES), help="phong or blinn  [default: the scene's; phong]")
 ROOM = click.option("--memory", type=float, metavar="GB", help="Memory for pixels; if exceeded, read in bands")
@@ -119,6 +127,8 @@ class Options:
     lobe: str | None = None
     loss: str | None = "squares"
     noise: float | None = None
+    light_error: float | None = None
+    intensity_error: float | None = None
     memory: float | None = None
 
     def read(self, *, normals: bool | None = True) -> Source:
@@ -142,9 +152,10 @@ class Options:
         if any("sensor" in name.split(".") for name in self.free):  # one camera took all photographs
             views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
             tied = tied if "sensor" in tied else (*tied, "sensor")
+        error: Any = self.light_error
         errors = None if source.folder is None else light_errors(source.folder)
-        if errors is not None and (errors > 0.0).all():  # a calibrated folder
-            options["light_error"] = errors[list(source.indices)]
+        if error is None and errors is not None and (errors > 0.0).all():  # a calibrated folder
+            error = errors[list(source.indices)]
         with by_name(source.names):
             return ds.fit(
                 source.scene if scene is None else scene,
@@ -153,6 +164,8 @@ class Options:
                 tied=tied,
                 bounds=dict(self.bounds),
                 constraints=[ds.Grey(name) for name in self.grey],
+                light_error=error,
+                intensity_error=self.intensity_error,
                 loss=self.loss or "squares",
                 progress=True,
                 **options,

@@ -16,7 +16,26 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON, for other programs")
-SETTINGS: Any = {"context_settings": {"help_option_names": ["-h", "--help"]}}
+
+
+LINES = 24  # of a screen, which a command's help fits
+
+
+class Command(click.Command):
+    """A command whose help leaves a screen's lines to its options: -h is not listed among them."""
+
+    def get_help_option(self, ctx: click.Context) -> click.Option | None:
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.hidden = True
+        return option
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        apart = formatter.getvalue().count("\n") < LINES - 1
+        formatter.write("\n" * apart + f"  {self.epilog}\n" if self.epilog else "")
+
+
+SETTINGS: Any = {"cls": Command, "context_settings": {"help_option_names": ["-h", "--help"]}}
 
 
 class Names(click.ParamType):

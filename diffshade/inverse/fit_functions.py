@@ -23,6 +23,7 @@ from .pixels.blocks import Block, pieces
 from .problem import fit_problem
 from .running import samples_for
 from .solve.descent import TINY, box_step
+from .solve.elimination import Dense
 from .solve.solvers import Box, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import candidates
 from .unknowns.parameters import find_unknowns
@@ -163,7 +164,7 @@ class FitFunction(eqx.Module):
         def solved(theta: Array, A: Array, g: Array, cost: Array) -> tuple[Array, Array]:
             low = jnp.where(linear, self.box.lower - theta, 0.0)
             high = jnp.where(linear, self.box.upper - theta, 0.0)
-            step = box_step(A, g, jnp.full_like(theta, TINY), low, high, None)
+            step = box_step(Dense(A), g, jnp.full_like(theta, TINY), low, high)
             return theta + step, cost + g @ step + 0.5 * step @ A @ step
 
         found, costs = jax.vmap(solved)(of.theta, of.hessian, of.gradient - of.slopes @ y, of.cost - of.weighted @ y)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from weakref import WeakKeyDictionary
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +23,10 @@ from .unknowns.unknown import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
 """For each view the pixels to keep; None keeps all."""
+
+
+_ALL: WeakKeyDictionary[Fit, tuple[list[Samples], Counts]] = WeakKeyDictionary()
+"""The samples of fits while these live: a check asks for them several times."""
 
 
 class LaidOutFit:
@@ -123,7 +128,9 @@ def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Coun
             f"repeating a fit needs all of its pixels in memory, here {needs:.3g} bytes, but this fit's memory is "
             f"{fit.memory:.3g}. Fit some of the rows or views, or give fit more memory."
         )
-    samples, counts = samples_for(fit.scene, fit.views, fit.unknowns, fit.clipped)
+    if fit not in _ALL:
+        _ALL[fit] = samples_for(fit.scene, fit.views, fit.unknowns, fit.clipped)
+    samples, counts = _ALL[fit]
     if keep is None:
         return samples, counts
     samples = [

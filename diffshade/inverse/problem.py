@@ -20,7 +20,7 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress
-from ..model.scenes import Scene
+from ..model.scenes import Object, Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
 from ..parallel.threads import on_all_cores
@@ -35,7 +35,7 @@ from .forward.rendered import RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
 from .forward.sums import spread, sum_of_squares, waves
-from .pixels.blocks import Block, Piece, block_size, chunks, observed, pieces
+from .pixels.blocks import LEAST, Block, Piece, block_size, chunks, observed, pieces, shares
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
@@ -67,6 +67,8 @@ class FitProblem:
     """It begins with squares, scale 1 and no steps of the files; later stages replace these."""
     box: Box
     block_size: int
+    over_pixels: tuple[Object, ...]
+    """What of the objects comes with the pixels (`slots.apart`)."""
 
     @property
     def noise_known(self) -> bool:
@@ -106,7 +108,7 @@ class FitProblem:
 
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some, evenly spread; in blocks of another size where it is given."""
-        size = size or self.block_size
+        size = size or min(self.block_size, block_size(shares(self.pixels, at_most)))
         if isinstance(self.samples, Tiles):
             return self.lay_out(pieces(self.samples.part(at_most or self.counts.pixels), size), size)
         return self.lay_out(pieces(self.samples, size, at_most), size)
@@ -125,11 +127,11 @@ class FitProblem:
         seen, row, column = observed(parts, self.views, size, most, clipping=self.clips, length=length)
         view = np.zeros(len(row), np.int64)
         view[: len(parts)] = [part.view for part in parts]
-        return Block(view, place(parts, row, column, apart(self.scene)[0]), seen)
+        return Block(view, place(parts, row, column, self.over_pixels), seen)
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
-        laid = self.chunks(FEW, min(self.block_size, FEW // max(len(self.views), 2)))
+        laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.views), 2), LEAST)))
         return on_all_cores(without_clipped, laid) if self.clips else laid
 
     def reweigh(self, theta: Theta, laid: list[Block]) -> list[Block]:
@@ -190,7 +192,7 @@ def fit_problem(
     box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
     size = block_size(samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples])
     model, box = jax.device_put((model, box))
-    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size)
+    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, apart(scene)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +336,8 @@ def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -
 
 @jit_quickly
 def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    return priors.gram(theta)
+    gram = priors.gram(theta)
+    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
 
 
 def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:

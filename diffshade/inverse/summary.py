@@ -24,6 +24,7 @@ from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
 from .statistics.clusters import compared, independent
 from .statistics.evidence import Evidence
+from .statistics.gauges import set_by_priors
 from .statistics.identifiability import (
     condition_number,
     null_directions,
@@ -33,7 +34,7 @@ from .statistics.identifiability import (
     weak_directions,
     weak_notes,
 )
-from .statistics.uncertainty import Vector
+from .statistics.uncertainty import Matrix, Vector
 from .unknowns.names import everything as everything_in
 from .unknowns.slots import put_back
 from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
@@ -71,8 +72,9 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     fitted, seen = put_back(scene, views, unknowns, found.values)
     scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
-    held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
-    evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
+    if found.at_bound.any():
+        held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
+        evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
     which = _clusters_in_words(groups, problem.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
@@ -81,11 +83,13 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     lost, small = (mask & regular for mask in vague(unknowns, found.values, errors, scales))
     known = ~evidence.at_bound & regular
     weak = weak_directions(everything[np.ix_(known, known)])
+    covariance = _covariance(evidence, known)
     rmse = float(np.sqrt(spread[1] / spread[0]))
     in_noise = problem.noise_known and likelihood.loss == "squares"
     notes = [
         *_not_converged(end),
         *singular_notes(zero, directions, unknowns, found.values),
+        *set_by_priors(_held_by_priors(laid, everything, slope), covariance, unknowns, found.values),
         *weak_notes([np.flatnonzero(known)[which] for which in weak], unknowns),
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
@@ -103,7 +107,7 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         values=found.values,
         errors=errors,
         plain_errors=plain_errors,
-        covariance=_covariance(evidence, known),
+        covariance=covariance,
         determined=regular & ~lost,
         at_bound=found.at_bound,
         at_lower=found.at_lower,
@@ -170,6 +174,17 @@ def _evidence(
         waves = np.array([waves[group].sum(0) for group in groups])
         evidence = dataclasses.replace(evidence, waves=waves, shared=rounded.shared, steps=str(rounded.rounding))
     return evidence, groups, (zero, directions)
+
+
+def _held_by_priors(laid: LaidOutProblem, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
+    """Return the directions of several unknowns along which no pixel changes, and which their priors hold."""
+    priors = laid.problem.priors(laid.squares)
+    if not len(priors.index):
+        return np.zeros((0, len(slope)))
+    without = np.array(everything)
+    index = np.asarray(priors.index)
+    without[index, index] -= (np.asarray(priors.weight) * slope[index]) ** 2
+    return null_directions(without)[1]
 
 
 def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:

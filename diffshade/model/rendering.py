@@ -16,12 +16,23 @@ from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
 from .gbuffers import GBuffer
 from .lights import AbstractLight
-from .scenes import Object, Scene, StackedScene, check_positions, check_shapes, stack_scene
+from .scenes import (
+    Object,
+    Scene,
+    StackedScene,
+    check_positions,
+    check_shapes,
+    over_pixels_and_rest,
+    stack_scene,
+    together,
+)
 from .surfaces import AbstractSurface
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
 MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
+BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies between them and the image in its cache
+FEW = 2 * BLOCK  # up to so many, all are rendered at once
 MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
@@ -65,8 +76,9 @@ def render(
         )
     check_backend()
     stacked = stack_scene(scene)
-    program = _render_unfused if _takes_long(stacked, camera) else _render
-    return program(*with_new_arrays((stacked, camera)))
+    alone = jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((stacked, camera)))
+    program = _render_unfused if alone and _takes_long(stacked) else _render
+    return program(*with_new_arrays((stacked, camera)), by_rows=alone and pixels > FEW)
 
 
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width channels"]:
@@ -135,23 +147,45 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
     return projection.rays(row, column)
 
 
-def _image(scene: StackedScene, camera: AbstractCamera) -> Float[Array, "height width channels"]:
-    projection = camera.projection()
-    rays = pixel_rays(projection, camera.shape)
+def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -> Float[Array, "height width channels"]:
+    """Render all pixels at once, or some rows after others, which gives the same bits.
+
+    At once, what lies between the pixels and the image fills the memory: above a million pixels, half of the time goes
+    into pages that the system has to clear.
+    """
+    projection, (height, width) = camera.projection(), camera.shape
+    if not by_rows:
+        return _part(scene, projection, pixel_rays(projection, camera.shape))
+    count = min(max(BLOCK // width, 1), height)
+    over_pixels, rest = over_pixels_and_rest(scene.objects)
+
+    def add(k: Array, image: Array) -> Array:
+        """Render some rows; the last ones begin early, so that all parts have the same number."""
+        first = jnp.minimum(k * count, height - count)
+        here = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, first, count), over_pixels)
+        part = eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
+        row, column = jnp.meshgrid(
+            first + jnp.arange(count, dtype=float), jnp.arange(width, dtype=float), indexing="ij"
+        )
+        rendered = _part(part, projection, projection.rays(row, column))
+        return jax.lax.dynamic_update_slice_in_dim(image, rendered, first, 0)
+
+    return jax.lax.fori_loop(0, -(-height // count), add, jnp.zeros((height, width, scene.width)))
+
+
+def _part(scene: StackedScene, projection: Projection, rays: Rays) -> Float[Array, "rows width channels"]:
     if scene.width == 3:
         return radiance(scene, rays, projection).stack()
     return in_bands(lambda grey: radiance(grey, rays, projection), scene, axis=-1)
 
 
-_render = jax.jit(_image)
-_render_unfused = jax.jit(_image, compiler_options=UNFUSED)
+_render = jax.jit(_image, static_argnames="by_rows")
+_render_unfused = jax.jit(_image, static_argnames="by_rows", compiler_options=UNFUSED)
 
 
-def _takes_long(scene: StackedScene, camera: AbstractCamera) -> bool:
+def _takes_long(scene: StackedScene) -> bool:
     """Whether to compile without fusion; within a program of the caller's, that choice is the caller's."""
-    if sum(item.material.k_t is not None for item in scene.objects) < MANY:
-        return False
-    return jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((scene, camera)))
+    return sum(item.material.k_t is not None for item in scene.objects) >= MANY
 
 
 @jax.jit

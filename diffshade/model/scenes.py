@@ -11,15 +11,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Shaped
 
-from ..core.fields import Array, Checked, Colour, as_colour, as_surround, check_kind, is_concrete, parameter
+from ..core.fields import (
+    Array,
+    Checked,
+    Colour,
+    as_colour,
+    as_surround,
+    check_kind,
+    is_concrete,
+    is_over_pixels,
+    parameter,
+)
 from ..core.words import with_article
 from .attenuation import AbstractAtmosphere
 from .bands import RGB, as_bands, check_widths, of_bands, widened
 from .cameras import AbstractCamera
 from .gbuffers import GBuffer
 from .lights import AbstractLight
-from .lobes import AbstractLobe
+from .lobes import AbstractLobe, AbstractReflectance
 from .materials import Material
+from .patterns import AbstractPattern
 from .surfaces import AbstractSolid, AbstractSurface
 
 
@@ -226,6 +237,25 @@ class StackedScene(eqx.Module):
     def width(self) -> int:
         """How many channels its colours have."""
         return self.background.shape[-1]
+
+
+def over_pixels_and_rest(objects: tuple[Object, ...]) -> tuple[tuple[Object, ...], tuple[Object, ...]]:
+    """Return what comes with the pixels (G-buffers, coefficients over them) and all else; None where the other is."""
+    return eqx.partition(objects, _comes_with_pixels, is_leaf=_stays_whole)
+
+
+def together(over_pixels: tuple[Object, ...], rest: tuple[Object, ...]) -> tuple[Object, ...]:
+    """Return objects with what comes with the pixels put back in its place."""
+    return eqx.combine(over_pixels, rest, is_leaf=_stays_whole)
+
+
+def _comes_with_pixels(node: Any) -> bool:
+    return isinstance(node, GBuffer) or is_over_pixels(node)
+
+
+def _stays_whole(node: Any) -> bool:
+    """Whether a node is not looked into: the arrays of a pattern or a lobe are not over the pixels."""
+    return node is None or isinstance(node, AbstractSurface | AbstractPattern | AbstractReflectance)
 
 
 def stack_scene(scene: Scene) -> StackedScene:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +11,17 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.core.fields import parameter
 from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.descent import box_step
-from diffshade.inverse.solve.elimination import in_order, out_of_order, symmetric
+from diffshade.inverse.solve.elimination import Arrowhead, Dense, nothing
 from diffshade.inverse.solve.solvers import evaluate, minimise
 from diffshade.inverse.statistics.evidence import Evidence
+from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
-from diffshade.inverse.unknowns.unknown import coordinates
-from diffshade.inverse.unknowns.visibility import arrow_of, seeds_of, shown_unknowns
+from diffshade.inverse.unknowns.unknown import Unknown, coordinates
+from diffshade.inverse.unknowns.visibility import Arrow, arrow_of, seeds_of, shown_unknowns
 from tests.support.textured import lights_about
 
 FREE = ("k_d", "k_s", "n_s", "direction")
@@ -106,20 +109,35 @@ def test_elimination_gives_the_dense_solution(seed):
         theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
         task = problem.task(problem.sum_of_squares(problem.chunks()))
         point = evaluate(theta, task, problem.chunks())
+        assert isinstance(point.total.hessian, Arrowhead)
         H = np.asarray(point.total.hessian)
-        D = H + 1e-3 * np.diag(np.diag(H) + 1.0)
-        b, arrow = random.standard_normal(len(D)), task.box.arrow
-        by_blocks, right = symmetric(jnp.asarray(D), arrow), in_order(jnp.asarray(b), arrow)
-        for found, dense in ((by_blocks.times(right), D @ b), (by_blocks.diagonal(), np.diag(D))):
-            np.testing.assert_allclose(out_of_order(found, len(b), arrow), dense, rtol=1e-9)
-        padded = jnp.where(by_blocks.diagonal() > 0, 0.0, 1.0)  # a block of fewer unknowns than the others
-        solved = out_of_order(by_blocks.plus(padded).solve(right), len(b), arrow)
-        np.testing.assert_allclose(solved, np.linalg.solve(D, b), rtol=1e-9)
+        whole = np.asarray(point.views.total(len(H)).hessian) + np.asarray(task.priors.gram(theta).hessian)
+        np.testing.assert_allclose(H, whole, rtol=1e-12)
+        more = jnp.asarray(1e-3 * (np.diag(H) + 1.0))
+        D, by_blocks = H + np.diag(more), point.total.hessian.plus(more)
+        b = random.standard_normal(len(D))
+        for found, dense in ((by_blocks.times(jnp.asarray(b)), D @ b), (by_blocks.diagonal(), np.diag(D))):
+            np.testing.assert_allclose(found, dense, rtol=1e-9)
+        np.testing.assert_allclose(by_blocks.solve(jnp.asarray(b)), np.linalg.solve(D, b), rtol=1e-9)
+        scale = jnp.asarray(random.uniform(0.5, 2.0, len(D)))
+        np.testing.assert_allclose(by_blocks.scaled(scale), D * np.outer(scale, scale), rtol=1e-12)
         low, high = -random.uniform(0.0, 0.1, len(D)), random.uniform(0.0, 0.1, len(D))
-        of = (jnp.asarray(D), jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
-        step, dense = np.asarray(box_step(*of, arrow)), np.asarray(box_step(*of, None))
+        of = (jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
+        step, dense = (np.asarray(box_step(A, *of)) for A in (by_blocks, Dense(jnp.asarray(D))))
         assert (np.isclose(step, low) | np.isclose(step, high)).any()
         np.testing.assert_allclose(step, dense, rtol=1e-9, atol=1e-12)
+
+
+def test_a_block_of_fewer_unknowns_than_others_is_padded():
+    arrow, p = Arrow(jnp.array([2]), jnp.array([[0, 1], [3, 4], [5, 6]])), 6  # 6 is nowhere
+    with jax.enable_x64(True):
+        A = nothing(p, arrow).plus(jnp.arange(1.0, 7.0)).added(jnp.array([[2, 5, 6], [2, 0, 1]]), jnp.ones((2, 3, 3)))
+        whole = np.diag(np.arange(1.0, 7.0))
+        for index in ([2, 5], [2, 0, 1]):
+            whole[np.ix_(index, index)] += 1.0
+        np.testing.assert_array_equal(A.as_matrix(), whole)
+        np.testing.assert_allclose(A.solve(jnp.ones(p)), np.linalg.solve(whole, np.ones(p)), rtol=1e-12)
+        np.testing.assert_allclose(A.times(jnp.ones(p)), whole.sum(1), rtol=1e-12)
 
 
 def test_a_fit_by_elimination_ends_where_the_dense_one_does():
@@ -177,6 +195,46 @@ def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams(
             np.testing.assert_allclose(a, b, rtol=1e-9)
         np.testing.assert_allclose(one.scatter(), other.scatter(), rtol=1e-9)
         assert one.deciding() == other.deciding()
+
+
+# --- what the views leave open
+
+
+def test_the_scale_of_freed_intensities_is_named_whether_priors_set_it_or_nothing_does():
+    scene, views, _ = photographed(4)
+    free, grey = (*FREE, "intensity"), ds.Grey("intensity")
+    nothing = ds.fit(scene, views, free=free, constraints=grey, light_error=2.0)
+    (said,) = [note for note in nothing.notes if note.kind == "not separated"]
+    assert "cannot separate k_d and k_s from the intensity of lights 0 to 3: scaling the former up" in said
+    assert "or give intensity_error" in said
+    priors = ds.fit(scene, views, free=free, constraints=grey, light_error=2.0, intensity_error=0.05)
+    (said,) = [note for note in priors.notes if note.kind == "gauge"]
+    assert "without priors the views cannot separate k_d and k_s from the intensity of lights 0 to 3" in said
+    known = float(re.search(r"k_d.r times the mean intensity .* is known to ([\d.]+) %", said)[1])  # pyright: ignore
+    assert known < 0.1  # per cent
+    assert priors.errors[0] / priors.values[0] > 0.02  # .05 over the root of 4
+    assert not [note for note in ds.fit(scene, views, free=FREE, light_error=2.0).notes if note.kind == "gauge"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"center": lambda x: [0.0, 0.0, 1.0], "position": lambda x: [0.0, 0.0, 1.0]}, "moving them together"),
+        ({"center": lambda x: x - 4.0, "position": lambda x: x - 4.0, "radius": lambda x: x}, "about one point"),
+        ({"center": lambda x: x**2, "position": lambda x: -x}, "they can be changed together"),
+    ],
+)
+def test_places_that_no_pixel_shows_are_said_to_move_or_to_grow_together(changes, words):
+    kinds = {"center": parameter("position"), "position": parameter("position"), "radius": parameter("")}
+    values = {"center": np.array([0.1, 0.2, 0.3]), "position": np.array([2.0, 3.0, 4.0]), "radius": np.array([1.5])}
+    unknowns, found, direction = [], [], []
+    for name in changes:
+        for axis, value, change in zip("xyz", values[name], np.ravel(changes[name](values[name])), strict=False):
+            own = name if name == "radius" else f"{name}.{axis}"
+            unknowns.append(Unknown(own, name, -9.0, 9.0, 0.0, kinds[name]["parameter"]))
+            found.append(value)
+            direction.append(change)
+    assert words in sentence(np.array(direction), unknowns, np.array(found))
 
 
 # --- what lies beside it

@@ -195,6 +195,32 @@ def clear():
     return ds.Scene(balls, ds.PointLight((2, 3, 4)), background=0.3)
 
 
+def pictured(shape):
+    """A G-buffer with coefficients over its pixels."""
+    seen = ds.intersect(ds.Scene(BALL), ds.Camera((0, 0, 4), shape=shape))
+    shade = np.random.default_rng(0).uniform(0.1, 0.9, (*shape, 3))
+    return ds.Scene(ds.Object(seen, ds.Material(0.1, shade, 0.3, n_s=9.0)), lights(2))
+
+
+@pytest.mark.parametrize(
+    "kind", ["pictured", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("ball", "glass", "bands"))]
+)
+def test_an_image_by_rows_is_the_same_to_the_bit(clear, monkeypatch, kind):
+    camera = ds.Camera((0, 0, 4), shape=(9, 11))
+    bands = ds.Material(0.1, np.linspace(0.1, 0.9, 5), 0.3, n_s=9.0)
+    scene = {
+        "ball": ds.Scene(BALL, lights(2)),
+        "glass": clear,
+        "pictured": pictured(camera.shape),
+        "bands": ds.Scene(ds.Object(ds.Sphere(), bands), ds.PointLight((2, 3, 4)), bands=5),
+    }[kind]
+    expected = ds.render(scene, camera)
+    monkeypatch.setattr(rendering, "BLOCK", 40)
+    monkeypatch.setattr(rendering, "FEW", 40)
+    np.testing.assert_array_equal(ds.render(scene, camera), expected)
+    assert np.ptp(expected) > 0.1
+
+
 @pytest.mark.thorough
 def test_without_fusion_the_image_is_the_same(clear, monkeypatch):
     camera = ds.Camera((0, 0, 4), shape=(9, 11))

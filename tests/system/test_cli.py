@@ -262,6 +262,10 @@ def test_what_is_said_of_a_fit_reaches_it(typed, monkeypatch):
     assert [view.lit for view in views] == [(2,), (0, 1)]
     np.testing.assert_array_equal(views[0].image, ds.read_image("2.exr"))
     assert given["free"] == ("k_a", "k_d", "k_s", "n_s")
+    assert (given["light_error"], given["intensity_error"]) == (None, None)
+    lights = ["--free", "k_d,position,intensity", "--light-error", "2", "--intensity-error", "0.05"]
+    _, _, given = asked(typed, monkeypatch, "fit", "ball.toml", *PHOTOS, *lights)
+    assert (given["light_error"], given["intensity_error"]) == (2.0, 0.05)
     _, views, _ = asked(typed, monkeypatch, "fit", "ball.toml", "2.exr", "1.exr", "--lit", "all")
     assert [view.lit for view in views] == [None, None]
 
@@ -273,6 +277,15 @@ def test_a_folder_is_a_scene_and_its_photographs(typed, monkeypatch):
     np.testing.assert_array_equal(views[5].image[:], of_folder[5].image[:])
     assert views[5].noise.read == pytest.approx(0.01)
     np.testing.assert_array_equal(views[5].mask, ds.read_mask("half_ball.png"))
+
+
+def test_the_errors_of_a_folders_lights_are_its_files_unless_others_are_typed(typed, monkeypatch):
+    Path("photographs/light_errors.txt").write_text("\n".join(f"{0.5 + 0.1 * i}" for i in range(8)))
+    _, _, given = asked(typed, monkeypatch, "fit", "photographs", "--free", "k_d,direction")
+    np.testing.assert_allclose(given["light_error"], 0.5 + 0.1 * np.arange(8))
+    _, _, given = asked(typed, monkeypatch, "fit", "photographs", "--free", "k_d,direction", "--light-error", "3")
+    assert given["light_error"] == 3.0
+    assert "light_error must be one number above 0" in typed("fit", "photographs", "--light-error", "0").refusal
 
 
 def test_models_are_compared(typed, monkeypatch):

@@ -1,8 +1,9 @@
 """The engine: it finds what SciPy's own least squares find, within bounds, in any units."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
 import pytest
@@ -20,6 +21,7 @@ from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 import diffshade as ds
 from diffshade.inverse.forward.gram import Gram, Point, ViewGrams
 from diffshade.inverse.solve.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
+from diffshade.inverse.solve.elimination import Dense
 from diffshade.inverse.solve.solvers import PriorResiduals
 
 
@@ -59,8 +61,7 @@ def test_photographs_in_other_units_give_the_same_material_times_that_unit():
 @jax.jit
 def step(y, g, H, lower, upper, step_size, projected=None):
     descent = BoxNewton(lower, upper, jnp.zeros(len(lower), bool) if projected is None else projected)
-    hessian = lx.MatrixLinearOperator(jnp.asarray(H), lx.positive_semidefinite_tag)
-    here = optx.FunctionInfo.EvalGradHessian(jnp.asarray(0.0), jnp.asarray(g), hessian)
+    here: Any = optx.FunctionInfo.EvalGradHessian(jnp.asarray(0.0), jnp.asarray(g), Dense(jnp.asarray(H)))  # pyright: ignore
     return descent.step(step_size, descent.query(y, here, descent.init(y, here)))[0]
 
 
@@ -151,8 +152,8 @@ def test_a_singular_hessian_gives_a_finite_step(H):
 
 def one_view(y, cost, gradient, hessian):
     """What the solver wants of a function: its cost, and the point with its Gram in total and by view, here one."""
-    gram = Gram(cost, gradient, hessian)
-    return cost, Point(y, gram, ViewGrams(jax.tree.map(lambda leaf: leaf[None], gram), None))
+    of_view = jax.tree.map(lambda leaf: leaf[None], Gram(cost, gradient, hessian))
+    return cost, Point(y, Gram(cost, gradient, Dense(hessian)), ViewGrams(of_view, None))
 
 
 def linear_least_squares(y, args):

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from ...io.lazy_images import LazyImage
+from ...model.cameras import AbstractCamera
 from ...model.gbuffers import as_mask
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
-from .views import Image, View, channels, colours, find_repeats, has_alpha, has_mask
+from .views import Image, View, camera_key, channels, colours, find_repeats, has_alpha, has_mask
+
+Outline = Bool[np.ndarray, "h w"]
 
 
 class Samples(eqx.Module):
@@ -37,7 +41,7 @@ class Samples(eqx.Module):
         if isinstance(self.photograph, LazyImage):
             return self.photograph.at(pixels)
         h, w, c = self.photograph.shape
-        return self.photograph.reshape(h * w, c)[pixels - self.first * w if self.first else pixels]
+        return self.photograph.reshape(h * w, c).take(pixels - self.first * w if self.first else pixels, 0)
 
     def whole(self) -> Float[np.ndarray, "h w c"]:
         """Return the whole photograph, which is read here where it is lazy."""
@@ -91,9 +95,17 @@ def collect_samples(
         forecast: Whether equal photographs are no repetition.
     """
     samples, clipping, again = [], 0, {} if forecast else find_repeats(scene, views)
+    outlines: dict[Any, Outline] = {}
+
+    def outline(camera: AbstractCamera) -> Outline:  # rendered once for the views of one camera
+        key = camera_key(camera)
+        if key not in outlines:
+            outlines[key] = outline_of(scene, camera)
+        return outlines[key]
+
     for i, view in enumerate(views):
         try:
-            found = find_samples(scene, view, moving=moving)
+            found = find_samples(scene, view, moving=moving, outline=outline)
         except ValueError as error:
             raise ValueError(f"views[{i}]: {error}") from None
         if i in again:  # the same numbers tell nothing more
@@ -129,18 +141,26 @@ def check_enough(counts: Counts, unknowns: int, brightest: Sequence[float]) -> N
         raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
 
 
-def find_samples(scene: Scene, view: View, *, moving: bool = False) -> Samples:
+def outline_of(scene: Scene, camera: AbstractCamera) -> Outline:
+    """Return the pixels that show an object of the scene."""
+    return np.asarray(silhouette(scene.objects, camera))
+
+
+def find_samples(
+    scene: Scene, view: View, *, moving: bool = False, outline: Callable[[AbstractCamera], Outline] | None = None
+) -> Samples:
     """Find the samples of a view that count.
 
     `moving` says that a surface is free: then the view needs a mask, which is eroded by one pixel and stays fixed;
-    otherwise what the mask and the alpha channel leave of the objects' own silhouette counts. Raises ValueError.
+    otherwise what the mask and the alpha channel leave of the objects' own silhouette counts, which `outline` returns
+    for a camera. Raises ValueError.
     """
     check_view(scene, view, moving=moving)
     masks = [] if view.mask is None else [as_mask(view.mask)]
     if has_alpha(view):
         masks.append(_alpha(view.image))
     if not moving:
-        masks.append(np.asarray(silhouette(scene.objects, view.camera)))
+        masks.append(outline_of(scene, view.camera) if outline is None else outline(view.camera))
     inside = np.logical_and.reduce(masks)
     if moving:
         inside = erode(inside)

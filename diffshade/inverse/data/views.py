@@ -236,6 +236,12 @@ def switches(rows: Sequence[Sequence[int]]) -> tuple[Int[np.ndarray, "views _"],
     return index, weight
 
 
+def camera_key(camera: AbstractCamera) -> tuple[Any, ...]:
+    """Return a key that two cameras share where all their numbers are equal, though they are two objects."""
+    leaves, structure = jax.tree.flatten(camera)
+    return structure, *(np.asarray(leaf).tobytes() for leaf in leaves)
+
+
 def noises(views: Sequence[View]) -> Any:
     """Return the `Noise` of each view, stacked; None where it is not known."""
     of = [view.noise for view in views]
@@ -244,13 +250,10 @@ def noises(views: Sequence[View]) -> Any:
 
 def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
     """Return the views grouped by setup, one camera under the same lights: the model is wrong in the same way there."""
-    on = [sorted(lights_on(scene, view)) for view in views]
-    groups: list[list[int]] = []
+    groups: dict[Any, list[int]] = {}
     for i, view in enumerate(views):
-        same = (g for g in groups if on[g[0]] == on[i] and _equal(views[g[0]].camera, view.camera))
-        group = next(same, None)
-        groups.append([i]) if group is None else group.append(i)
-    return groups
+        groups.setdefault((*sorted(lights_on(scene, view)), camera_key(view.camera)), []).append(i)
+    return list(groups.values())
 
 
 def find_repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,7 +19,8 @@ class Gram(eqx.Module):
 
     cost: Float[Array, "..."]
     gradient: Float[Array, "... p"]
-    hessian: Float[Array, "... p p"]
+    hessian: Any
+    """Float[Array, "... p p"]; of a point all together, `solve.elimination.Symmetric`."""
 
 
 class ViewGrams(eqx.Module):
@@ -38,9 +40,14 @@ class ViewGrams(eqx.Module):
         if self.shown is None:
             return jax.tree.map(lambda leaf: leaf.sum(0), self.of)
         rows, columns = self.shown[:, :, None], self.shown[:, None, :]
-        gradient = jnp.zeros(p).at[self.shown].add(self.of.gradient, mode="drop")
         hessian = jnp.zeros((p, p)).at[rows, columns].add(self.of.hessian, mode="drop")
-        return Gram(self.of.cost.sum(), gradient, hessian)
+        return Gram(self.of.cost.sum(), self.gradient(p), hessian)
+
+    def gradient(self, p: int) -> Float[Array, " p"]:
+        """Return the gradient of all views together."""
+        if self.shown is None:
+            return self.of.gradient.sum(0)
+        return jnp.zeros(p).at[self.shown].add(self.of.gradient, mode="drop")
 
     def seen(self, p: int) -> Float[np.ndarray, "views p"]:
         """Return the diagonal of the Gram of each view."""

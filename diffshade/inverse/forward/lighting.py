@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.lobes import AbstractPowerLobe
+from ...model.scenes import together
 from ...model.vectors import Vec3, dot
-from ..unknowns.slots import together
 from .interface import Pixels, Setting
 
 DARK = -1e4  # stands for log 0: exp(n_s DARK) is 0, and no derivative is NaN

@@ -15,13 +15,13 @@ from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
-from ...model.scenes import Scene, light_kinds, stack_scene
+from ...model.scenes import Scene, light_kinds, stack_scene, together
 from ...model.tracing import radiance
 from ...model.vectors import Vec3
 from ..data.sensors import Sensor, falloff
-from ..data.views import View, is_grey, lights_on, noises, switches
+from ..data.views import View, camera_key, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, apart, sensors_of, slots_of, together
+from ..unknowns.slots import Setup, apart, sensors_of, slots_of
 from ..unknowns.unknown import Unknown
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
 from .gram import Gram, ViewGrams, directions_of
@@ -186,7 +186,7 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
     return Setting(
         Setup(stack_scene(apart(scene)[1]), exposure, black, sensors),
         slots_of(scene, views, unknowns),
-        jax.tree.map(lambda *leaves: np.stack(leaves), *(projection_of(view.camera) for view in views)),
+        projections_of(views),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),
         np.array([0.5 * np.hypot(*view.camera.shape) for view in views]),
@@ -216,6 +216,14 @@ def _jitted_projection(camera: AbstractCamera) -> Projection:
 def projection_of(camera: AbstractCamera) -> Projection:
     """Return a camera's rays as NumPy numbers."""
     return jax.tree.map(np.asarray, _jitted_projection(camera))
+
+
+def projections_of(views: Sequence[View]) -> Projection:
+    """Return the rays of the views' cameras, stacked; equal cameras are asked once."""
+    keys = [camera_key(view.camera) for view in views]
+    cameras = {key: view.camera for key, view in zip(keys, views, strict=True)}
+    each = {key: projection_of(camera) for key, camera in cameras.items()}
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *(each[key] for key in keys))
 
 
 def _lit(scene: Scene, views: Sequence[View]) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

@@ -18,6 +18,7 @@ from ..data.views import channels as channels_of
 
 T = TypeVar("T")
 BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
+LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CHUNK = 16  # blocks at most in one call of a compiled program
 
 
@@ -49,21 +50,29 @@ class Piece(eqx.Module):
 
 def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) -> list[Piece]:
     """Cut the pixels of each view into blocks of `size`; with `at_most`, of so many pixels, evenly spread over all."""
-    total = sum(len(s.pixels) for s in samples)
     found = []
-    for view, s in enumerate(samples):
+    for view, (s, count) in enumerate(zip(samples, shares([len(s.pixels) for s in samples], at_most), strict=True)):
         pixels = s.pixels
-        if at_most is not None and at_most < total:
-            count = max(len(pixels) * at_most // total, min(len(pixels), 256))
+        if count < len(pixels):
             pixels = pixels[np.arange(count) * len(pixels) // count]
         found += [Piece(view, s, pixels[start : start + size]) for start in range(0, len(pixels), size)]
     return found
 
 
+def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
+    """Return how many pixels of each view are among `at_most`, evenly spread, with some of every view; None: all."""
+    total = sum(pixels)
+    if at_most is None or at_most >= total:
+        return list(pixels)
+    return [max(n * at_most // total, min(n, LEAST)) for n in pixels]
+
+
 def block_size(pixels: Sequence[int]) -> int:
-    """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded."""
-    mean = sum(pixels) / len(pixels)
-    return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
+    """Return how many pixels a block holds, given those of each view, so that little of a view's blocks is padded."""
+    mean = max(sum(pixels) / len(pixels), 64.0)
+    each = mean / np.ceil(mean / BLOCK)
+    step = 1 << max(int(np.log2(each)) - 2, 4)
+    return int(-(-each // step)) * step
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:

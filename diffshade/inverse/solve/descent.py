@@ -9,13 +9,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..forward.gram import Point
-from ..unknowns.visibility import Arrow
-from .elimination import Symmetric, in_order, out_of_order, symmetric
+from .elimination import Symmetric
 
 TINY = 1e-12  # relative; keeps a matrix of unknowns that change nothing regular
 
@@ -31,23 +29,20 @@ class BoxNewton(optx.AbstractDescent):
     upper: Float[Array, " p"]
     projected: Bool[Array, " p"]
     """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
-    arrow: Arrow | None = None
 
-    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Array, Array]:
+    def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Symmetric, Array]:
         """Return an empty state: the point, its gradient, its Hessian and the scale."""
-        p = y.shape[0]
-        return y, jnp.zeros(p), jnp.zeros((p, p)), jnp.zeros(p)
+        return y, jnp.zeros_like(y), jax.tree.map(jnp.zeros_like, f_info_struct.hessian), jnp.zeros_like(y)
 
-    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Array, Array]:
+    def query(self, y: Array, f_info: Any, state: tuple) -> tuple[Array, Array, Symmetric, Array]:
         """Take a new point."""
-        hessian = f_info.hessian.as_matrix()
-        return y, f_info.grad, hessian, jnp.maximum(state[3], jnp.diagonal(hessian))
+        return y, f_info.grad, f_info.hessian, jnp.maximum(state[3], f_info.hessian.diagonal())
 
     def step(self, step_size: Scalar, state: tuple) -> tuple[Array, Any]:
         """Return the step of damping 1/step_size from the point."""
         y, g, H, D = state
         damping = jnp.where(self.projected, TINY, 1.0 / step_size + 1e-15)
-        dy = box_step(H, g, damping, self.lower - y, self.upper - y, self.arrow, D)
+        dy = box_step(H, g, damping, self.lower - y, self.upper - y, D)
         finite = jnp.all(jnp.isfinite(dy))
         result = optx.RESULTS.where(finite, optx.RESULTS.successful, optx.RESULTS.nonlinear_divergence)
         return jnp.where(finite, dy, 0.0), result
@@ -107,7 +102,7 @@ class GainRatio(optx.AbstractSearch):
         """Judge the step from y to y_eval and return the next step size."""
         step_size, nu = state
         dy = y_eval - y
-        predicted = -(f_info.grad @ dy + 0.5 * dy @ f_info.hessian.mv(dy))
+        predicted = -(f_info.grad @ dy + 0.5 * dy @ f_info.hessian.times(dy))
         actual = f_info.as_min() - f_eval_info.as_min()
         unseen = (predicted <= self.rounding) & (jnp.abs(actual) <= self.rounding)
         accept = first_step | ((actual > 0) & (predicted > 0)) | unseen
@@ -181,7 +176,7 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
         dy, result = self.descent.step(step_size, descent)
         rejected = jnp.where(accept, 0, state.rejected + 1)
 
-        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.mv(dy))
+        predicted = -(info.grad @ dy + 0.5 * dy @ info.hessian.times(dy))
         small = (predicted <= self.rtol * cost + self.atol) & (step_size >= 1.0)
         rounding = (rejected > 0) & (predicted <= 8 * jnp.finfo(cost.dtype).eps * cost)
         below = jnp.maximum(8 * jnp.finfo(cost.dtype).eps * cost, self.rounding)
@@ -209,19 +204,15 @@ class GramLevenbergMarquardt(optx.AbstractMinimiser):
 
 
 def _info(cost: Scalar, point: Point) -> Any:
-    hessian = lx.MatrixLinearOperator(jnp.asarray(point.total.hessian), lx.positive_semidefinite_tag)
+    hessian: Any = point.total.hessian  # not laid out as lineax would
     return optx.FunctionInfo.EvalGradHessian(cost, point.total.gradient, hessian)
 
 
-def box_step(
-    H: Any, g: Any, damping: Array, low: Array, high: Array, arrow: Arrow | None, D: Array | None = None
-) -> Array:
+def box_step(H: Symmetric, g: Any, damping: Array, low: Array, high: Array, D: Array | None = None) -> Array:
     """Minimise g.z + z.(H + damping D) z/2 over low <= z <= high; D is diag(H) unless it is given (More 1978)."""
-    D = jnp.diagonal(H) if D is None else D
+    D = H.diagonal() if D is None else D
     D = jnp.maximum(D, TINY * jnp.max(D))
     scale = jnp.where(D > 0, jax.lax.rsqrt(jnp.where(D > 0, D, 1.0)), 1.0)
-    put = partial(in_order, arrow=arrow)
-    A = symmetric(H, arrow).scaled(put(scale)).plus(put(jnp.maximum(damping, 0.0)))
+    A = H.scaled(scale).plus(jnp.maximum(damping, 0.0))
     A = A.plus(jnp.where(A.diagonal() > 0, 0.0, 1.0))
-    z = box_minimum(A, put(scale * g), put(low / scale), put(high / scale))
-    return jnp.clip(scale * out_of_order(z, len(scale), arrow), low, high)
+    return jnp.clip(scale * box_minimum(A, scale * g, low / scale, high / scale), low, high)

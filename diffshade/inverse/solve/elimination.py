@@ -1,11 +1,14 @@
-"""Elimination: normal equations in the shape of an arrow, solved block by block (Triggs et al. 2000, section 6)."""
+"""Elimination: a symmetric matrix of the unknowns, whole, or as an arrow that is solved block by block."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from ..unknowns.visibility import Arrow
 
@@ -15,9 +18,20 @@ class Dense(eqx.Module):
 
     whole: Float[Array, "p p"]
 
+    def as_matrix(self) -> Float[Array, "p p"]:
+        """Return all numbers."""
+        return self.whole
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        return np.asarray(self.whole)
+
     def diagonal(self) -> Float[Array, " p"]:
         """Return the diagonal."""
         return jnp.diagonal(self.whole)
+
+    def added(self, index: Int[Array, "k m"], parts: Float[Array, "k m m"]) -> Dense:
+        """Return the matrix with small ones added, each at the rows and columns of its indices; p is nowhere."""
+        return Dense(self.whole.at[index[:, :, None], index[:, None, :]].add(parts, mode="drop"))
 
     def plus(self, diagonal: Float[Array, " p"]) -> Dense:
         """Return the matrix with numbers added to its diagonal."""
@@ -37,79 +51,107 @@ class Dense(eqx.Module):
 
 
 class Arrowhead(eqx.Module):
-    """A symmetric matrix that is 0 between its blocks: border first, then block after block; 0 where it is padded."""
+    """A symmetric matrix that is 0 between the blocks of an arrow: never laid out whole, and linear in the blocks."""
 
     border: Float[Array, "f f"]
     side: Float[Array, "blocks g f"]
     blocks: Float[Array, "blocks g g"]
+    """0 where a block is padded."""
+    arrow: Arrow
+    p: int = eqx.field(static=True)
 
-    def _parts(self, z: Float[Array, " n"]) -> tuple[Float[Array, " f"], Float[Array, "blocks g"]]:
-        f = len(self.border)
-        return z[:f], z[f:].reshape(self.blocks.shape[:2])
+    def _parts(self, z: Float[Array, " p"]) -> tuple[Float[Array, " f"], Float[Array, "blocks g"]]:
+        return z[self.arrow.border], z.at[self.arrow.blocks].get(mode="fill", fill_value=0)
 
-    def diagonal(self) -> Float[Array, " n"]:
+    def _whole(self, of_border: Float[Array, " f"], of_blocks: Float[Array, "blocks g"]) -> Float[Array, " p"]:
+        z = jnp.zeros(self.p, of_border.dtype).at[self.arrow.border].set(of_border)
+        return z.at[self.arrow.blocks].set(of_blocks, mode="drop")
+
+    def _with(self, border: Array, side: Array, blocks: Array) -> Arrowhead:
+        return Arrowhead(border, side, blocks, self.arrow, self.p)
+
+    def as_matrix(self) -> Float[Array, "p p"]:
+        """Return all numbers, laid out whole."""
+        F, G = self.arrow.border, self.arrow.blocks
+        A = jnp.zeros((self.p, self.p), self.border.dtype).at[F[:, None], F].set(self.border)
+        A = (
+            A.at[G[:, :, None], F]
+            .set(self.side, mode="drop")
+            .at[F[:, None, None], G]
+            .set(self.side.transpose(2, 0, 1), mode="drop")
+        )
+        return A.at[G[:, :, None], G[:, None, :]].set(self.blocks, mode="drop")
+
+    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+        return np.asarray(self.as_matrix())
+
+    def diagonal(self) -> Float[Array, " p"]:
         """Return the diagonal."""
-        of_blocks = jnp.diagonal(self.blocks, axis1=1, axis2=2)
-        return jnp.concatenate([jnp.diagonal(self.border), of_blocks.ravel()])
+        return self._whole(jnp.diagonal(self.border), jnp.diagonal(self.blocks, axis1=1, axis2=2))
 
-    def plus(self, diagonal: Float[Array, " n"]) -> Arrowhead:
+    def added(self, index: Int[Array, "k m"], parts: Float[Array, "k m m"]) -> Arrowhead:
+        """Return the matrix with small ones added, each at the rows and columns of its indices; p is nowhere.
+
+        None of the small ones may have unknowns of two blocks.
+        """
+        F, G = self.arrow.border, self.arrow.blocks
+        f, (blocks, g) = len(F), G.shape
+        in_border, block, slot = (jnp.full(self.p + 1, nowhere) for nowhere in (f, blocks, g))
+        in_border = in_border.at[F].set(jnp.arange(f))[index]
+        block = block.at[G].set(jnp.arange(blocks)[:, None]).at[self.p].set(blocks)[index]
+        slot = slot.at[G].set(jnp.arange(g)[None]).at[self.p].set(g)[index]
+        row, column = (Ellipsis, slice(None), None), (Ellipsis, None, slice(None))
+        return self._with(
+            self.border.at[in_border[row], in_border[column]].add(parts, mode="drop"),
+            self.side.at[block[row], slot[row], in_border[column]].add(parts, mode="drop"),
+            self.blocks.at[block[row], slot[row], slot[column]].add(parts, mode="drop"),
+        )
+
+    def plus(self, diagonal: Float[Array, " p"]) -> Arrowhead:
         """Return the matrix with numbers added to its diagonal."""
         of_border, of_blocks = self._parts(diagonal)
         blocks = self.blocks + of_blocks[:, :, None] * jnp.eye(self.blocks.shape[1])[None]
-        return Arrowhead(self.border + jnp.diag(of_border), self.side, blocks)
+        return self._with(self.border + jnp.diag(of_border), self.side, blocks)
 
-    def scaled(self, by: Float[Array, " n"]) -> Arrowhead:
+    def scaled(self, by: Float[Array, " p"]) -> Arrowhead:
         """Return the matrix with rows and columns multiplied."""
         of_border, of_blocks = self._parts(by)
-        return Arrowhead(
+        return self._with(
             self.border * jnp.outer(of_border, of_border),
             self.side * of_blocks[:, :, None] * of_border[None, None],
             self.blocks * of_blocks[:, :, None] * of_blocks[:, None, :],
         )
 
-    def times(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+    def times(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return the product with a vector."""
         z_F, z_G = self._parts(z)
         of_border = self.border @ z_F + jnp.einsum("gif,gi->f", self.side, z_G)
-        return jnp.concatenate([of_border, (self.side @ z_F + jnp.einsum("gij,gj->gi", self.blocks, z_G)).ravel()])
+        return self._whole(of_border, self.side @ z_F + jnp.einsum("gij,gj->gi", self.blocks, z_G))
 
-    def solve(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
+    def solve(self, b: Float[Array, " p"]) -> Float[Array, " p"]:
         """Return A^-1 b of a positive definite A, in a time linear in the number of blocks.
 
         With the border F and the blocks G, $x_F = (A_{FF} - A_{FG} A_{GG}^{-1} A_{GF})^{-1} (b_F - A_{FG} A_{GG}^{-1}
         b_G)$ and $x_G = A_{GG}^{-1} (b_G - A_{GF} x_F)$.
         """
         b_F, b_G = self._parts(b)
+        padded = jnp.where(self.arrow.blocks < self.p, 0.0, 1.0)
         solved = jax.vmap(lambda M, of: jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(M), of))(
-            self.blocks, jnp.concatenate([self.side, b_G[..., None]], -1)
+            self.blocks + padded[:, :, None] * jnp.eye(self.blocks.shape[1])[None],
+            jnp.concatenate([self.side, b_G[..., None]], -1),
         )
         from_F, from_b = solved[..., :-1], solved[..., -1]
         left = self.border - jnp.einsum("gif,gih->fh", self.side, from_F)
         x_F = Dense(left).solve(b_F - jnp.einsum("gif,gi->f", self.side, from_b))
-        return jnp.concatenate([x_F, (from_b - from_F @ x_F).ravel()])
+        return self._whole(x_F, from_b - from_F @ x_F)
 
 
 Symmetric = Dense | Arrowhead
 
 
-def in_order(z: Float[Array, " p"], arrow: Arrow | None) -> Float[Array, " n"]:
-    """Return a vector in the order of `symmetric`, 0 where it is padded."""
-    return z if arrow is None else z.at[_order(arrow)].get(mode="fill", fill_value=0)
-
-
-def out_of_order(z: Float[Array, " n"], p: int, arrow: Arrow | None) -> Float[Array, " p"]:
-    """Return the vector of p numbers whose `in_order` this is."""
-    return z if arrow is None else jnp.zeros(p, z.dtype).at[_order(arrow)].set(z, mode="drop")
-
-
-def symmetric(A: Float[Array, "p p"], arrow: Arrow | None) -> Symmetric:
-    """Return a symmetric matrix, which is 0 between the blocks of an arrow, in a shape that is solved quickly."""
+def nothing(p: int, arrow: Arrow | None) -> Symmetric:
+    """Return the matrix of zeros of p unknowns, in the shape that is solved quickly."""
     if arrow is None:
-        return Dense(A)
-    F, G = arrow.border, arrow.blocks
-    side = A.at[G[:, :, None], F].get(mode="fill", fill_value=0)
-    return Arrowhead(A[F][:, F], side, A.at[G[:, :, None], G[:, None, :]].get(mode="fill", fill_value=0))
-
-
-def _order(arrow: Arrow) -> Array:
-    return jnp.concatenate([arrow.border, arrow.blocks.ravel()])
+        return Dense(jnp.zeros((p, p)))
+    f, (blocks, g) = len(arrow.border), arrow.blocks.shape
+    return Arrowhead(jnp.zeros((f, f)), jnp.zeros((blocks, g, f)), jnp.zeros((blocks, g, g)), arrow, p)

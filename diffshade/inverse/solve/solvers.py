@@ -16,12 +16,13 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import fields
 from ...core.backend import UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
-from ..forward.gram import Gram, Point
+from ..forward.gram import Gram, Point, ViewGrams
 from ..forward.interface import AbstractForwardModel
 from ..forward.streams import AllPixels, StreamingReduction
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+from .elimination import Symmetric, nothing
 
 PATIENCE = 6  # steps, rejected ones too
 
@@ -37,19 +38,18 @@ class PriorResiduals(eqx.Module):
     unit_weight: Float[fields.Array, ""]
     """Any weight will do: the length of a unit vector changes no pixel, so that 1 is met exactly."""
 
-    def gram(self, theta: Float[fields.Array, " p"]) -> Gram:
+    def gram(self, theta: Float[fields.Array, " p"], arrow: Arrow | None = None) -> Gram:
         """Return the Gram of these residuals, by the few unknowns of each: linear in their number but for zeros."""
         known = self.weight * (theta[self.index] - self.mean)
         unit = theta[self.units]
         longer = self.unit_weight * 0.5 * (jnp.sum(unit**2, -1) - 1.0)
         slope = self.unit_weight * unit
-        rows, columns = self.units[:, :, None], self.units[:, None, :]
         gradient = jnp.zeros_like(theta).at[self.index].add(self.weight * known)
-        hessian = jnp.diag(jnp.zeros_like(theta).at[self.index].add(self.weight**2))
+        hessian = nothing(len(theta), arrow).plus(jnp.zeros_like(theta).at[self.index].add(self.weight**2))
         return Gram(
             0.5 * (known @ known + longer @ longer),
             gradient.at[self.units].add(slope * longer[:, None]),
-            hessian.at[rows, columns].add(slope[:, :, None] * slope[:, None, :]),
+            hessian.added(jnp.asarray(self.units), jnp.asarray(slope[:, :, None] * slope[:, None, :])),
         )
 
 
@@ -85,18 +85,27 @@ def point_of(
 
     def at(theta: Any) -> Point:
         views = model.gram(theta, summary)
-        everything = jax.tree.map(jnp.add, views.total(len(theta)), priors.gram(theta))
-        return Point(theta, everything, views)
+        known = priors.gram(theta, box.arrow)
+        gradient = known.gradient + views.gradient(len(theta))
+        return Point(theta, Gram(views.cost.sum() + known.cost, gradient, _with_views(known.hessian, views)), views)
 
     point = at(theta)
     return at(theta + linear_step(point, box)) if model.projects else point
+
+
+def _with_views(hessian: Symmetric, views: ViewGrams) -> Symmetric:
+    """Return a Hessian with those of all views added."""
+    if views.shown is not None:
+        return hessian.added(jnp.asarray(views.shown), views.of.hessian)
+    every = jnp.arange(views.of.hessian.shape[-1])[None]
+    return hessian.added(every, views.of.hessian.sum(0)[None])
 
 
 def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
     """Return the step of the linear unknowns alone to their optimum within bounds."""
     low = jnp.where(box.linear, box.lower - point.theta, 0.0)
     high = jnp.where(box.linear, box.upper - point.theta, 0.0)
-    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high, box.arrow)
+    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high)
 
 
 class Minimum(eqx.Module):
@@ -164,9 +173,7 @@ def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: 
 def _solver(box: Box, squares: Any, *, projects: bool, rtol: float) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
     return GramLevenbergMarquardt(
-        descent=BoxNewton(
-            jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(box.linear & projects), box.arrow
-        ),
+        descent=BoxNewton(jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(box.linear & projects)),
         search=GainRatio(rounding),
         rtol=rtol,
         atol=1e-25 * squares,

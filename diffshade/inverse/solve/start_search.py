@@ -145,7 +145,7 @@ _MOVES = {
 def _judge(point: Point, box: Box) -> tuple[Array, Array]:
     """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
     step = linear_step(point, box)
-    cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian @ step
+    cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian.times(step)
     return point.theta + step, cost
 
 
@@ -186,7 +186,7 @@ def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
     """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
     theta, of = point.theta, point.total
     low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
-    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high, box.arrow)
+    return theta + box_step(of.hessian, of.gradient, jnp.full_like(low, 1e-9), low, high)
 
 
 def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:

@@ -56,7 +56,9 @@ class Clusters:
 
     def inflation(self) -> Vector:
         """Return the variances over those of independent noise, with nothing held at a bound."""
-        free = dataclasses.replace(self.evidence, at_bound=np.zeros_like(self.evidence.at_bound))
+        free = self.evidence
+        if free.at_bound.any():
+            free = dataclasses.replace(free, at_bound=np.zeros_like(free.at_bound))
         plain = free.plain_errors()
         usable = np.isfinite(plain) & (plain > 0)
 

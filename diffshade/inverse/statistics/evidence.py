@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,12 +21,15 @@ from .uncertainty import (
     jackknife_deviations,
     jackknife_of_noise,
     on_unit_vectors,
+    over,
     plain_covariance,
     scaled,
     single_views,
     standard_errors,
     without_single_views,
 )
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,14 +145,32 @@ class Evidence:
             shown[count, : len(index)] = index
         return dataclasses.replace(self, hessian=H, gradient=g, shown=shown, regular=regular)
 
+    @cached_property
+    def _found(self) -> dict[tuple[str, bytes], Any]:
+        """What was found for a subset of the unknowns, by its name and the subset: several errors ask for the same."""
+        return {}
+
+    def _once(self, name: str, which: Bool[np.ndarray, " p"], find: Callable[[], T]) -> T:
+        key = name, which.tobytes()
+        if key not in self._found:
+            self._found[key] = find()
+        return self._found[key]
+
     def covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the plain covariance of a subset of the unknowns, the others held."""
-        inner = np.ix_(which, which)
-        return self._on_units(plain_covariance(self.total[inner], self.sigma2), which)
+
+        def find() -> np.ndarray:
+            return self._on_units(plain_covariance(self.total[np.ix_(which, which)], self.sigma2), which)
+
+        return self._once("covariance", which, find)
 
     def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
         """Return the covariance by deleting one cluster at a time; the plain one for what one cluster alone sees."""
-        covariance, several, kept = self.covariance(which), self.single_view[which] < 0, which & (self.single_view < 0)
+        covariance, several, kept = (
+            self.covariance(which).copy(),
+            self.single_view[which] < 0,
+            which & (self.single_view < 0),
+        )
         jackknife = jackknife_covariance(*self._shared(which))
         covariance[np.ix_(several, several)] = self.loss_ratio**2 * self._on_units(jackknife, kept)
         return covariance
@@ -156,7 +178,9 @@ class Evidence:
     def _shared(self, which: Bool[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return H and g of each cluster, and of the priors, for the unknowns of a subset that several clusters see."""
         kept, known = which & (self.single_view < 0), self.known_hessian[np.ix_(which, which)]
-        H, g = without_single_views(self._grams(which), known, self.single_view[which])
+        H, g = self._once(
+            "shared", which, lambda: without_single_views(self._grams(which), known, self.single_view[which])
+        )
         return H, g, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept]
 
     def _shared_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
@@ -239,7 +263,7 @@ class Evidence:
             g, A_c = g[shown], A_c[index[shown]]
             w, V = np.linalg.eigh(A)
             seen = w > 1e-9 * w.max(initial=0.0)
-            unit = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
+            unit = over(lengths)
             turned, of_waves = (V.T @ (unit * g))[seen], (V.T @ (unit[:, None] * A_c))[seen]
             between += float(np.sum(turned**2 / w[seen]) * weight / count)
             rounding += of_waves.T @ (of_waves / w[seen, None]) * weight / count
@@ -263,6 +287,8 @@ class Evidence:
         return found
 
     def _on_units(self, covariance: np.ndarray, which: Bool[np.ndarray, " p"]) -> np.ndarray:
+        if which.all():
+            return on_unit_vectors(covariance, self.values, self.units)
         whole = np.zeros((len(which), len(which)))
         whole[np.ix_(which, which)] = covariance
         return on_unit_vectors(whole, self.values, self.units)[np.ix_(which, which)]

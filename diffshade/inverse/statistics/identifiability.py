@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, logarithms
+from .arrowheads import regular_inverse
+from .gauges import quantities, sentence
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
@@ -42,6 +44,8 @@ def null_directions(H: Matrix) -> tuple[Bool[np.ndarray, " p"], Float[np.ndarray
     live = np.flatnonzero(~zero)
     if not len(live):
         return zero, np.zeros((0, len(H)))
+    if regular_inverse(A[np.ix_(live, live)], SINGULAR**2) is not None:
+        return zero, np.zeros((0, len(H)))
     w, V = np.linalg.eigh(A[np.ix_(live, live)])
     basis = V[:, w < SINGULAR**2 * w[-1]].T
     for i in range(len(basis)):
@@ -62,6 +66,8 @@ def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
     at least a tenth of the largest component.
     """
     A, lengths = scaled(H)
+    if regular_inverse(A, ILL**2) is not None:
+        return []
     w, V = np.linalg.eigh(A)
     weak = (w >= SINGULAR**2 * w.max(initial=0.0)) & (w < ILL**2 * w.max(initial=0.0))
     shares = np.abs(V[:, weak]) * (lengths > 0)[:, None]
@@ -117,8 +123,8 @@ def singular_notes(
         )
         notes.append(Note(text, "not determined", tuple(names)))
     for direction in directions:
-        names = tuple(_quantities(unknowns, np.flatnonzero(direction)))
-        notes.append(Note(_sentence(direction, unknowns, values), "not separated", names))
+        names = tuple(quantities(unknowns, np.flatnonzero(direction)))
+        notes.append(Note(sentence(direction, unknowns, values), "not separated", names))
     return list(dict.fromkeys(notes))
 
 
@@ -126,7 +132,7 @@ def weak_notes(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[U
     """Say which unknowns these views hardly separate."""
     notes = []
     for which in directions:
-        names = _quantities(unknowns, which)
+        names = quantities(unknowns, which)
         hardly = f"hardly separate {listing(names)}" if len(names) > 1 else f"hardly separate the parts of {names[0]}"
         text = (
             f"these views {hardly}: changed together, they change the pixels less than a thousandth as much as one by "
@@ -198,44 +204,3 @@ def some_channels(which: Bool[np.ndarray, " p"], unknowns: Sequence[Unknown]) ->
     others = {u.quantity for u, here in zip(unknowns, which, strict=True) if not here}
     members = [u for u, here in zip(unknowns, which, strict=True) if here]
     return list(dict.fromkeys(u.name if u.quantity in others else u.quantity for u in members))
-
-
-_ATTENUATION = ("constant", "linear", "quadratic")
-
-
-def _sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
-    """Say which unknowns a direction mixes, and whether it is a gauge: pixels hold reflection x light / attenuation."""
-    involved = np.flatnonzero(direction)
-    names = _quantities(unknowns, involved)
-    signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
-    lights = _quantities(unknowns, involved[signs < 0])
-    attenuation = [name for name in names if name.split(".")[-1] in _ATTENUATION]
-    reflections = [name for name in names if name not in (*lights, *attenuation)]
-    if not reflections:
-        signs = np.abs(signs)  # light and attenuation grow together
-    factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
-    fix = next(
-        (n for key in ("constant", "exposure", "intensity", "ambient") for n in names if n.split(".")[-1] == key),
-        names[-1],
-    )
-    alike = np.all(np.abs(factors - factors[0]) <= 1e-3 * np.abs(factors[0])) and factors[0] != 0
-    if not alike or (reflections and lights and attenuation):
-        return (
-            f"these views cannot separate {listing(names)}: they can be changed together without changing any pixel. "
-            f"Fix one, for example {fix}, or add views from other distances or directions."
-        )
-    if reflections and lights:
-        return (
-            f"these views cannot separate {listing(reflections)} from {listing(lights)}: scaling the former up and the "
-            f"latter down by one factor leaves every pixel unchanged. Fix one, for example {fix}."
-        )
-    kinds = [kind for kind in (reflections, lights, attenuation) if kind]
-    return (
-        f"these views cannot separate {' from '.join(map(listing, kinds))}: scaling all of them together leaves every "
-        f"pixel unchanged. Fix one, for example {fix}."
-    )
-
-
-def _quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
-    """Return the names without their channels, each once."""
-    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))

@@ -7,26 +7,40 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .arrowheads import regular_inverse
+
 SINGULAR = 1e-6  # smallest singular value of J, columns of unit length, below which unknowns are not determined
 
 Vector = Float[np.ndarray, " p"]
 Matrix = Float[np.ndarray, "p p"]
+Matrices = Float[np.ndarray, "... p p"]
 
 
-def scaled(H: Matrix) -> tuple[Matrix, Vector]:
+def scaled(H: Matrices) -> tuple[Matrices, Float[np.ndarray, "... p"]]:
     """Return J^T J with the columns of J scaled to unit length, and their lengths; a zero column stays zero."""
-    lengths = np.sqrt(np.diag(H))
-    inverse = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
-    return H * np.outer(inverse, inverse), lengths
+    lengths = np.sqrt(np.diagonal(H, axis1=-2, axis2=-1))
+    unit = over(lengths)
+    return H * unit[..., :, None] * unit[..., None, :], lengths
 
 
-def inverse(H: Matrix) -> Matrix:
-    """Return (J^T J)^-1 through the scaled matrix, null directions left out (they do not touch what is determined)."""
+def over(numbers: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Return 1/numbers; 0 where a number is not above 0."""
+    return np.where(numbers > 0, 1.0 / np.where(numbers > 0, numbers, 1.0), 0.0)
+
+
+def inverse(H: Matrices) -> Matrices:
+    """Return (J^T J)^-1 through the scaled matrix, null directions left out (they do not touch what is determined).
+
+    A matrix of many unknowns that touch few others is inverted block by block; a leading axis is that of many matrices.
+    """
     A, lengths = scaled(H)
-    w, V = np.linalg.eigh(A)
-    regular = w > SINGULAR**2 * w.max(initial=0.0)
-    unit = np.where(lengths > 0, 1.0 / np.where(lengths > 0, lengths, 1.0), 0.0)
-    return (V[:, regular] / w[regular]) @ V[:, regular].T * np.outer(unit, unit)
+    C = regular_inverse(A, SINGULAR**2) if A.ndim == 2 else None
+    if C is None:
+        w, V = np.linalg.eigh(A)
+        regular = w > SINGULAR**2 * w.max(-1, initial=0.0, keepdims=True)
+        C = (V * over(np.where(regular, w, 0.0))[..., None, :]) @ np.swapaxes(V, -1, -2)
+    unit = over(lengths)
+    return C * unit[..., :, None] * unit[..., None, :]
 
 
 def plain_covariance(H: Matrix, sigma2: float) -> Matrix:
@@ -52,8 +66,8 @@ def jackknife_deviations(
     H: Float[np.ndarray, "views p p"], g: Float[np.ndarray, "views p *_"], H_0: Matrix, g_all: Float[np.ndarray, "p *_"]
 ) -> Float[np.ndarray, "views p *_"]:
     """Return the distances of the optima without each view from their mean, times sqrt((G-1)/G); g may have columns."""
-    G, H_all = len(H), H.sum(0) + H_0
-    moves = np.array([-inverse(H_all - H_v) @ (g_all - g_v) for H_v, g_v in zip(H, g, strict=True)])
+    G = len(H)
+    moves = np.einsum("vij,vj...->vi...", inverse(H.sum(0) + H_0 - H), g - g_all)
     return np.sqrt((G - 1) / G) * (moves - moves.mean(0))
 
 
@@ -64,12 +78,10 @@ def jackknife_of_noise(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> tuple[
     the view follows. The sum over views is about chi^2 with (sum a)^2 / sum a^2 degrees of freedom (Satterthwaite 1946;
     Bell and McCaffrey 2002).
     """
-    whole = inverse(H.sum(0) + H_0)
-    share = []
-    for H_v in H:
-        without = inverse(H.sum(0) + H_0 - H_v)
-        share.append(np.diag(without @ (H_v - H_v @ whole @ H_v) @ without))
-    a = np.maximum(np.array(share), 0.0)
+    everything = H.sum(0) + H_0
+    without = inverse(everything - H)
+    share = np.diagonal(without @ (H - H @ inverse(everything) @ H) @ without, axis1=1, axis2=2)
+    a = np.maximum(share, 0.0)
     total = a.sum(0)
     return (len(H) - 1) / len(H) * total, total**2 / np.maximum((a**2).sum(0), 1e-300)
 
@@ -110,20 +122,20 @@ def without_single_views(
 def deciding_view(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> int | None:
     """Return a view without which fewer unknowns are determined, so that no jackknife is possible; or None."""
 
-    def rank(H: Matrix) -> int:
+    def rank(H: Matrices) -> Int[np.ndarray, "..."]:
         w = np.linalg.eigvalsh(scaled(H)[0])
-        return int(np.sum(w > SINGULAR**2 * w.max(initial=0.0)))
+        return np.sum(w > SINGULAR**2 * w.max(-1, initial=0.0, keepdims=True), -1)
 
     everything = H.sum(0) + H_0
-    return next((v for v in range(len(H)) if rank(everything - H[v]) < rank(everything)), None)
+    fewer = np.flatnonzero(rank(everything - H) < rank(everything))
+    return int(fewer[0]) if len(fewer) else None
 
 
 def on_unit_vectors(covariance: Matrix, values: Vector, units: Int[np.ndarray, "u 3"]) -> Matrix:
     """Return the covariance without the lengths of unit vectors, which do not vary: P C P with P = 1 - d d^T."""
-    turned = covariance.copy()
-    for unit, d in zip(units, values[units], strict=True):
-        turned[unit] -= np.outer(d, d @ turned[unit])
-        turned[:, unit] -= np.outer(turned[:, unit] @ d, d)
+    turned, d = covariance.copy(), values[units]
+    turned[units] -= d[:, :, None] * np.einsum("ui,uij->uj", d, turned[units])[:, None]
+    turned[:, units] -= np.einsum("jui,ui->ju", turned[:, units], d)[:, :, None] * d
     return turned
 
 

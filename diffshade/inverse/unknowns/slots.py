@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,12 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.fields import MOST_BANDS, Array, is_over_pixels
-from ...model.gbuffers import GBuffer
-from ...model.lobes import AbstractReflectance
-from ...model.patterns import AbstractPattern
-from ...model.scenes import Object, Scene, StackedScene, stack_scene
-from ...model.surfaces import AbstractSurface
+from ...core.fields import MOST_BANDS, Array
+from ...model.scenes import Object, Scene, StackedScene, over_pixels_and_rest, stack_scene
 from ..data.sensors import Sensor
 from ..data.views import View
 from .names import PER_VIEW, everything, numbers_of, path_name
@@ -108,22 +103,8 @@ def apart(scene: Scene) -> tuple[tuple[Object, ...], Scene]:
 
     That is the G-buffers and the coefficients over the pixels; none of it is unknown.
     """
-    over_pixels, rest = eqx.partition(scene.objects, _comes_with_pixels, is_leaf=_stays_whole)
+    over_pixels, rest = over_pixels_and_rest(scene.objects)
     return over_pixels, eqx.tree_at(lambda s: s.objects, scene, rest)
-
-
-def together(over_pixels: tuple[Object, ...], objects: tuple[Object, ...]) -> tuple[Object, ...]:
-    """Return objects with what comes with the pixels put back in its place."""
-    return eqx.combine(over_pixels, objects, is_leaf=_stays_whole)
-
-
-def _comes_with_pixels(node: Any) -> bool:
-    return isinstance(node, GBuffer) or is_over_pixels(node)
-
-
-def _stays_whole(node: Any) -> bool:
-    """Whether a node is not looked into: the arrays of a pattern or a lobe are not over the pixels."""
-    return node is None or isinstance(node, AbstractSurface | AbstractPattern | AbstractReflectance)
 
 
 def put_back(

@@ -21,11 +21,12 @@ from ..result import Fit
 from ..running import samples_for
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import relative_errors
-from ..statistics.uncertainty import Vector
-from ..unknowns.unknown import coordinates, logarithms
+from ..statistics.uncertainty import Vector, inverse
+from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
 ERRORS = 3.0
+SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
     "this fit was made by tiles, so it was not checked whether values depend on saturated pixels or on the brightest "
@@ -62,7 +63,10 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
     """Yield, for each width, the pixels farther than that from saturated ones; nothing if no pixel is saturated."""
-    samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")  # with those that the fit left out
+    if fit.clipped == "exclude":  # with those that the fit left out
+        samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")
+    else:
+        samples, _ = samples_of(fit)
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
@@ -91,10 +95,19 @@ def _is_glossy(fit: Fit) -> bool:
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
     scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
-    none = [np.zeros(len(scene.channels))] * len(scene.objects)
-    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, none)
-    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
-    return (with_it - without).mean(-1)
+    black = np.zeros(len(scene.channels))
+
+    def without(scene: Scene, *names: str) -> Scene:
+        of = lambda s: [getattr(item.material, name) for item in s.objects for name in names]  # noqa: E731
+        return eqx.tree_at(of, scene, [black for _ in of(scene)])
+
+    if scene.atmosphere is None and all(item.material.k_t is None for item in scene.objects):
+        materials = [replace(item.material, highlights=()) for item in scene.objects]
+        scene = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, materials)
+        alone = replace(without(scene, "k_a", "k_d", "k_e"), background=0.0)
+        return np.asarray(render(alone, view.camera)).mean(-1)
+    with_it, dull = (np.asarray(render(s, view.camera)) for s in (scene, without(scene, "k_s")))
+    return (with_it - dull).mean(-1)
 
 
 def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
@@ -104,11 +117,16 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     radiance is v . r (E5).
     """
     mirror = Material(k_s=1.0, n_s=1.0)
-    objects = [replace(item, material=mirror) for item in scene.objects]
-    plain = Scene(objects, shadows=scene.shadows, bands=scene.bands)
+    plain = eqx.tree_at(
+        lambda s: [item.material for item in s.objects] + [s.background, s.atmosphere],
+        scene,
+        [mirror] * len(scene.objects) + [np.zeros(3), None],
+        is_leaf=lambda node: node is None,
+    )
     nearest = np.full(view.camera.shape, -1.0)
     for i in lights_on(scene, view):
-        cosine = np.asarray(render(replace(plain, lights=(scene.lights[i].bare(),)), view.camera)).max(-1)
+        alone = eqx.tree_at(lambda s: s.lights, plain, (scene.lights[i].bare(),))
+        cosine = np.asarray(render(alone, view.camera)).max(-1)
         nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
     return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
@@ -168,12 +186,15 @@ def moved(
 
     They move by 30 % or three errors, and the remaining data contradict the old value: holding it raises their cost by
     three errors squared, as in a profile (`rises` is the rise for one error). Data that say hardly anything about a
-    value do not contradict its old one.
+    value do not contradict its old one; where even a tenth of that rise is not to be expected, none is computed.
     """
     far = how_far(fit, again.values)
     distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
     known = again.evidence.regular & fit.evidence.regular & ~blamed
-    suspects = np.flatnonzero(known & ((far > MOVED) | (distance > ERRORS * errors)))
+    expected = _expected_rises(fit, again)
+    suspects = np.flatnonzero(
+        known & ((far > MOVED) | (distance > ERRORS * errors)) & (expected > SURELY * ERRORS**2 * rises)
+    )
     found = np.zeros(len(known), bool)
     if not len(suspects):
         return found
@@ -192,6 +213,19 @@ def moved(
         rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
         found[j] = 2.0 * rise > ERRORS**2 * rises[j]
     return found
+
+
+def _expected_rises(fit: Fit, again: Fit) -> Vector:
+    """Return by how much twice a refit's cost would rise with each unknown at its old value, if it were quadratic.
+
+    Infinite where the refit has it at a bound.
+    """
+    slope, inside = coordinate_slopes(again.values, fit.unknowns), ~again.at_bound
+    H = again.evidence.total / np.outer(slope, slope)
+    variance = np.full(len(slope), np.nan)
+    variance[inside] = np.diag(inverse(H[np.ix_(inside, inside)]))
+    moved = coordinates(again.values, fit.unknowns) - coordinates(fit.values, fit.unknowns)
+    return np.where(variance > 0.0, moved**2 / np.where(variance > 0.0, variance, 1.0), np.inf)
 
 
 def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, " p"]) -> list[Note]:

@@ -1,0 +1,147 @@
+"""Gauges: changes of several unknowns together that no pixel shows, in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.words import Note, listing
+from ..unknowns.unknown import Unknown
+
+MANY = 4  # lights or views whose numbers of one name are named together
+ALIKE = 1e-3  # relative; that changes may differ and still be one factor, or one motion
+ATTENUATION = ("constant", "linear", "quadratic")
+
+Vector = Float[np.ndarray, " p"]
+
+
+def sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
+    """Say which unknowns a direction mixes, how they change together, and what to do about it."""
+    names = quantities(unknowns, np.flatnonzero(direction))
+    cannot, together, more = _gauge(direction, unknowns, values)
+    keys = ("constant", "exposure", "intensity", "ambient", "radius", "center")
+    fix = next((n for key in keys for n in names if n.split(".")[-1] == key), names[-1])
+    known = [name.split(".")[-1] for name in names if name.startswith("lights.")]
+    if known.count("intensity") > 1:
+        more += ", or give intensity_error, the relative error of the intensities as they are stated"
+    return f"these views cannot separate {cannot}: {together}. Fix one, for example {fix}{more}."
+
+
+def set_by_priors(
+    directions: Float[np.ndarray, "m p"],
+    covariance: Float[np.ndarray, "p p"],
+    unknowns: Sequence[Unknown],
+    values: Vector,
+) -> list[Note]:
+    """Return notes on what the priors alone decide, and how well the views know what does not depend on it.
+
+    Args:
+        directions: Along which no pixel changes, and which priors hold.
+        covariance: Of all unknowns, 0 where one is held.
+        unknowns: What was fitted.
+        values: Their values.
+    """
+    notes = []
+    for direction in directions:
+        cannot, together, _ = _gauge(direction, unknowns, values)
+        text = (
+            f"without priors the views cannot separate {cannot}: {together}. The priors decide this, and the errors "
+            f"contain their width.{_product(direction, covariance, unknowns, values)}"
+        )
+        notes.append(Note(text, "gauge", tuple(quantities(unknowns, np.flatnonzero(direction)))))
+    return list(dict.fromkeys(notes))
+
+
+def quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
+    """Return the names without their channels, each once."""
+    return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names in words, those of many lights or views together: "the intensity of lights 0 to 47"."""
+    parts = [re.fullmatch(r"(lights|views)\.(\d+)\.(.+)", name) for name in names]
+    kinds = [None if part is None else (part[3], part[1]) for part in parts]
+    numbers = {
+        kind: [int(p[2]) for p, k in zip(parts, kinds, strict=True) if p and k == kind] for kind in kinds if kind
+    }
+    found: dict[str, None] = {}
+    for name, kind in zip(names, kinds, strict=True):
+        of = [] if kind is None else sorted(numbers[kind])
+        if kind is None or len(of) < MANY:
+            found[name] = None
+        elif of == [*range(of[0], of[-1] + 1)]:
+            found[f"the {kind[0]} of {kind[1]} {of[0]} to {of[-1]}"] = None
+        else:
+            found[f"the {kind[0]} of {len(of)} {kind[1]}"] = None
+    return listing(list(found))
+
+
+def _gauge(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> tuple[str, str, str]:
+    """Return what is mixed, how it changes together, and one more remedy; pixels hold reflection light/attenuation."""
+    involved = np.flatnonzero(direction)
+    names = quantities(unknowns, involved)
+    signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
+    lights = quantities(unknowns, involved[signs < 0])
+    attenuation = [name for name in names if name.split(".")[-1] in ATTENUATION]
+    reflections = [name for name in names if name not in (*lights, *attenuation)]
+    if not reflections:
+        signs = np.abs(signs)  # light and attenuation grow together
+    factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
+    alike = np.all(np.abs(factors - factors[0]) <= ALIKE * np.abs(factors[0])) and factors[0] != 0
+    if motion := _motion(direction, unknowns, values):
+        return listed(names), f"{motion} leaves every pixel unchanged", ""
+    if not alike or (reflections and lights and attenuation):
+        together = "they can be changed together without changing any pixel"
+        return listed(names), together, ", or add views from other distances or directions"
+    if reflections and lights:
+        together = "scaling the former up and the latter down by one factor leaves every pixel unchanged"
+        return f"{listed(reflections)} from {listed(lights)}", together, ""
+    kinds = [kind for kind in (reflections, lights, attenuation) if kind]
+    return " from ".join(map(listed, kinds)), "scaling all of them together leaves every pixel unchanged", ""
+
+
+def _motion(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
+    """Return how places change together along a direction, as d = s x + t for each of them; "" for other changes."""
+    moved = set(quantities(unknowns, np.flatnonzero(direction)))
+    rows, changes = [], []
+    for unknown, value, change in zip(unknowns, values, direction, strict=True):
+        axis = "xyz".find(unknown.name.removeprefix(unknown.quantity + "."))
+        if unknown.parameter.role == "position" and axis >= 0:
+            rows.append([value, *np.eye(3)[axis]])
+            changes.append(change)
+        elif unknown.kind == "radius":
+            rows.append([value, 0.0, 0.0, 0.0])
+            changes.append(change)
+        moved -= {unknown.quantity} if unknown.parameter.role == "position" or unknown.kind == "radius" else set()
+    sent = {u.quantity for u in unknowns if u.parameter.role == "light"}
+    if moved - sent or len(rows) <= 4 or not np.any(changes):
+        return ""
+    A, d = np.array(rows), np.array(changes)
+    (s, *t), *_ = np.linalg.lstsq(A, d, rcond=None)
+    if np.linalg.norm(A @ [s, *t] - d) > ALIKE * np.linalg.norm(d):
+        return ""
+    if abs(s) * np.linalg.norm(A[:, 0]) <= ALIKE * np.linalg.norm(d):
+        return "" if moved else "moving them together by one vector"
+    brighter = " and the intensities with the square of that" if moved else ""
+    return f"scaling all places and sizes about one point{brighter}"
+
+
+def _product(
+    direction: Vector, covariance: Float[np.ndarray, "p p"], unknowns: Sequence[Unknown], values: Vector
+) -> str:
+    """Return how well k_d times the mean intensity is known, where a direction scales one against the other."""
+    involved = np.flatnonzero(direction).tolist()
+    channel = next((unknowns[j].name for j in involved if unknowns[j].kind == "k_d"), "")
+    last = channel.rpartition(".")[2]
+    sent = [j for j in involved if unknowns[j].kind == "intensity" and unknowns[j].name.endswith((".intensity", last))]
+    if not channel or len(sent) < 2:
+        return ""
+    relative = np.zeros(len(values))
+    relative[[u.name == channel for u in unknowns]] = 1.0
+    relative[sent] = values[sent] / values[sent].sum()
+    relative = np.where(values == 0, 0.0, relative / np.where(values == 0, 1.0, values))
+    error = float(np.sqrt(max(relative @ covariance @ relative, 0.0)))
+    return f" {channel} times the mean intensity does not depend on them, and is known to {100.0 * error:.2g} %."
