@@ -110,8 +110,8 @@ def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Return what discs cover of a region, of CORE times the radius of the largest in it (morphological opening)."""
     rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
     box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (rows, columns)))
-    depth = ndimage.distance_transform_edt(np.pad(piece[box], 1))
-    reach = CORE * np.max(depth)
+    depth = np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
+    reach = CORE * depth.max()
     core = np.zeros_like(piece)
     core[box] = (np.asarray(ndimage.distance_transform_edt(depth < reach)) < reach)[1:-1, 1:-1]
     return core

@@ -170,8 +170,8 @@ def _on_apart(lamps_for: Callable[..., Lamps], apart: float) -> str:
     turned = max(float(degrees(lamps_for(apart * factor).directions, here).mean()) for factor in (0.5, 2.0))
     return (
         f"how far apart the balls stood is not in cropped photographs: their middles are taken to be {APART:g} radii "
-        f"({apart:.3g}) apart. All lengths follow from it; half or twice of it turns the lights by {turned:.2g} degrees "
-        "at most on average. Give --apart to state it."
+        f"({apart:.3g}) apart. All lengths follow from it; half or twice of it turns lights by {turned:.2g} degrees on "
+        "average. Give --apart to state it."
     )
 
 
@@ -180,7 +180,7 @@ def _on_place(lamps: Lamps, *, framed: bool) -> str:
     deeper = lamps.seen_from(np.array([0.0, 0.0, ASIDE]))
     turned = degrees(deeper.directions, lamps.directions).mean()
     brighter = (lamps.nearness[lamps.near] / deeper.nearness[lamps.near]) ** -2.0 - 1.0
-    where = "at the balls' depth, flat" if framed else "in the middle between the balls, at their depth, flat"
+    where = "at the balls' depth, and flat" if framed else "in the middle between the balls, at their depth, and flat"
     beside = lamps.seen_from(ASIDE * lamps.baseline)
     along = degrees(beside.directions, lamps.directions).mean()
     sideways = "" if framed else f" Halfway from there to a ball lights turn by {along:.2g} degrees."
@@ -197,12 +197,13 @@ def _on_distances(lamps: Lamps, names: Sequence[str], apart: float, wide: float)
     w = float(np.median(lamps.nearness[near]))
     error = float(np.median((lamps.nearness_errors / np.maximum(lamps.nearness, 1e-12))[near]))
     slant = float(np.mean(np.linalg.norm(lamps.directions[near, :2], axis=-1)))
+    which = "all" if near.all() else f"{near.sum()} of"
     said = [
-        f"{'all' if near.all() else f'{near.sum()} of'} {count(n, 'lamp')} are near: {1.0 / w:.3g} times as far away "
-        f"as the balls are apart ({apart / w:.3g}) in the median, +- {error:.0%}. From side to side of the object their "
-        f"directions differ by {np.rad2deg(w * wide):.2g} degrees and their light by {2.0 * w * wide * slant:.0%}. This "
-        "is measured against a camera far away: one at the distance D makes lamps seem farther, by 1/D less in "
-        "1/distance.",
+        f"{which} {count(n, 'lamp')} are near: {1.0 / w:.3g} times as far away as the balls are apart "
+        f"({apart / w:.3g}) in the median, +- {error:.0%}. From side to side of the object their directions differ by "
+        f"{np.rad2deg(w * wide):.2g} degrees and their light by {2.0 * w * wide * slant:.0%}.",
+        "distances are measured against a camera far away: one at the distance D makes lamps seem farther, by 1/D less "
+        "in 1/distance.",
     ]
     if not near.all():
         far = [name for name, known in zip(names, near, strict=True) if not known]

@@ -29,7 +29,7 @@ GROUPS = 4  # of the photographs, left out in turn
 STEPS = 12  # of reweighting
 SCALES = 6  # steps after which a texel's typical residual stays as it is
 DETERMINED = 2.0  # errors by which a width must be above 0
-WHITE = 0.99
+WHITE = 0.99  # of a file's range, or of the brightest sample beyond it, above which a sample may be clipped
 FINE = 0.01  # residual over brightness, as that of a photograph of 8 bits
 DARK = 0.1  # of the median texel's brightness, below which a texel's counts as this
 
@@ -98,12 +98,13 @@ def find_width(
 
 
 def _misfit(shown: Samples, light: Float[np.ndarray, "texels photographs 3"]) -> float:
-    """Return the geometric mean of the texels' typical residuals, over their brightness, with the lights' gains free."""
+    """Return the geometric mean of typical residuals over brightness, with the gain of each light free."""
     level = np.median(shown, 1, keepdims=True)
     level = np.maximum(level, DARK * np.median(level)) + 1e-12
     y, gain = shown / level, np.ones(shown.shape[1])
-    counts = shown < WHITE
+    counts = shown < WHITE * max(1.0, float(shown.max()))
     weight, typical = counts.astype(float), np.ones_like(level)
+    off = y
     for step in range(STEPS):
         a = light * gain[:, None]
         normal = a.swapaxes(1, 2) @ (a * weight[..., None])

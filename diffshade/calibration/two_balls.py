@@ -25,6 +25,7 @@ Numbers = Float[np.ndarray, " lamps"]
 FEWEST = 4  # lamps that determine the direction from ball to ball with something left over
 ALIKE = 0.1  # least relative scatter of the lamps' nearness: no frame for lamps is rounder
 NEAR = 2.0  # errors by which a nearness must be above 0
+TURNED = 30.0  # degrees, above which the error of the direction from ball to ball leaves all distances open
 BACKWARD = np.array([0.0, 0.0, 1.0])
 
 
@@ -48,7 +49,7 @@ class Lamps(NamedTuple):
     @property
     def near(self) -> Bool[np.ndarray, " lamps"]:
         """Whether a lamp's distance is known, rather than that it is far away."""
-        return self.nearness > NEAR * self.nearness_errors
+        return (self.nearness > NEAR * self.nearness_errors) & (self.baseline_error < TURNED)
 
     def seen_from(self, place: Vector) -> Lamps:
         """Return the same lamps around another place."""
@@ -93,17 +94,19 @@ def find_lamps(
     problem.sigma = problem.sigma * max(misfit, 1.0)
     found = problem.solve(found.x)
     w, error = problem.nearness(found.x), np.sqrt(np.diag(_inverse(found.jac))[problem.of_nearness])
-    problem.prior = _scatter(w, error)
+    mean, scatter, of_mean = _scatter(w, error)
+    problem.prior = mean, scatter
     found = problem.solve(found.x)
     variance = np.diag(_inverse(found.jac))
     b, m, w = problem.parts(found.x)
     turned = variance[problem.of_directions].reshape(-1, 2).sum(-1)
+    own = variance[problem.of_nearness]
     tilted = 0.0 if baseline is not None else float(variance[:2].sum())
     return Lamps(
         m,
         np.rad2deg(np.sqrt(turned)),
         np.maximum(w, 0.0),
-        np.sqrt(variance[problem.of_nearness]),
+        np.sqrt(own + (own / scatter**2 * of_mean) ** 2),  # as far as a lamp is the mean, it has the error of that
         b,
         float(np.rad2deg(np.sqrt(tilted))),
         misfit,
@@ -166,7 +169,7 @@ class _Problem:
         mean, scatter = self.prior
         return np.concatenate([off.ravel(), (w - mean) / scatter])
 
-    def solve(self, start: np.ndarray):  # noqa: ANN201, as SciPy's own type is private
+    def solve(self, start: np.ndarray):
         return least_squares(self.residuals, start, method="lm", x_scale="jac")
 
 
@@ -187,12 +190,12 @@ def _inverse(jacobian: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
 
 
-def _scatter(w: Numbers, error: Numbers) -> tuple[float, float]:
-    """Return mean and scatter of numbers with errors, by the method of moments."""
+def _scatter(w: Numbers, error: Numbers) -> tuple[float, float, float]:
+    """Return mean and scatter of numbers with errors, by the method of moments, and the error of the mean."""
     weight = 1.0 / error**2
     mean = float(weight @ w / weight.sum())
     excess = float(weight @ (w - mean) ** 2) - (len(w) - 1)
     scatter2 = max(excess, 0.0) / float(weight.sum() - (weight**2).sum() / weight.sum())
     weight = 1.0 / (error**2 + scatter2)
     mean = float(weight @ w / weight.sum())
-    return mean, float(max(np.sqrt(scatter2), ALIKE * abs(mean), 1e-9))
+    return mean, float(max(np.sqrt(scatter2), ALIKE * abs(mean), 1e-9)), float(weight.sum() ** -0.5)

@@ -89,9 +89,7 @@ def calibrate(
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
     applied = None
     if thing is not None:
-        applied = ds.apply_lights(
-            balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif, apart=apart, width=width
-        )
+        applied = ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif, apart=apart, width=width)
     written = []
     if out is not None:
         (found if applied is None else applied).write(out)
