@@ -19,6 +19,7 @@ LARGEST = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
 CORE = 0.6  # radius of the discs that a highlight without streaks is made of, over its largest disc's
+FINEST = 4.0  # pixels of that radius, below which the rounding of its edge counts for more than streaks
 RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it
 
 
@@ -111,6 +112,8 @@ def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
     box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (rows, columns)))
     depth = np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
+    if depth.max() < FINEST:
+        return piece
     reach = CORE * depth.max()
     core = np.zeros_like(piece)
     core[box] = (np.asarray(ndimage.distance_transform_edt(depth < reach)) < reach)[1:-1, 1:-1]
