@@ -46,10 +46,7 @@ def calibrate(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Find the lights from photographs of a ball.
-
-    PHOTOS: files, or a folder for each ball; one light in each photo.
-    """
+    """Find the lights from photographs of a ball: files, or a folder for each."""
     import numpy as np
 
     import diffshade as ds
