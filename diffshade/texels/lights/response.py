@@ -47,8 +47,8 @@ class FoundResponse:
     gamma: float
     """Exponent that makes the photographs linear, as in `Sensor`; 1 where they do not determine it."""
     error: float
-    """Its standard error: the scatter when groups of photographs are left out, and the misfit; infinite where these
-    photographs do not determine it."""
+    """Its standard error: the scatter when groups of photographs are left out, the misfit, and how far noise of the
+    misfit's size moves it; infinite where these photographs do not determine it."""
     views: tuple[View, ...]
     """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
     misfit: float
@@ -139,6 +139,8 @@ def _found(
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
         without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
         left_out.append(np.log(lowest(without, gamma, NARROW[-1])))
+    report_progress("adding noise", 0.95)
+    by_noise = np.log(lowest(misfit_of(noisier(sample, least)), gamma, NARROW[0]) / gamma)
     spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
     notes = []
     if not clear:
@@ -148,8 +150,19 @@ def _found(
     gamma = gamma if clear else 1.0
     taken = tuple(dataclasses.replace(view, sensor=Sensor(gamma=gamma)) for view in views)
     # what the model leaves out may be proportional to the logarithm of the brightness, as a change of gamma is
-    error = gamma * float(np.hypot(spread, least / scatter_of_logarithms(sample))) if clear else np.inf
+    parts = (spread, least / scatter_of_logarithms(sample), by_noise)
+    error = gamma * float(np.linalg.norm(parts)) if clear else np.inf
     return FoundResponse(gamma, error, taken, least, linear, tuple(notes))
+
+
+def noisier(sample: TexelTile, misfit: float) -> TexelTile:
+    """Return texels with noise of the size of their misfit: the bias by noise of that size is doubled (SIMEX).
+
+    Cook and Stefanski 1994. The bias is not taken off, for the misfit may be that of the model.
+    """
+    level = np.median(sample.target.mean(1), 0)
+    noise = misfit * level * np.random.default_rng(0).normal(size=sample.target.shape)
+    return eqx.tree_at(lambda tile: tile.target, sample, np.maximum(sample.target + noise, 0.0).astype(sample.target.dtype))
 
 
 def scatter_of_logarithms(sample: TexelTile) -> float:
