@@ -38,8 +38,9 @@ def interval_score(image: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> n
 
 def constant_width(fitting: Fitting, views: Sequence[ds.View]) -> tuple[ds.Fit | ds.TexelMaps, float]:
     """Split-conformal bands: a fit to half of the views, and how far 90 % of the other half's samples lie at most."""
-    half = fitting(views[::2])
-    residuals = [np.abs(found.difference)[found.counts] for found in map(half.predict, views[1::2])]
+    order = np.random.default_rng(SEED).permutation(len(views))  # every second one may be a row of lights in a plane
+    half = fitting([views[i] for i in sorted(order[::2])])
+    residuals = [np.abs(found.difference)[found.counts] for found in (half.predict(views[i]) for i in order[1::2])]
     return half, float(np.quantile(np.concatenate(residuals), LEVEL))
 
 
