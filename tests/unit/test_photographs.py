@@ -164,8 +164,9 @@ def test_lamps_at_a_distance_have_their_direction_and_intensity_in_the_middle(fo
     np.testing.assert_allclose(other.position, np.array([0, 0.6, 0.8]) * 2 * height)
     assert float(other.attenuation(np.array(2 * height))) == pytest.approx(1.0)
     buffer = ds.intersect(scene, views[0].camera)
-    np.testing.assert_allclose(np.asarray(buffer.position)[np.asarray(buffer.mask)][:, 2], 0.0)
-    np.testing.assert_allclose(buffer.position[4:6, 5:7].mean((0, 1)), 0.0, atol=1e-6)
+    position = np.asarray(buffer.position)
+    np.testing.assert_allclose(position[np.asarray(buffer.mask)][:, 2], 0.0)
+    np.testing.assert_allclose(position[4:6, 5:7].mean((0, 1)), 0.0, atol=1e-6)
 
 
 LIST = "3\nC:\\shots\\0.jpg 0 0 1\nimages/1.JPG 0.6 0 0.8\n2.png 0 0.6 0.8\n"
