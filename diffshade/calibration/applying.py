@@ -15,10 +15,12 @@ from ..inverse.data.exposures import exposures_of
 from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
 from ..inverse.data.photographs import as_given, mask_file, write_photographs
-from ..io.images import encoding_of, read_image
+from ..io.images import encoding_of, read_image, without_alpha
 from ..texels.lights.encoding import judge_encoding
-from .balls import axes
-from .result import Calibration, check_folder, degrees
+from .object_lights import ObjectLights, lights_at
+from .object_width import Width, find_width, picture_points, sample_of
+from .result import Calibration, check_folder
+from .two_balls import Lamps
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -32,10 +34,8 @@ class AppliedLights:
     srgb: tuple[bool, ...]
     """Whether each is decoded from the sRGB curve."""
     mask: Bool[np.ndarray, "h w"]
-    directions: Vectors
-    """Unit vectors towards the light of each photograph, at the object."""
-    errors: Float[np.ndarray, " photographs"]
-    """Root mean square error of each direction, degrees."""
+    lights: ObjectLights
+    """Directions and distances of the lights at the object, with errors."""
     intensities: Vectors
     """R, G, B of each, with the photograph's exposure where its EXIF states it."""
     notes: tuple[str, ...]
@@ -46,11 +46,38 @@ class AppliedLights:
         """The names of the photographs."""
         return tuple(file.name for file in self.files)
 
+    @property
+    def directions(self) -> Vectors:
+        """Unit vectors towards the light of each photograph, at the object."""
+        return self.lights.directions
+
+    @property
+    def errors(self) -> Float[np.ndarray, " photographs"]:
+        """Root mean square error of each direction, degrees."""
+        return self.lights.errors
+
+    @property
+    def positions(self) -> Vectors:
+        """Positions of the lamps from the middle of the object's picture, scene units: right, up, to the camera.
+
+        NaN for a lamp that is far away.
+        """
+        known = np.isfinite(self.lights.distances)[:, None]
+        return np.where(known, self.lights.directions * np.where(known, self.lights.distances[:, None], 1.0), np.nan)
+
+    @property
+    def position_errors(self) -> Vectors:
+        """Standard errors of the positions, from those of direction and distance; infinite for a lamp far away."""
+        l, far = self.lights.directions, self.lights.distances[:, None]
+        across = np.deg2rad(self.errors / np.sqrt(2.0))[:, None] * far * np.sqrt(1.0 - l**2)
+        return np.hypot(across, self.lights.distance_errors[:, None] * np.abs(l))
+
     def write(self, folder: str | Path) -> None:
         """Write a folder that `read_photographs`, `fit`, `report` and `texels` take as it is.
 
         The files are the photographs (linear, 16 bits; .npy if they exceed 1), `filenames.txt`, `mask.png`,
-        `light_directions.txt`, `light_intensities.txt`, `light_errors.txt` (degrees about each axis) and
+        `light_directions.txt`, `light_intensities.txt`, `light_errors.txt` (degrees about each axis),
+        `light_distances.txt` where lamps are near (heights of the picture from its middle; inf: far away) and
         `lights.lp`, the same directions for other programs.
 
         Args:
@@ -64,7 +91,16 @@ class AppliedLights:
         images = (read_image(file, srgb=srgb) for file, srgb in zip(self.files, self.srgb, strict=True))
         about_each = self.errors / np.sqrt(2.0)
         folder = check_folder(folder)
-        write_photographs(folder, self.names, images, self.mask, self.directions, self.intensities, about_each)
+        write_photographs(
+            folder,
+            self.names,
+            images,
+            self.mask,
+            self.directions,
+            self.intensities,
+            about_each,
+            self.lights.distances / self.lights.picture_height if self.lights.picture_height else None,
+        )
 
     def __str__(self) -> str:
         """Return what was applied to what, and the notes below it."""
@@ -72,6 +108,12 @@ class AppliedLights:
             f"{count(len(self.names), 'photograph')} of an object, {self.mask.mean():.0%} of the picture; its lights "
             f"are known to {np.median(self.errors):.2g} degrees in the median, {self.errors.max():.2g} at most"
         ]
+        if self.lights.picture_height:
+            width = max(len("photograph"), *map(len, self.names))
+            lines.append(f"{'photograph':<{width}} {'position of its lamp':>26} {'error':>22}")
+            for name, x, error in zip(self.names, self.positions, self.position_errors, strict=True):
+                place = "".join(f" {c:>8.4g}" for c in x) if np.isfinite(x).all() else f" {'far away':>26}"
+                lines.append(f"{name:<{width}}{place}" + "".join(f" {e:>7.2g}" for e in error if np.isfinite(e)))
         return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
 
 
@@ -82,11 +124,20 @@ def apply_lights(
     mask: Any = None,
     srgb: bool | None = None,
     exif: bool = True,
+    apart: float | None = None,
+    width: float | None = None,
 ) -> AppliedLights:
-    """Carry the lights of one ball, or of several in other places, over to photographs of an object.
+    r"""Carry the lights of one ball, or of several in other places, over to photographs of an object.
 
-    One ball's directions are taken as they are, as if the object stood in its place. Between two balls or more the
-    object is assumed to stand in their middle: its directions are their mean, and how far they differ counts as error.
+    One ball's directions are taken as they are, as if the object stood in its place. Two balls also show how far away
+    near lamps are, in units of the distance between the balls:
+
+    $$ l_{\pm} \propto m - w (\pm b/2 + r n) $$
+
+    m is the direction from the middle between the balls, w the nearness (1 over the distance), b the unit vector from
+    ball to ball, r n the highlight's place on a ball (see `diffshade.calibration.two_balls`). b is found from the
+    highlights of all lamps. The object is assumed to stand in the middle, flat and facing the camera. Between more
+    balls, or where no lamp is near, its directions are the mean, and how far they differ counts as error.
 
     Args:
         balls: The calibration of each ball. Its photographs are those of the object, in the same order: the first is
@@ -100,18 +151,25 @@ def apply_lights(
         exif: Whether exposures that the photographs' EXIF states become part of the intensities of a mirror ball's
             lights; default True. The intensities of another ball have the exposures of its own photographs, and the
             object's are taken to be the same.
+        apart: Distance between the middles of two balls, scene units (those of the balls' radius), above 0. By default
+            that in the photographs if all have one size and the highlights do not contradict, else 4 radii.
+        width: Width of the object, scene units, above 0. By default that in such photographs, else the one with which
+            near lamps explain the object's photographs best, else as much as the balls are apart.
 
     Returns:
         Photographs, mask and lights.
 
     Raises:
-        ValueError: If the numbers of photographs differ, or no mask is found.
+        ValueError: If the numbers of photographs differ, no mask is found, or a length is not above 0.
         FileNotFoundError: If the folder does not exist.
     """
     balls = (balls,) if isinstance(balls, Calibration) else tuple(balls)
     folder = Path(photographs)
     if not balls:
         raise ValueError("apply_lights needs the calibration of one ball at least; got none. Give ds.calibrate(...).")
+    for name, length in (("apart", apart), ("width", width)):
+        if length is not None and not (np.isfinite(length) and length > 0.0):
+            raise ValueError(f"{name} must be above 0; got {length:g}. Give it in the units of the balls' radius.")
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give the photographs of an object.")
     listed = list_folder(folder)
@@ -134,24 +192,25 @@ def apply_lights(
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
     decode, why = _encodings(files, given, srgb)
     notes += why
-    directions, errors, said = between(balls)
     known = [ball.intensities for ball in balls if ball.intensities is not None]
     if known:
         intensities = np.mean(known, 0)
     else:
         exposures, exposed = exposures_of(files) if exif else (np.ones(len(files)), [])
-        intensities = exposures[:, None] * np.ones_like(directions)
+        intensities = exposures[:, None] * np.ones(3)
         notes += ["all lights are taken to have the intensity 1, which a mirror ball does not show.", *exposed]
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:
         notes.append("the list of lights in the folder is not used.")
+
+    def width_for(lamps: Lamps) -> Width | None:
+        rows, columns = sample_of(given)
+        images = (read_image(file, srgb=curved) for file, curved in zip(files, decode, strict=True))
+        shown = np.stack([without_alpha(image)[rows, columns].mean(-1) for image in images], -1)
+        return find_width(shown, picture_points(given)[rows, columns], lamps, intensities.mean(-1))
+
+    lights = lights_at(balls, given, width_for, apart, width)
     return AppliedLights(
-        files,
-        decode,
-        given,
-        directions,
-        errors,
-        intensities,
-        tuple(Note(n, "lights") for n in [*notes, *said]),
+        files, decode, given, lights, intensities, tuple(Note(n, "lights") for n in [*notes, *lights.notes])
     )
 
 
@@ -169,36 +228,6 @@ def _encodings(
         f"the photographs are taken to be {names[0]}, as they show: their misfit is {low:.1%}; it is {high:.1%} as "
         f"{names[1]}."
     ]
-
-
-def between(balls: Sequence[Calibration]) -> tuple[Vectors, Float[np.ndarray, " photographs"], list[str]]:
-    """Return the directions in the middle of several balls, their errors, and what was assumed."""
-    each = np.array([ball.directions @ axes(ball.balls[0].projection).T for ball in balls])  # as the camera sees them
-    own = np.sqrt(np.mean([ball.errors**2 for ball in balls], 0) / len(balls))
-    mean = each.mean(0)
-    directions = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
-    if len(balls) == 1:
-        return (
-            directions,
-            own,
-            [
-                "the object is taken to stand where the ball stood: beside it, a lamp 10 times as far away is off by "
-                "up to 6 degrees. Photograph a ball on either side of the object."
-            ],
-        )
-    apart = np.max([degrees(one, directions) for one in each], 0)
-    half = float(np.mean(apart))
-    return (
-        directions,
-        np.hypot(own, apart / np.sqrt(3.0)),
-        [
-            f"the object is taken to stand in the middle of the balls. Their directions are {half:.2g} degrees from "
-            f"that on average and {apart.max():.2g} at most, so a place halfway from there to one of them turns the "
-            f"lights by {half / 2.0:.2g}; the errors contain any place between them.",
-            "the lamps' distances are not used: over an object as wide as the balls are apart, directions differ by "
-            f"{2.0 * half:.2g} degrees from side to side.",
-        ],
-    )
 
 
 def _on_names(names: Sequence[str], balls: Sequence[Calibration]) -> list[str]:

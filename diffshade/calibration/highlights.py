@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from .balls import Ball
@@ -18,6 +18,8 @@ LEVELS = (0.25, 0.5, 0.75)  # thresholds of the highlight's pixels, over the bri
 LARGEST = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
+CORE = 0.6  # radius of the discs that a highlight without streaks is made of, over its largest disc's
+FINEST = 4.0  # pixels of that radius, below which the rounding of its edge counts for more than streaks
 RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it
 
 
@@ -38,7 +40,8 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
 
     The highlight is the connected region that holds the most light, among the pixels of at least half the brightness of
     the brightest one. Around its brightest pixel the mean l is found for thresholds of a quarter, a half and three
-    quarters, and the result is the mean of these. The error includes how they differ, the error of the ball's outline,
+    quarters, without the streaks by which a lamp that is too bright for the camera reaches beyond its image, and the
+    result is the mean of these. The error includes how they differ, the error of the ball's outline,
     and the rounding of the highlight's edge to pixels.
 
     Args:
@@ -67,7 +70,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
         )
 
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
-    highlights = [_piece_about(light, level, peak) for level in LEVELS]
+    highlights = [without_streaks(_piece_about(light, level, peak)) for level in LEVELS]
     highlights = [piece for piece in highlights if piece.sum() <= LARGEST * inside.sum()]
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
@@ -82,9 +85,10 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     point, direction = np.mean([p for p, _ in found], 0), np.mean([l for _, l in found], 0)
     direction /= np.linalg.norm(direction)
     spread = np.mean([np.sum((l - direction) ** 2) for _, l in found])
-    here = reflected(ball, half)[1]
-    moved = [reflected(ball.moved(step), half)[1] - here for step in np.diag(ball.errors)]
-    rounding = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / half.sum()  # one pixel turns l by 2/R, along rows and columns
+    core = without_streaks(half)
+    here = reflected(ball, core)[1]
+    moved = [reflected(ball.moved(step), core)[1] - here for step in np.diag(ball.errors)]
+    rounding = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / core.sum()  # one pixel turns l by 2/R, along rows and columns
     error = float(np.rad2deg(np.sqrt(spread + np.square(moved).sum() + rounding)))
     return Glint(point, direction, error, second)
 
@@ -101,6 +105,19 @@ def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.
     """Return the connected region around a pixel, of the pixels above this fraction of its brightness."""
     labels, _ = ndimage.label(light >= level * light[peak], np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
     return labels == labels[peak]
+
+
+def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Return what discs cover of a region, of CORE times the radius of the largest in it (morphological opening)."""
+    rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
+    box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (rows, columns)))
+    depth = np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
+    if depth.max() < FINEST:
+        return piece
+    reach = CORE * depth.max()
+    core = np.zeros_like(piece)
+    core[box] = (np.asarray(ndimage.distance_transform_edt(depth < reach)) < reach)[1:-1, 1:-1]
+    return core
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

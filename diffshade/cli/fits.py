@@ -73,7 +73,7 @@ def _bands(typed: Options, source: Source, checkpoint: Path | None) -> ds.Predic
 @with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
-@click.option("--hold-out", type=int, metavar="N", help="Of maps: every N-th photograph was left out of them")
+@click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
 @as_json
 def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json: bool) -> None:
     """Fit, and write a report as an HTML page. SOURCE: a folder of photographs, or a scene or maps with PHOTOS."""
@@ -85,19 +85,28 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
     if is_maps(typed.source):
         report_maps(typed, out, hold_out, quick=quick, as_json=as_json)
         return
-    if hold_out is not None:
-        raise ValueError(f"--hold-out belongs to a folder of maps; got {typed.source}. Leave it out.")
-    source = typed.read()
-    found = typed.fit(source)
+    every = typed.read()
+    seen, left_out = divided(len(every.views), hold_out)
+    source, held = every.only(seen), every.only(left_out)
+    bands = None if hold_out is None else _bands(typed, source, None)
+    found = typed.fit(source) if bands is None else cast("ds.Fit", bands.result)
     more: dict[str, Any] = {}
     if not quick:
         more["examination"] = ds.examine(found, progress=True)
         choice, shots = _models(typed, source, ("phong", "blinn"), found), dome(found)
         more |= {"choice": choice} if choice else {}
         more |= {"plan": ds.plan(found, shots, progress=True)} if shots else {}
-    ds.write_report(out, found, titles=[Path(name).name for name in source.names], progress=True, **more)
+    titles = [Path(name).name for name in (*source.names, *held.names)]
+    ds.write_report(out, bands or found, held_out=held.views, titles=titles, progress=True, **more)
+    coverage = None if bands is None else bands.coverage(held.views)
     data = {**_fit_data(found, source, more.get("examination")), "page": out}
-    lines = [source.encodings, more.get("examination", found), f"{out}: open it in a browser"]
+    data["bands"] = None if bands is None or coverage is None else bands_data(bands, coverage, list(held.names))
+    lines = [
+        source.encodings,
+        more.get("examination", found),
+        *([] if bands is None or coverage is None else [on_bands(bands, coverage, list(held.names))]),
+        f"{out}: open it in a browser",
+    ]
     answer("\n".join(map(str, lines)), data, as_json=as_json)
 
 

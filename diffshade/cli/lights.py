@@ -25,6 +25,8 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--against", type=FILE, help="Compare with these directions")
 @click.option("--apply", "thing", type=FOLDER, metavar="FOLDER", help="An object under the same lights, for -o")
 @click.option("--apply-mask", "thing_mask", type=FILE, help="Its mask  [default: its folder's, or found]")
+@click.option("--apart", type=float, help="Between two balls, units of --radius  [default: as shown, or 4 radii]")
+@click.option("--width", type=float, help="Of the object, the same units  [default: as its photos show]")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for fit, report, texels")
 @as_json
 def calibrate(
@@ -39,13 +41,14 @@ def calibrate(
     against: Path | None,
     thing: Path | None,
     thing_mask: Path | None,
+    apart: float | None,
+    width: float | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Find the lights from photographs of a ball.
+    """Find the lights from photographs of a ball: files, or a folder for each."""
+    import numpy as np
 
-    PHOTOS: files, or a folder for each ball; one light in each photo.
-    """
     import diffshade as ds
 
     from ..calibration.result import check_folder, read_directions
@@ -58,6 +61,8 @@ def calibrate(
         raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
     if folders and len(mask) not in (0, len(photos)):
         raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
+    if thing is None and (apart is not None or width is not None):
+        raise ValueError("--apart and --width are of two balls and an object beside them. Give --apply FOLDER.")
     if thing is not None and out is None:
         raise ValueError(f"--apply {thing} needs a folder to write. Give -o FOLDER.")
     listed = None if against is None else read_directions(against)
@@ -79,7 +84,9 @@ def calibrate(
     ]
     found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
-    applied = None if thing is None else ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif)
+    applied = None
+    if thing is not None:
+        applied = ds.apply_lights(balls, thing, mask=thing_mask, srgb=srgb, exif=not no_exif, apart=apart, width=width)
     written = []
     if out is not None:
         (found if applied is None else applied).write(out)
@@ -116,6 +123,8 @@ def calibrate(
             "photographs": applied.names,
             "directions": applied.directions,
             "errors": applied.errors,
+            "positions": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.positions],
+            "position_errors": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.position_errors],
             "notes": applied.notes,
         },
         "folder": out,
@@ -157,7 +166,14 @@ def find_lights(
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import NORMALS, light_errors, read_folder, write_photographs
+    from ..inverse.data.photographs import (
+        NORMALS,
+        light_distances,
+        light_errors,
+        photograph_names,
+        read_folder,
+        write_photographs,
+    )
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -188,7 +204,9 @@ def find_lights(
         errors = found.errors if np.isfinite(found.errors).all() else None
         images = (np.asarray(view.image[:], np.float64) for view in read.views)
         inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
-        write_photographs(out, names, images, inside, found.directions, intensities, errors)
+        distances = None if unknown else light_distances(photos, photograph_names(photos))[list(read.indices)]
+        distances = distances if distances is not None and np.isfinite(distances).any() else None
+        write_photographs(out, names, images, inside, found.directions, intensities, errors, distances)
         for name in (name for name in NORMALS if (photos / name).is_file()):
             shutil.copyfile(photos / name, out / name)
     encodings = Encodings.of((photos / name for name in names), srgb)

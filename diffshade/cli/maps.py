@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import diffshade as ds
 
 FREE = ("k_d", "k_s", "n_s")
+BANDS = "bands.html"  # the page of the bands, in the folder of the maps
 
 
 _LOGGER = logging.getLogger("diffshade")
@@ -42,7 +43,7 @@ _LOGGER = logging.getLogger("diffshade")
     "--light-error", type=float, metavar="DEGREES", help="Error of the lights  [default: the folder's, or none]"
 )
 @click.option("--hold-out", type=int, metavar="N", help="Leave out and predict every N-th photograph")
-@click.option("--bands", is_flag=True, help="Bands for those left out, by 8 more fits")
+@click.option("--bands", is_flag=True, help="Bands for those left out, by 8 fits; bands.html")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
 @as_json
@@ -124,6 +125,16 @@ def texels(
     relative = maps.relative_errors(held)
     coverage = None if made is None else made.coverage(held)
     written = [] if suffix is None else maps.write(out, suffix=suffix)
+    if made is not None:
+        ds.write_report(
+            out / BANDS,
+            made,
+            views=[found.views[i] for i in seen],
+            held_out=held,
+            titles=[*names, *left_names],
+            progress=True,
+        )
+        written.append(out / BANDS)
     relief = integrated(maps) if heights else None
     if relief is not None:
         for ending in (".npy",) if suffix is None else (".npy", suffix):
@@ -143,6 +154,7 @@ def texels(
                 *([] if hold_out is None else [_on_left_out(relative, left_names)]),
                 *([] if made is None or coverage is None else [on_bands(made, coverage, left_names)]),
                 f"{out}: the maps",
+                *([] if made is None else [f"{out / BANDS}: open it in a browser"]),
             ]
         ),
         {

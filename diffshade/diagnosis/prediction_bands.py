@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -22,7 +23,11 @@ from ..texels.unexplained import Unexplained
 from .residual_quantiles import ResidualQuantiles, residual_quantiles
 
 FEWEST = 8  # photographs under different lights
+BOTH = 4  # groups from which half of them are of neighbouring lights
 LEVELS = (0.5, 0.95)
+NEIGHBOURS = 2  # lights whose mean angle from a new one is how far it is from those fitted
+CLOSEST = 1.0  # degrees, below which lights are taken to be this far apart
+ABOUT = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +44,15 @@ class PredictionBands:
     """The fit without each group."""
     inside: Bool[np.ndarray, "h w"]
     """Pixels that a photograph shows the object at."""
+    toward: Float[np.ndarray, "views 3"]
+    """Unit vectors to the lights of the views."""
     residuals: ResidualQuantiles
     """How far photographs lie from the fits without their group, at those pixels."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the fit."""
+        return self.result.scene if isinstance(self.result, Fit) else self.result.as_scene()
 
     def predict(self, view: View) -> Prediction:
         """Return a photograph beside the prediction of all photographs, with the band of each sample.
@@ -61,8 +73,13 @@ class PredictionBands:
                 f"the view must have the shape of the fitted ones, {shape}; got {found.image.shape}. Give a photograph "
                 "by their camera."
             )
-        without = np.array([_radiance(refit.predict(view).image, view)[self.inside] for refit in self.refits])
-        ends = self.residuals.band(without, self.level)
+        toward = _toward(self.scene, [view])[0]
+        others = [self.toward[[i for i in range(len(self.toward)) if i not in group]] for group in self.groups]
+        near = np.array([distance_to(toward, lights) for lights in others])
+        distance = distance_to(toward, self.toward)
+        useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(ABOUT * distance, near.min())]
+        without = np.array([_radiance(refit.predict(view).image, view)[self.inside] for refit in useful])
+        ends = self.residuals.band(without, self.level, distance)
         lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
         return dataclasses.replace(found, lower=lower, upper=upper, counts=found.counts & self.inside[..., None])
 
@@ -80,7 +97,7 @@ class PredictionBands:
 
     def __str__(self) -> str:
         """Return what the bands come from, in one sentence."""
-        number = sum(map(len, self.groups))
+        number = len({i for group in self.groups for i in group})
         return (
             f"bands for {self.level:.0%} of the samples of a photograph not seen, from {count(number, 'photograph')} "
             f"left out in {len(self.groups)} groups"
@@ -104,17 +121,22 @@ def fit_bands(
     Candes, Ramdas and Tibshirani 2021; with photographs, whose samples share an error, as groups: Lee, Barber and
     Willett 2023). The residuals are those of predictions as bright, relative to the texel's median photograph: a
     highlight may miss by more than a matte sample, and upward by another amount than downward. So nothing is assumed of
-    the noise, or of what the model leaves out. Each group is spread over all lights.
+    the noise, or of what the model leaves out.
 
-    The bands hold for further photographs like those fitted, under lights drawn from the same directions. They hold
-    fewer samples where light comes from another side and new shadows fall. It takes `groups` further fits.
+    Half of the groups are spread over all lights, and half are neighbouring lights, so that every photograph is left
+    out twice: with fitted lights near its own, and far from it. How its residuals grow in between is a power of that
+    distance, by which R_i is that of photographs as far from the fitted lights as the new one. Where few photographs
+    show predictions as bright, quantiles are as much wider as Student's t.
+
+    The bands hold for further photographs like those fitted. They hold fewer samples where light comes from quite
+    another side than in any of them. It takes `groups` further fits.
 
     Args:
         fit: What fits views, and returns a `Fit` or `TexelMaps`, such as
             `lambda views: ds.fit_texels(scene, views, free=free)`.
         views: The photographs, of one camera, under at least 8 different lights.
         level: Share of the samples that the bands shall hold, from 0.5 to 0.95.
-        groups: How many groups are left out, at least 2; as many as there are different lights at most.
+        groups: How many groups are left out, at least 2; of fewer than 4 all are spread over the lights.
         progress: Show a line of progress on the terminal.
 
     Returns:
@@ -148,18 +170,29 @@ def fit_bands(
                 "ds.fit(scene, views, free=('k_d',))."
             )
         scene = result.scene if isinstance(result, Fit) else result.as_scene()
-        parts = spread_groups(scene, views, alike, groups)
-        seen, predicted, refits = [], [], []
+        toward = _toward(scene, views)
+        parts = groups_of(toward, alike, groups)
+        seen, predicted, refits, left_out, distances = [], [], [], [], []
         for k, part in enumerate(parts):
             report_progress(f"without group {k + 1} of {len(parts)}", (k + 1) / (len(parts) + 1))
-            refits.append(fit([view for i, view in enumerate(views) if i not in part]))
+            others = [i for i in range(len(views)) if i not in part]
+            refits.append(fit([views[i] for i in others]))
             for i in part:
                 found = refits[-1].predict(views[i])
                 seen.append(np.where(found.counts, _radiance(found.target, views[i]), np.nan))
                 predicted.append(_radiance(found.image, views[i]))
+                left_out.append(i)
+                distances.append(distance_to(toward[i], toward[others]))
     inside = np.any(np.isfinite(seen), axis=(0, -1))
     seen, predicted = (np.array([image[inside] for image in images]) for images in (seen, predicted))
-    return PredictionBands(result, level, parts, tuple(refits), inside, residual_quantiles(seen, predicted))
+    residuals = residual_quantiles(seen, predicted, np.array(left_out), np.array(distances))
+    return PredictionBands(result, level, parts, tuple(refits), inside, toward, residuals)
+
+
+def distance_to(toward: Float[np.ndarray, "3"], lights: Float[np.ndarray, "lights 3"]) -> float:
+    """Return how far a light is from others, degrees: the mean angle from the nearest."""
+    cosine = np.sort(lights @ toward)[::-1][:NEIGHBOURS]
+    return max(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()), CLOSEST)
 
 
 def _radiance(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray, "h w c"]:
@@ -174,29 +207,33 @@ def _put(
     return changed
 
 
-def spread_groups(
-    scene: Scene, views: Sequence[View], alike: Sequence[Sequence[int]], groups: int
+def groups_of(
+    toward: Float[np.ndarray, "views 3"], alike: Sequence[Sequence[int]], groups: int
 ) -> tuple[tuple[int, ...], ...]:
-    """Return views in groups, each of which is spread over the lights: neighbouring lights belong to different groups.
+    """Return groups of views that are spread over the lights, and as many of neighbouring lights.
 
     Args:
-        scene: The scene.
-        views: The photographs.
+        toward: Unit vectors to the lights of the views.
         alike: Indices of the views under the same lights, which stay together.
-        groups: How many groups there shall be at most.
+        groups: How many groups there shall be at most; of fewer than 4, none is of neighbours.
     """
-    toward = _toward(scene, [views[of[0]] for of in alike])
+    each = toward[[of[0] for of in alike]]
 
     def in_order(which: np.ndarray) -> list[int]:
         """Halves of halves, across where the directions differ most, so that neighbours follow one another."""
         if len(which) < 2:
             return which.tolist()
-        across = np.argmax(np.ptp(toward[which], axis=0))
-        ordered = which[np.argsort(toward[which, across], kind="stable")]
+        across = np.argmax(np.ptp(each[which], axis=0))
+        ordered = which[np.argsort(each[which, across], kind="stable")]
         return in_order(ordered[: len(which) // 2]) + in_order(ordered[len(which) // 2 :])
 
     ordered = in_order(np.arange(len(alike)))
-    return tuple(tuple(sorted(i for j in ordered[k::groups] for i in alike[j])) for k in range(min(groups, len(alike))))
+    blocks = min(groups, len(alike)) // 2 if groups >= BOTH else 0
+    spread = min(groups - blocks, len(alike))
+    of_lights = [ordered[k::spread] for k in range(spread)]
+    ends = np.rint(np.linspace(0, len(ordered), blocks + 1)).astype(int)
+    of_lights += [ordered[start:stop] for start, stop in itertools.pairwise(ends)]
+    return tuple(tuple(sorted(i for j in lights for i in alike[j])) for lights in of_lights)
 
 
 def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:
@@ -208,13 +245,14 @@ def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:
 
 
 def _toward(scene: Scene, views: Sequence[View]) -> Float[np.ndarray, "views 3"]:
-    """Return the mean direction from the object to the lights of each view."""
+    """Return the mean direction from the object to the lights of each view, of length 1."""
     with in_float64((scene, views[0].camera)) as (scene, camera):
         buffer = intersect(scene, camera)
         inside = np.asarray(buffer.mask)
-        return np.array(
+        found = np.array(
             [
                 sum((Unexplained.toward(l, buffer.position, inside)[0] for l in select(scene, view.lit)), np.zeros(3))
                 for view in views
             ]
         )
+    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)

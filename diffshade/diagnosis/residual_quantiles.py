@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import stats
 
 BRIGHTNESS = (0.3, 0.8, 1.5, 2.2, 3.0, 5.0)  # of a prediction, in medians of its texel: the bounds between bins
 SPREAD = 0.8  # which quantile of a texel's absolute residuals scales them
@@ -14,23 +15,39 @@ SHARED = 0.25  # share of the median texel's that is added to it, since a texel 
 FEWEST = 100  # residuals of a bin that has quantiles of its own
 
 QUANTILES = 64  # of the residuals in a bin
+LEVELS = (np.arange(QUANTILES) + 0.5) / QUANTILES
 AT_ONCE = 1 << 24  # sums in memory
 
 Texels = Float[np.ndarray, "n c"]
+Numbers = Float[np.ndarray, " residuals"]
 
 
 class ResidualQuantiles(NamedTuple):
-    """Quantiles of residuals: each texel has a scale, and each brightness relative to the texel's median a shape."""
+    """Quantiles of residuals.
+
+    Each texel has a scale, each brightness relative to the texel's median has a shape, and all grow with a power of the
+    distance from a light to those that were fitted.
+    """
 
     scale: Texels
     median: Texels
     """Of the photographs."""
-    table: Float[np.ndarray, "bins quantiles"]
-    """Quantiles of residual / scale in each bin of prediction / median."""
+    tables: Float[np.ndarray, "residuals bins quantiles"]
+    """Quantiles of residual / scale in each bin of prediction / median, for each photograph left out of each fit."""
+    counts: Float[np.ndarray, "residuals bins"]
+    """Samples of each."""
+    photograph: Int[np.ndarray, " residuals"]
+    """Which photograph each is of: one may be left out of several fits."""
+    distance: Numbers
+    """From the light of each to those of the fit, degrees."""
+    growth: float
+    """The power."""
     floor: float
     """The smallest sample of the photographs, below which no band reaches."""
 
-    def band(self, predicted: Float[np.ndarray, "groups n c"], level: float | int) -> tuple[Texels, Texels]:
+    def band(
+        self, predicted: Float[np.ndarray, "groups n c"], level: float | int, distance: float
+    ) -> tuple[Texels, Texels]:
         """Return the lower and the upper end of the band of each sample.
 
         As many of the sums of a prediction and a quantile lie below the band as above it.
@@ -38,7 +55,9 @@ class ResidualQuantiles(NamedTuple):
         Args:
             predicted: What each fit that left a group out says of the samples.
             level: Share of the sums in the band, from 0 to 1.
+            distance: From the light of the samples to those of the fits, degrees.
         """
+        table = self._at(distance, level)
         bins = _brightness(predicted.mean(0), self.median).reshape(-1)
         scale, flat = self.scale.reshape(-1), predicted.reshape(len(predicted), -1)
         count = len(predicted) * QUANTILES
@@ -46,20 +65,48 @@ class ResidualQuantiles(NamedTuple):
         ends = np.empty((len(scale), 2))
         for at in range(0, len(scale), step := max(1, AT_ONCE // count)):
             some = slice(at, at + step)
-            sums = flat[:, some].T[..., None] + (scale[some, None] * self.table[bins[some]])[:, None]
+            sums = flat[:, some].T[..., None] + (scale[some, None] * table[bins[some]])[:, None]
             ends[some] = np.partition(sums.reshape(-1, count), ranks, axis=1)[:, ranks]
         lower, upper = np.maximum(ends, self.floor).T
         return lower.reshape(self.scale.shape), upper.reshape(self.scale.shape)
 
+    def _at(self, distance: float, level: float | int) -> Float[np.ndarray, "bins quantiles"]:
+        """Return the quantiles of each bin at a distance.
+
+        They are as much wider about their median as Student's t is than the normal distribution, for as many
+        photographs as the bin has: the samples of one photograph share an error.
+        """
+        grown = self.tables * ((distance / self.distance) ** self.growth)[:, None, None]
+        every = self.counts.sum(1)
+        found = []
+        for b in range(self.counts.shape[1]):
+            own = self.counts[:, b].sum() >= FEWEST
+            weights = self.counts[:, b] if own else every
+            values = grown[:, b] if own else grown.reshape(len(grown), -1)
+            of_each = weights[:, None] * np.ones_like(values) if own else np.repeat(self.counts, QUANTILES, axis=1)
+            quantiles = _weighted_quantiles(values.ravel(), of_each.ravel())
+            of_photograph = np.bincount(self.photograph, weights)
+            alike = of_photograph.sum() ** 2 / (of_photograph**2).sum()
+            end = (1.0 + level) / 2.0
+            wider = stats.t.ppf(end, max(alike - 1.0, 1.0)) / stats.norm.ppf(end)
+            middle = np.median(quantiles)
+            found.append(middle + wider * (quantiles - middle))
+        return np.array(found)
+
 
 def residual_quantiles(
-    seen: Float[np.ndarray, "views n c"], predicted: Float[np.ndarray, "views n c"]
+    seen: Float[np.ndarray, "residuals n c"],
+    predicted: Float[np.ndarray, "residuals n c"],
+    photograph: Int[np.ndarray, " residuals"],
+    distance: Numbers,
 ) -> ResidualQuantiles:
     """Return the quantiles of the residuals in every bin of brightness.
 
     Args:
         seen: Samples of the photographs, NaN where one does not count.
         predicted: What fits that left each photograph out say of them.
+        photograph: Which photograph each is, one that several fits left out more than once.
+        distance: From its light to those of the fit, degrees.
     """
     residual = seen - predicted
     with warnings.catch_warnings():
@@ -68,13 +115,39 @@ def residual_quantiles(
         spread = np.nanquantile(np.abs(residual), SPREAD, axis=0)
     spread = np.where(np.isfinite(spread), spread, np.nanmedian(spread))
     scale = spread + SHARED * np.median(spread)
-    counts = np.isfinite(residual)
-    scaled = (residual / np.where(scale > 0.0, scale, 1.0))[counts]
-    bins = _brightness(predicted, median)[counts]
-    parts = [scaled[bins == b] for b in range(len(BRIGHTNESS) + 1)]
-    levels = (np.arange(QUANTILES) + 0.5) / QUANTILES
-    table = np.array([np.quantile(part if len(part) >= FEWEST else scaled, levels) for part in parts])
-    return ResidualQuantiles(scale, median, table, float(np.nanmin(seen)))
+    scaled = residual / np.where(scale > 0.0, scale, 1.0)
+    bins = _brightness(predicted, median)
+    tables = np.zeros((len(seen), len(BRIGHTNESS) + 1, QUANTILES))
+    counts = np.zeros(tables.shape[:2])
+    for k, (of, where) in enumerate(zip(scaled, bins, strict=True)):
+        for b in range(counts.shape[1]):
+            part = of[np.isfinite(of) & (where == b)]
+            counts[k, b] = len(part)
+            if len(part):
+                tables[k, b] = np.quantile(part, LEVELS)
+    growth = _growth(np.array([_typical(of) for of in scaled]), photograph, distance)
+    return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, float(np.nanmin(seen)))
+
+
+def _typical(scaled: Texels) -> float:
+    counts = np.isfinite(scaled)
+    return float(np.abs(scaled[counts]).mean()) if counts.any() else 0.0
+
+
+def _growth(size: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers) -> float:
+    """Return the power of the distance with which residuals of one photograph grow, by least squares; at least 0."""
+    known = size > 0.0
+    x, y = np.log(distance[known]), np.log(size[known])
+    of = photograph[known]
+    number = np.maximum(np.bincount(of), 1)
+    x, y = (z - (np.bincount(of, z) / number)[of] for z in (x, y))  # from the mean of the photograph
+    return float(max((x @ y) / (x @ x), 0.0)) if x @ x > 1e-9 else 0.0
+
+
+def _weighted_quantiles(values: Numbers, weights: Numbers) -> Float[np.ndarray, " quantiles"]:
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return values[order][np.minimum(np.searchsorted(reached, LEVELS * reached[-1]), len(values) - 1)]
 
 
 def _brightness(predicted: Float[np.ndarray, "... n c"], median: Texels) -> Int[np.ndarray, "... n c"]:

@@ -7,8 +7,8 @@ import pytest
 from balls import FAR, SHAPE, lit_by, photographs
 
 import diffshade as ds
-from diffshade.calibration.applying import between
 from diffshade.calibration.edges import find_edge
+from diffshade.calibration.object_lights import between
 from diffshade.inverse.data.masks import find_mask
 from diffshade.inverse.data.photographs import light_errors
 from diffshade.texels.lights.encoding import judge_encoding
@@ -81,14 +81,16 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     assert np.mean(applied.mask == ball.mask) > 0.98
     text = str(applied)
     assert "taken to be linear, as they show" in text  # against the type of the file
-    assert "in the middle of the balls" in text
+    assert "in the middle between the balls" in text
+    assert "all 8 lamps are near" in text
     assert "the intensity 1" in text
     assert "paired in their order" not in text
     applied.write(tmp_path / "ready")
     scene, views = ds.read_photographs(tmp_path / "ready", normals=False)
     assert len(views) == COUNT
-    towards = [-np.asarray(l.direction) for l in scene.lights]  # pyright: ignore[reportAttributeAccessIssue]
-    np.testing.assert_allclose(towards, applied.directions, atol=1e-12)
+    positions = np.array([np.asarray(l.position) for l in scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+    unit = float(views[0].camera.height) / applied.lights.picture_height  # pyright: ignore[reportAttributeAccessIssue]
+    np.testing.assert_allclose(positions, applied.positions * unit, rtol=1e-8)
     kept = light_errors(tmp_path / "ready")
     assert kept is not None
     np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.diagnosis.prediction_bands import spread_groups
+from diffshade.diagnosis.prediction_bands import groups_of
 
 CAMERA = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(20, 20))
 
@@ -49,7 +49,7 @@ def fit_texels(views):
 def test_bands_hold_photographs_that_were_left_out(fitting):
     views = problem()[1]
     bands = ds.fit_bands(fitting, views[:16], groups=4)
-    assert sorted(i for group in bands.groups for i in group) == list(range(16))
+    assert sorted(i for group in bands.groups for i in group) == sorted([*range(16)] * 2)
     inside = bands.coverage(views[16:])
     assert 0.86 < inside.mean() < 0.94
     assert "90% of the samples of a photograph not seen, from 16 photographs left out in 4 groups" in f"{bands}"
@@ -65,19 +65,25 @@ def test_bands_hold_photographs_that_were_left_out(fitting):
     assert 0.8 * noise < width < 3 * noise
 
 
-def test_groups_are_spread_over_the_lights():
-    """No light's nearest neighbours are left out with it as often as by chance; views under one light always are."""
-    scene, views = problem()
+def test_groups_are_spread_over_the_lights_and_of_neighbours():
+    """No light's nearest neighbours are left out with it as often as by chance, and in other groups more often."""
+    toward = directions(24) / np.linalg.norm(directions(24), axis=-1, keepdims=True)
     alike = [[i] for i in range(24)]
     alike[3].append(24)
-    groups = spread_groups(scene, (*views, views[3]), alike, 5)
-    assert sorted(i for group in groups for i in group) == list(range(25))
-    assert any({3, 24} <= set(group) for group in groups)
-    assert {len(group) for group in groups} <= {4, 5, 6}
-    group_of = {i: k for k, group in enumerate(groups) for i in group}
-    apart = np.linalg.norm(directions(24)[:, None] - directions(24), axis=-1)
+    groups = groups_of(toward[[*range(24), 3]], alike, 8)
+    assert len(groups) == 8
+    apart = np.linalg.norm(toward[:, None] - toward, axis=-1)
     nearest = np.argsort(apart, axis=1)[:, 1]
-    assert np.mean([group_of[i] == group_of[j] for i, j in enumerate(nearest)]) < 0.1
+    shares = []
+    for kind in (groups[:4], groups[4:]):
+        assert sorted(i for group in kind for i in group) == list(range(25))
+        assert any({3, 24} <= set(group) for group in kind)
+        assert {len(group) for group in kind} <= {6, 7}
+        group_of = {i: k for k, group in enumerate(kind) for i in group}
+        shares.append(np.mean([group_of[i] == group_of[j] for i, j in enumerate(nearest)]))
+    assert shares[0] < 0.1
+    assert shares[1] > 0.6
+    assert sorted(i for group in groups_of(toward, alike[:3], 3) for i in group) == [0, 1, 2]
 
 
 def test_what_can_have_no_bands_is_refused():
@@ -93,3 +99,18 @@ def test_what_can_have_no_bands_is_refused():
         ds.fit_bands(fit, [*views[:5], other])
     with pytest.raises(TypeError, match="fit must return a Fit or TexelMaps; got NoneType"):
         ds.fit_bands(lambda _: None, views)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("fitting", [fit, fit_texels])
+def test_a_report_shows_how_often_photographs_that_were_left_out_lie_inside(fitting, tmp_path):
+    views = problem()[1]
+    bands = ds.fit_bands(fitting, views[:16], groups=4)
+    ds.write_report(tmp_path / "page.html", bands, held_out=views[16:20])
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    inside = bands.coverage(views[16:20])
+    assert f"hold {inside.mean():.0%}, and {inside.min():.0%} in one of the samples" in page
+    assert page.count("% inside bands") == 4
+    with pytest.raises(ValueError, match="bands are reported beside photographs; got no held_out"):
+        ds.write_report(tmp_path / "other.html", bands)
+    assert not (tmp_path / "other.html").exists()

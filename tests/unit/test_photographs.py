@@ -84,6 +84,8 @@ BAD = {
         lambda folder: [file.unlink() for file in (*folder.glob("?.png"), folder / "filenames.txt")],
         "holds no photograph",
     ),
+    "a distance of 0": (_write("light_distances.txt", "3\n0\ninf\n"), "must hold distances above 0.*got 0.*inf"),
+    "too few distances": (_write("light_distances.txt", "3\n"), "one line for each of the 3 photographs; got 1"),
     "several lists": (
         lambda folder: [
             (folder / "filenames.txt").unlink(),
@@ -149,6 +151,22 @@ def test_what_is_wrong_with_a_folder_is_one_sentence_that_names_it(folder, case)
     with pytest.raises((OSError, ValueError), match=message) as caught:
         ds.read_photographs(folder)
     assert "\n" not in str(caught.value)
+
+
+def test_lamps_at_a_distance_have_their_direction_and_intensity_in_the_middle(folder):
+    (folder / "light_distances.txt").write_text("4\ninf\n2\n")
+    scene, views = ds.read_photographs(folder, normals=False)
+    one, far, other = scene.lights
+    assert isinstance(one, ds.PointLight)
+    assert isinstance(far, ds.DirectionalLight)
+    assert isinstance(other, ds.PointLight)
+    height = 2.2
+    np.testing.assert_allclose(other.position, np.array([0, 0.6, 0.8]) * 2 * height)
+    assert float(other.attenuation(np.array(2 * height))) == pytest.approx(1.0)
+    buffer = ds.intersect(scene, views[0].camera)
+    position = np.asarray(buffer.position)
+    np.testing.assert_allclose(position[np.asarray(buffer.mask)][:, 2], 0.0)
+    np.testing.assert_allclose(position[4:6, 5:7].mean((0, 1)), 0.0, atol=1e-6)
 
 
 LIST = "3\nC:\\shots\\0.jpg 0 0 1\nimages/1.JPG 0.6 0 0.8\n2.png 0 0.6 0.8\n"

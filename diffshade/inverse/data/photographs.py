@@ -14,9 +14,10 @@ from ...core.words import count, listing
 from ...io.files import replacing
 from ...io.images import read_image, read_mask, without_alpha, write_image
 from ...io.lazy_images import open_image
+from ...model.attenuation import RadialAttenuation
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer, as_mask
-from ...model.lights import DirectionalLight
+from ...model.lights import DirectionalLight, PointLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from .exposures import by_light, exposures_of, merge_exposures
@@ -30,6 +31,7 @@ WRITTEN = (
     "light_directions.txt",
     "light_intensities.txt",
     "light_errors.txt",
+    "light_distances.txt",
     "lights.lp",
     "normal_gt.npy",
     "scene.toml",
@@ -46,17 +48,19 @@ def read_photographs(
     srgb: bool | None = None,
     exif: bool = True,
 ) -> tuple[Scene, tuple[View, ...]]:
-    """Read a folder of photographs of one object, each under one distant light, as a scene and one view a photograph.
+    """Read a folder of photographs of one object, each under one light, as a scene and one view a photograph.
 
     The photographs are those of `filenames.txt` (a name a line; a link may lead out of the folder, a name must not),
     those of a list of lights `NAME.lp` (the count, then a name and x y z a line, as in reflectance transformation
     imaging), or all images but masks, normals and those named unlike most, in natural order. The other files are those
     of DiLiGenT (Shi et al. 2016): `light_directions.txt`, three numbers a line, *towards* the light, x right, y up, z
     to the camera, by default those of the list; `light_intensities.txt`, R G B a line, or one number, by default 1;
-    `mask.png`; normals as `normal_gt.npy` or `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row).
-    What is missing or left out is said as a warning of the logger `diffshade`. The camera is far away on +z. Light i is
-    on in photograph i alone. Photographs in .npy and .zarr are opened without being read, as by `open_image`: they may
-    be larger than memory.
+    `light_distances.txt`, a number a line, how far a lamp is from the picture's middle in heights of the picture, or
+    inf, by default far away (a near lamp's direction and intensity are those in the middle, its light weakens with the
+    square of the distance, and the object is taken to be flat); `mask.png`; normals as `normal_gt.npy` or
+    `Normal_gt.mat` (H, W, 3) or `normal.txt` (a row a pixel, row by row). What is missing or left out is said as a
+    warning of the logger `diffshade`. The camera is far away on +z. Light i is on in photograph i alone. Photographs in
+    .npy and .zarr are opened without being read, as by `open_image`: they may be larger than memory.
 
     Where the photographs' EXIF says that they differ in t ISO / N^2 (exposure time, sensitivity, F-number), that is
     `View.exposure`, 1 for the first. Photographs of different exposures under one light, which have the same direction
@@ -131,7 +135,8 @@ def read_folder(
     mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
     indices = [group[0] for group in groups]
-    lamps = [DirectionalLight(-directions[i], intensities[i]) for i in indices]
+    distances = light_distances(folder, names) if lights else np.full(len(names), np.inf)
+    lamps = [_lamp(directions[i], intensities[i], distances[i], float(camera.height)) for i in indices]
     views = []
     for i, group in enumerate(groups):
         file = files[group[0]]
@@ -142,10 +147,19 @@ def read_folder(
         except ValueError as error:
             raise ValueError(f"{error}" if f"{file}" in f"{error}" else f"{file}: {error}") from None
     known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
-    scene = Scene(Object(GBuffer(known, mask=mask), Material()), lamps)
+    flat = _flat(camera) if np.isfinite(distances).any() else None
+    scene = Scene(Object(GBuffer(known, flat, mask), Material()), lamps)
     for note in (*notes, *said):
         _LOGGER.warning("%s: %s", folder, note)
     return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices))
+
+
+def _flat(camera: OrthographicCamera) -> Float[np.ndarray, "h w 3"]:
+    """Return the points of the plane through the origin that a picture shows: near lamps need a place."""
+    height, width = camera.shape
+    rows, columns = np.indices(camera.shape) + 0.5
+    pixel = float(camera.height) / height
+    return np.stack([(columns - width / 2) * pixel, (height / 2 - rows) * pixel, np.zeros(camera.shape)], -1)
 
 
 def _check_size(file: Path, size: tuple[int, ...], mask: tuple[int, ...], before: Sequence[View]) -> None:
@@ -191,6 +205,7 @@ def write_photographs(
     directions: Float[np.ndarray, "photographs 3"],
     intensities: Float[np.ndarray, "photographs 3"],
     errors: Float[np.ndarray, " photographs"] | None,
+    distances: Float[np.ndarray, " photographs"] | None = None,
 ) -> None:
     """Write photographs of an object and their lights as a folder that `read_photographs` reads.
 
@@ -202,6 +217,8 @@ def write_photographs(
         directions: Unit vectors towards the light of each photograph.
         intensities: R, G, B of each.
         errors: Error of each direction about each axis, degrees; None where it is not known.
+        distances: Of the lamps from the picture's middle, in heights of the picture, infinite for one far away; None
+            where all are.
     """
     clear_folder(folder)
     stems = [Path(name).stem for name in names]
@@ -212,6 +229,8 @@ def write_photographs(
     texts = {"lights.lp": as_lp(written, directions)}
     if errors is not None:
         texts["light_errors.txt"] = "".join(f"{error:.6g}\n" for error in errors)
+    if distances is not None:
+        texts["light_distances.txt"] = "".join(f"{distance:.10g}\n" for distance in distances)
     texts["filenames.txt"] = "".join(f"{name}\n" for name in written)  # last: it marks a complete folder
     for name, text in texts.items():
         with replacing(folder / name) as temporary:
@@ -244,6 +263,30 @@ def light_errors(folder: Path) -> Float[np.ndarray, " photographs"] | None:
             f"{folder / 'light_errors.txt'} must hold degrees, at least 0; got {errors.min():g}. Correct it."
         )
     return errors
+
+
+def light_distances(folder: Path, names: Sequence[str]) -> Float[np.ndarray, " photographs"]:
+    """Return the distances of lamps in a folder's `light_distances.txt`, heights of the picture, or infinite ones."""
+    path = folder / "light_distances.txt"
+    if not path.is_file():
+        return np.full(len(names), np.inf)
+    distances = _numbers(path, names, (1,))[:, 0]
+    if not (distances > 0.0).all():
+        raise ValueError(
+            f"{path} must hold distances above 0, in heights of the picture; got {distances.min():g}. Correct it, or "
+            "write inf for a lamp far away."
+        )
+    return distances
+
+
+def _lamp(
+    direction: Float[np.ndarray, "3"], intensity: Float[np.ndarray, " colours"], distance: float, height: float
+) -> DirectionalLight | PointLight:
+    """Return a lamp whose light has this direction and intensity in the middle of a picture."""
+    if not np.isfinite(distance):
+        return DirectionalLight(-direction, intensity)
+    far = distance * height
+    return PointLight(far * direction, intensity, attenuation=RadialAttenuation(0.0, 0.0, far**-2))
 
 
 def photograph_names(folder: Path) -> tuple[str, ...]:

@@ -34,6 +34,8 @@ class Picture:
     width: int
     smaller: bool
     """Whether the photograph is shown smaller than it is."""
+    inside: float | None
+    """The share of its samples inside their bands; None without bands."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ def build_gallery(predictions: Sequence[Prediction], names: Sequence[str], drawn
                 height=shape[0],
                 width=shape[1],
                 smaller=small < 1.0,
+                inside=p.coverage if np.isfinite(p.coverage) else None,
             )
         )
     colours = tuple("#" + "".join(f"{int(c):02x}" for c in row[:3]) for row in table[:-1])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.words import count
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
-from ...inverse.result import Fit
+from ...diagnosis.prediction_bands import PredictionBands
+from ...inverse.result import Fit, Prediction
 
 REACH = 0.3  # the longest whisker, over the value; a value with a larger error is not determined
 MOST_CORRELATED = 40  # unknowns; with more, only the strongest pairs are shown
@@ -70,6 +73,17 @@ class Table:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
+
+
+def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str, str]:
+    """Return how often samples of photographs that were left out lie inside their bands, in words."""
+    inside = [p.coverage for p in predictions if np.isfinite(p.coverage)]
+    number = sum(map(len, made.groups))
+    return {
+        "level": f"{made.level:.0%}",
+        "source": f"{count(number, 'photograph')} left out in {len(made.groups)} groups",
+        "inside": f"{np.mean(inside):.0%}, and {min(inside):.0%} in one" if inside else "none",
+    }
 
 
 def parameters(fit: Fit, examination: Examination | None) -> Parameters:

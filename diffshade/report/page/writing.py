@@ -16,6 +16,7 @@ from ...core.progress import showing
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
+from ...diagnosis.prediction_bands import PredictionBands
 from ...inverse.data.recording import developed
 from ...inverse.data.views import View
 from ...inverse.result import Fit
@@ -48,7 +49,7 @@ SLIDERS = (
 
 def write_report(
     path: str | Path,
-    result: Fit | TexelMaps,
+    result: Fit | TexelMaps | PredictionBands,
     *,
     examination: Examination | None = None,
     choice: ModelChoice | None = None,
@@ -71,15 +72,18 @@ def write_report(
     beside their predictions. Numbers are rounded to steps that the page states; maps of more than 4.2 million texels
     are reduced by means.
 
+    With bands from `fit_bands`, either shows photographs that were left out beside their predictions, and how many of
+    their samples lie inside.
+
     Args:
         path: The file, .html or .htm.
-        result: The fit or the maps to report.
+        result: The fit or the maps to report, or `fit_bands` of them.
         examination: Of a fit: the result of `examine(fit)`, which adds intervals, profiles and the check of the
             residuals.
         choice: Of a fit: the result of `compare`, which adds the choice of the model.
         plan: Of a fit: the result of `plan(fit, shots)`, which adds the next photograph.
         views: Of maps: the photographs that they were fitted to.
-        held_out: Of maps: photographs by the same camera that were left out, to be predicted.
+        held_out: Of maps or bands: photographs by the same camera that were left out, to be predicted.
         heights: Of maps: the heights; by default the integral of their normals, or the scene's surface.
         titles: A name for each of the fit's views, or for each of `views` and then of `held_out`; by default its index.
         progress: Show a progress line on the terminal.
@@ -90,8 +94,17 @@ def write_report(
         FileNotFoundError: If the folder does not exist.
         OSError: If the file cannot be written.
     """
+    bands, result = (result, result.result) if isinstance(result, PredictionBands) else (None, result)
+    if bands is not None and not held_out:
+        raise ValueError(
+            "bands are reported beside photographs; got no held_out. Give views that the fit has not seen."
+        )
     of_fit = {"examination": examination, "choice": choice, "plan": plan}
-    of_maps = {"views": tuple(views) or None, "held_out": tuple(held_out) or None, "heights": heights}
+    of_maps = {
+        "views": tuple(views) or None,
+        "held_out": (tuple(held_out) or None) if bands is None else None,
+        "heights": heights,
+    }
     check_page(path)
     if isinstance(result, TexelMaps):
         _refuse(of_fit, "a Fit", "maps")
@@ -99,11 +112,11 @@ def write_report(
         with replacing(path) as temporary, showing("report", show=progress) as report_progress:
             linear, left_out = (tuple(map(developed, of)) for of in (views, held_out))
             photographs = Photographs(linear, left_out, tuple(titles))
-            write_maps_page(temporary, result, photographs, heights, report_progress)
+            write_maps_page(temporary, result, photographs, heights, bands, report_progress)
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
     _refuse(of_maps, "TexelMaps", "a fit")
-    _write_fit(path, result, examination, choice, plan, titles, progress=progress)
+    _write_fit(path, result, examination, choice, plan, bands, tuple(held_out), titles, progress=progress)
 
 
 def _refuse(given: Mapping[str, object], of: str, result: str) -> None:
@@ -119,13 +132,18 @@ def _write_fit(
     examination: Examination | None,
     choice: ModelChoice | None,
     plan: Plan | None,
+    bands: PredictionBands | None,
+    held_out: tuple[View, ...],
     titles: Sequence[str],
     *,
     progress: bool,
 ) -> None:
     """Write the report of a fit."""
-    _check(fit, examination, choice, plan, titles)
-    names = tuple(titles) or tuple(f"view {i}" for i in range(len(fit.views)))
+    _check(fit, examination, choice, plan)
+    number = len(fit.views)
+    check_titles(titles, number + len(held_out), "the fit's")
+    names = tuple(titles) or tuple(f"view {i}" for i in range(number + len(held_out)))
+    seen = [] if bands is None else [bands.predict(view) for view in held_out]
     with (
         replacing(path) as temporary,
         showing("report", show=progress) as report_progress,
@@ -139,7 +157,7 @@ def _write_fit(
         drawn = drawn_bands(fit.scene.bands)
         gallery = build_gallery([fit.predict(fit.views[i]) for i in which], [names[i] for i in which], drawn)
         fit_drawn = dataclasses.replace(fit, scene=drawn.scene(fit.scene))
-        ball, missing = ball_scene(fit_drawn, names, gallery.white)
+        ball, missing = ball_scene(fit_drawn, names[:number], gallery.white)
         whole = scene_to_render(fit_drawn)
         rms = float(np.sqrt(np.mean(residuals.values**2)))
         curves = (
@@ -154,6 +172,8 @@ def _write_fit(
             gallery=gallery,
             with_sensor=with_sensor,
             shown=len(which),
+            held=build_gallery(seen, names[number:], drawn) if seen else None,
+            bands=None if bands is None else tables.bands(bands, seen),
             ball=ball,
             missing=missing,
             whole=None if whole is None else ball_picture(fit, whole, gallery.white),
@@ -162,8 +182,8 @@ def _write_fit(
             residual_charts=[
                 *(charts.over_angle(found, title, label, rms) for title, label, found in curves if found is not None),
                 charts.histogram(residuals),
-                *([charts.errors_of_each(residuals.rmse, names)] if len(names) > 1 else []),
-                *([errors_of_bands(residuals.rmse_of_bands, bands)] if len(bands := fit.scene.bands) > 1 else []),
+                *([charts.errors_of_each(residuals.rmse, names[:number])] if number > 1 else []),
+                *([errors_of_bands(residuals.rmse_of_bands, fit.scene.bands)] if len(fit.scene.bands) > 1 else []),
             ],
             correlations=tables.correlations(fit),
             convergence=charts.convergence(fit),
@@ -176,7 +196,7 @@ def _write_fit(
         temporary.write_text(page, encoding="utf-8")
 
 
-def _check(fit: Fit, examination: Any, choice: Any, plan: Any, titles: Sequence[str]) -> None:
+def _check(fit: Fit, examination: Any, choice: Any, plan: Any) -> None:
     """Refuse arguments of other types, or that belong to another fit."""
     kinds = (
         ("examination", examination, Examination, "ds.examine(fit)"),
@@ -190,7 +210,6 @@ def _check(fit: Fit, examination: Any, choice: Any, plan: Any, titles: Sequence[
     for name, other, example in of:
         if other is not None and not _same(fit, other):
             raise ValueError(f"{name} must belong to the fit that is reported, not to another. Give {example}.")
-    check_titles(titles, len(fit.views), "the fit's")
 
 
 def _same(fit: Fit, other: Fit | Plan) -> bool:

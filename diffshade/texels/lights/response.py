@@ -23,6 +23,7 @@ from ...inverse.data.views import View
 from ...model.scenes import Scene
 from ..checks import checked
 from ..fitting import MEMORY
+from ..robust.learning import MAD, Fitted
 from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
@@ -47,8 +48,8 @@ class FoundResponse:
     gamma: float
     """Exponent that makes the photographs linear, as in `Sensor`; 1 where they do not determine it."""
     error: float
-    """Its standard error: the scatter when groups of photographs are left out, and the misfit; infinite where these
-    photographs do not determine it."""
+    """Its standard error: the scatter and the shift when groups of photographs are left out, and the misfit; infinite
+    where these photographs do not determine it."""
     views: tuple[View, ...]
     """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
     misfit: float
@@ -69,10 +70,10 @@ class FoundResponse:
 def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False) -> FoundResponse:
     r"""Find the gamma of photographs of an object of unknown shape, from the agreement of its texels.
 
-    $$ image = f^\gamma, \quad m(\gamma) / \gamma = \min $$
+    $$ image = f^\gamma, \quad m(\gamma) = \min $$
 
-    m is the typical residual of a texel relative to its brightness, after the robust fit of `fit_texels` to the
-    photographs raised to gamma; a small error of an image is gamma times as large afterwards, hence the quotient. As in
+    m is the typical residual of a texel relative to its brightness, both as in the file, after the robust fit of
+    `fit_texels` to the photographs raised to gamma. As in
     calibration from radiometric consistency (Lin, Gu, Yamazaki and Shum, CVPR 2004), but by the shading of one object.
 
     Lights of unequal known strengths tell it best. A gamma that is found in place of one that is known costs accuracy:
@@ -109,7 +110,8 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
             def misfit_of(sample: TexelTile) -> Misfit:
                 def misfit(gamma: float) -> float:
                     run = RobustRun(setup, known, "cauchy", None, tiles, neighbours=False, light_error=None)
-                    return float(run.learn(raised(sample, gamma))[0].relative_misfit) / gamma
+                    linear = raised(sample, gamma)
+                    return misfit_in_file(sample, linear, run.sample_at_minimum(linear, run.learn(linear)[0]), gamma)
 
                 return misfit
 
@@ -148,8 +150,25 @@ def _found(
     gamma = gamma if clear else 1.0
     taken = tuple(dataclasses.replace(view, sensor=Sensor(gamma=gamma)) for view in views)
     # what the model leaves out may be proportional to the logarithm of the brightness, as a change of gamma is
-    error = gamma * float(np.hypot(spread, least / scatter_of_logarithms(sample))) if clear else np.inf
+    bias = (GROUPS - 1) * (np.mean(left_out) - np.log(gamma))  # with few photographs noise makes gammas too large
+    parts = (spread, bias, least / scatter_of_logarithms(sample))
+    error = gamma * float(np.linalg.norm(parts)) if clear else np.inf
     return FoundResponse(gamma, error, taken, least, linear, tuple(notes))
+
+
+def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: float) -> float:
+    """Return the typical residual relative to a texel's brightness, as the file has both.
+
+    A residual r of the linear y = f^gamma is one of r f / (gamma y) in the file. Taken there, noise is as large through
+    every gamma; of linear samples, a large gamma would make that of the dark ones small.
+    """
+    f, y = (tile.target.mean(1) for tile in (sample, linear))
+    believed = np.asarray(found.weight > 0.0) & (f > DARK * f.max(0))
+    level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
+    of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
+    slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
+    off = np.abs(np.asarray(found.residual) * slope)[believed]
+    return MAD * float(np.median(off)) if len(off) else np.inf
 
 
 def scatter_of_logarithms(sample: TexelTile) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ....core.progress import ReportProgress
+from ....diagnosis.prediction_bands import PredictionBands
 from ....inverse.data.views import View
 from ....texels.heights.integration import integrate_normals
 from ....texels.heights.map import HeightMap
@@ -20,6 +21,7 @@ from ...drawn_bands import drawn_bands
 from .. import charts
 from ..pictures import build_gallery
 from ..shaders import shader
+from ..tables import bands as on_bands
 from ..template import as_script, fill
 from . import tables
 from .layers import Layer, layers_of
@@ -71,7 +73,12 @@ class Photographs:
 
 
 def write_maps_page(
-    path: Path, maps: TexelMaps, photographs: Photographs, heights: HeightMap | None, report_progress: ReportProgress
+    path: Path,
+    maps: TexelMaps,
+    photographs: Photographs,
+    heights: HeightMap | None,
+    bands: PredictionBands | None,
+    report_progress: ReportProgress,
 ) -> None:
     """Write the page; see `write_report`."""
     if heights is None and "normal" in maps.values:
@@ -87,7 +94,7 @@ def write_maps_page(
     _name(stage["views"], photographs)
     predicted = photographs.predicted()
     names = [photographs.names[i] for i in predicted]
-    predictions = [maps.predict(photographs.every[i]) for i in predicted]
+    predictions = [(bands or maps).predict(photographs.every[i]) for i in predicted]
     off = np.array(
         [relative_error(p, float(photographs.every[i].black)) for i, p in zip(predicted, predictions, strict=True)]
     )
@@ -116,6 +123,7 @@ def write_maps_page(
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
         gallery=build_gallery(predictions, names, drawn_bands(())) if predictions else None,
         seen=not photographs.left_out,
+        bands=None if bands is None else on_bands(bands, predictions),
         charts=[charts.errors_of_each(off, names, "relative error", "Each photograph")] if predictions else [],
         factor=numbers.factor,
         packed=tables.packed(numbers, layers),
