@@ -4,9 +4,11 @@ python benchmarks/diligent.py FOLDER... [--twelve] [--light-error DEGREES]
 
 One line an object, all by the same defaults: the mean angular error of plain least squares (Woodham 1980), of
 `ds.fit_texels`, and what was published for all 96 photographs of the object (Shi et al. 2016); how many of the true
-normals lie within the stated 68 % and 95 % angles, and Spearman's correlation of stated and true error; the relative
-error of photographs that were left out, each as root mean square, its median, mean and maximum over the photographs, by
-least squares and by the maps; and seconds. The first run in a process compiles; the second is timed.
+normals lie within the stated 68 % and 95 % angles, and Spearman's correlation of stated and true error; the median
+error of the difference of neighbouring normals at borders between statuses, relative to that elsewhere (a seam has far
+more than 1); the relative error of photographs that were left out, each as root mean square, its median, mean and
+maximum over the photographs, by least squares and by the maps; and seconds. The first run in a process compiles; the
+second is timed.
 """
 
 from __future__ import annotations
@@ -97,6 +99,18 @@ def relative(shown: np.ndarray, images: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean((shown - images) ** 2, (1, 2)) / np.mean(images**2, (1, 2)))
 
 
+def seam(maps: ds.TexelMaps, given: Object) -> float:
+    """Return the median error of the difference of neighbours of two statuses, relative to that of other neighbours."""
+    wrong = maps.values["normal"] - given.truth / np.linalg.norm(given.truth, axis=-1, keepdims=True)
+    changes, off = [], []
+    for here, there in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        both = given.mask[here] & given.mask[there]
+        changes.append((maps.status[here] != maps.status[there])[both])
+        off.append(np.linalg.norm(wrong[here] - wrong[there], axis=-1)[both])
+    change, error = np.concatenate(changes), np.concatenate(off)
+    return float(np.median(error[change]) / np.median(error[~change])) if change.any() else 0.0
+
+
 def line(given: Object, light_error: float | None) -> list[str]:
     """Fit an object and return its line of the table."""
     mask, truth = given.mask, given.truth[given.mask]
@@ -128,6 +142,7 @@ def line(given: Object, light_error: float | None) -> list[str]:
         " ".join(f"{x:g}" for x in by_name) if by_name else "",
         f"{within[0]:.0%} {within[1]:.0%}",
         f"{rank:.2f}",
+        f"{seam(maps, given):.2f}",
         " ".join(f"{x:.3f}" for x in (np.median(plain), plain.mean(), plain.max())),
         " ".join(f"{x:.3f}" for x in (np.median(ours), ours.mean(), ours.max())),
         f"{seconds:.1f}",
@@ -144,7 +159,7 @@ def main(folders: tuple[Path, ...], twelve: bool, light_error: float | None) -> 
     table = Table(box=None)
     for head in (
         "object", "views", "LS", "ours mean / median", "known", "published LS, classical, HS17, learned", "68 95",
-        "rank", "left out, LS", "left out, ours", "s", "texels/s",
+        "rank", "seam", "left out, LS", "left out, ours", "s", "texels/s",
     ):  # fmt: skip
         table.add_column(head)
     for folder in folders:

@@ -23,7 +23,7 @@ from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
 from .learning import ObjectModel
 from .observations import Observed, observe, reflectances
-from .robust_descent import State, Weighing, around, begin, descend, lowest, system
+from .robust_descent import Local, State, Weighing, around, begin, descend, lowest, system
 
 FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
 REWEIGHTINGS = 3
@@ -44,8 +44,10 @@ class Normals(NamedTuple):
     """Number of observations that count and that a light reaches."""
     plane: Float[Array, " texels"]
     """Sine by which the lights that reach a texel leave one plane."""
-    facing: Float[Array, " texels"]
-    """Cosine of the angle to the camera."""
+    by_bounce: Float[Array, " texels"]
+    """By how much bounced light turns the normal, radians, if it is as bright as where no light should be."""
+    brighter: Float[Array, " texels"]
+    """Share of the observations that are brighter than the model and believed less than half, with one more of them."""
 
 
 class Coefficients(NamedTuple):
@@ -137,8 +139,28 @@ def _with_spread(
         by_lights = _by_lights(observed, model.shape, weighing, state, A, here.J, here.weight, light_error)
     n = jnp.stack([state.n.x, state.n.y, state.n.z])
     lit = jnp.sum(reached, 0, dtype=jnp.float32)
-    facing = dot(state.n, jax.tree.map(lambda c: jnp.asarray(c, jnp.float32), block.v))
-    return Normals(n, spread, by_lights, lit, out_of_plane(S), jnp.broadcast_to(facing, lit.shape))
+    turned_by = by_bounce(observed, model, state, A, here)
+    return Normals(n, spread, by_lights, lit, out_of_plane(S), turned_by, _brighter(observed, here))
+
+
+def by_bounce(
+    observed: Observed, model: ObjectModel, state: State, A: list[list[Array]], here: Local
+) -> Float[Array, " texels"]:
+    """Return by how much the normals turn, to first order, where each light also arrives from around the camera.
+
+    What surrounds a texel is lit like a surface that faces the camera, and the texel reflects it like light.
+    """
+    reflected = state.k_d + state.k_s * model.shape.albedo
+    bounced = model.bounced * reflected[None] * observed.lights.facing_camera()
+    turn = solve(A, [jnp.sum(here.weight * column * bounced, 0) for column in here.J])
+    return jnp.sqrt(turn[0] ** 2 + turn[1] ** 2)
+
+
+def _brighter(observed: Observed, here: Local) -> Float[Array, " texels"]:
+    """Return the share of the observations that are brighter than the model and doubted, with one more of them."""
+    doubted = observed.counts & (here.residual < 0.0) & (here.weight < 0.5 * observed.trust)
+    number = jnp.sum(observed.counts, 0, dtype=jnp.float32)
+    return (jnp.sum(doubted, 0, dtype=jnp.float32) + 1.0) / jnp.maximum(number, 1.0)
 
 
 def _by_lights(

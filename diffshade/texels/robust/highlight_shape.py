@@ -37,6 +37,14 @@ class HighlightShape(eqx.Module):
         return value, slope / jnp.maximum(cosine, 1e-3)
 
     @property
+    def albedo(self) -> Array:
+        """The share of light from all around that it reflects, relative to a k_d of the same size, for Blinn's lobe.
+
+        A solid angle around h is a quarter of that around l, so that a power p reflects 8 pi / (p + 2) of it.
+        """
+        return jnp.asarray(self.weight) @ (8.0 / (jnp.asarray(EXPONENTS, jnp.float32) + 2.0))
+
+    @property
     def lobes(self) -> tuple[tuple[float, float], ...]:
         """The weight and the exponent of each power that takes part."""
         return tuple((float(w), p) for w, p in zip(np.asarray(self.weight), EXPONENTS, strict=True) if w > 0.0)

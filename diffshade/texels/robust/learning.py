@@ -40,6 +40,8 @@ class ObjectModel(eqx.Module):
     """Typical residual relative to the level of a texel."""
     absolute_misfit: Float[Array, ""]
     """Typical residual where no light should be, as a reflectance."""
+    bounced: Float[Array, ""]
+    """The same relative to the level of the typical texel."""
     brightest: Float[Array, ""]
     """k_s of the brightest highlights seen; infinite where too few are seen."""
     loss: str = eqx.field(static=True)
@@ -53,7 +55,7 @@ class ObjectModel(eqx.Module):
 def first_model(loss: str) -> ObjectModel:
     """Return the model that learning begins with."""
     return ObjectModel(
-        first_shape(), *(np.asarray(number, np.float32) for number in (FIRST_MISFIT, 0.0, np.inf)), loss=loss
+        first_shape(), *(np.asarray(number, np.float32) for number in (FIRST_MISFIT, 0.0, 0.0, np.inf)), loss=loss
     )
 
 
@@ -101,9 +103,8 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
     brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
-    return ObjectModel(
-        shape, *(np.asarray(number, np.float32) for number in (relative, absolute, brightest)), loss=model.loss
-    )
+    numbers = relative, absolute, absolute / float(np.median(texels.level)), brightest
+    return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
 
 
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:

@@ -66,10 +66,10 @@ def scatter_of(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]
     return np.where(mask, np.sqrt(np.maximum(1.0 - sum(m * m for m in mean), 1e-8)), 0.0)
 
 
-def root_mean_square(values: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Return the root mean square of the values around each texel, 0 outside."""
+def mean_around(values: Float[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Return the mean of values, none of them negative, around each texel, 0 outside."""
     share = np.maximum(_box(mask.astype(np.float64), MISFIT_SIDE), 1e-9)
-    return np.where(mask, np.sqrt(np.maximum(_box(np.where(mask, values, 0.0) ** 2, MISFIT_SIDE), 0.0) / share), 0.0)
+    return np.where(mask, np.maximum(_box(np.where(mask, values, 0.0), MISFIT_SIDE), 0.0) / share, 0.0)
 
 
 def _box(values: Float[np.ndarray, "h w"], side: int) -> Float[np.ndarray, "h w"]:

@@ -59,6 +59,10 @@ class Lights(eqx.Module):
             found += [jnp.where(lit, dn_l, 0.0), jnp.where(lit & inside, by_cosine * dcosine, 0.0)]
         return tuple(map(self._sum, found))
 
+    def facing_camera(self) -> Float[Array, "views _"]:
+        """Return what each view's lights show of a surface that faces the camera."""
+        return self._sum(jnp.maximum(dot(self.l, self.v), 0.0))
+
     def reach(self, n: Vec3) -> Bool[Array, "views texels"]:
         """Return in which views a light reaches the texels."""
         return self._sum(jnp.where(self._cosines(n)[0], 1.0, 0.0)) > 0.0

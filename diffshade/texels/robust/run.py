@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Float16, Int
 
+from ...core.fields import Array
 from ...model.lobes import Blinn
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
@@ -31,8 +32,8 @@ from .block_fits import (
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
 from .learning import ObjectModel, first_model, learned
-from .neighbours import MARGIN, geometric_median, grid_of, root_mean_square, scatter_of
-from .stated_errors import state_errors
+from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_of
+from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
 LEARNING_SAMPLE = 2048
@@ -40,17 +41,15 @@ FIRST_ROUNDS, ROUNDS = 4, 5  # with each lobe on a part of the sample, then with
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
 BETTER_LOBE = 0.85
-MISFIT_POWER = 1 / 3  # of a texel's misfit in its spread; the rest is the scatter of its neighbours
 LEAST_LEVEL = 1e-4  # of the brightest reflectance: a texel that shows less on average shows nothing
-LEAST_FACING = 0.2  # cosine to the camera below which a spread grows no further
-WORST = np.pi / 2  # largest spread of a normal
+WORST = np.pi / 2  # largest turn of a normal
 
 
 class _Scratch(NamedTuple):
     """What a tile writes beside its maps."""
 
-    spread: Float[np.ndarray, "h w 4"]
-    """Of the normal, k_d and k_s, and that of the normal by the lights."""
+    spread: Float[np.ndarray, "h w columns"]
+    """What the errors follow from, see `SpreadColumns`."""
     doubts: Float[np.ndarray, "views cells 2"]
     """Numbers of observations of each view and cell: the doubted ones, and all."""
     unexplained: Float16[np.ndarray, "h w _"] | None
@@ -125,7 +124,7 @@ class RobustRun(TexelWork):
         """
         tiles, store, reader = self.tiles, self.tiles.store, self.tiles.reader
         arrays = MapArrays(store, ("k_d", "k_s", "n_s", "normal"), reader.shape, reader.channels)
-        spread = store.array("spread", (*reader.shape, 4), np.float32)
+        spread = store.array("spread", (*reader.shape, COLUMNS), np.float32)
         doubts = store.array("doubts", (tiles.count, len(reader.views), CELLS * CELLS, 2), np.float32)
         shared = self._shared(models, sample)
         unexplained = None
@@ -201,16 +200,23 @@ class RobustRun(TexelWork):
             return coefficients_of(self.setup, self.known, block, model, n, shared.brightest, shared.taken)
 
         k = self.each(part, coefficients, shared.refined, np.ascontiguousarray(normal, np.float32))
-        misfit = root_mean_square(grid.image(np.minimum(found.spread[:1], WORST).T)[..., 0], grid.mask)
-        misfit = misfit[grid.row, grid.column][own]
+
+        def around(each: Float[Array, " n"]) -> Float[np.ndarray, " m"]:
+            return mean_around(grid.image(each[:, None])[..., 0], grid.mask)[grid.row, grid.column][own]
+
+        misfit, brighter = np.sqrt(around(np.minimum(found.spread[0], WORST) ** 2)), around(found.brighter)
+        scatter = np.ones(len(own))
         if self.neighbours:
-            around = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
-            misfit = misfit**MISFIT_POWER * around ** (1.0 - MISFIT_POWER)
-        facing = np.maximum(found.facing[own], LEAST_FACING)
-        flat = scratch.spread.reshape(-1, 4)
-        flat[part.pixels] = np.stack(
-            [np.minimum(misfit / facing, WORST), *(found.spread[1:, own]), found.by_lights[own]], -1
-        )
+            scatter = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
+        flat = scratch.spread.reshape(-1, COLUMNS)
+        flat[part.pixels] = SpreadColumns(
+            misfit * brighter,
+            scatter,
+            np.minimum(found.by_bounce[own], WORST) * brighter,
+            np.asarray(found.spread[1, own]),
+            np.asarray(found.spread[2, own]),
+            np.asarray(found.by_lights[own]),
+        ).stacked()
         lit, plane = found.lit[own], found.plane[own]
         unknown = (plane < COPLANAR) | (k.level < LEAST_LEVEL * shared.brightest)
         flat[part.pixels[unknown | (lit < LEAST_LIT_WITH_NORMAL)]] = np.inf

@@ -1,17 +1,26 @@
-"""Stated errors: what the spreads of the texels become once fits to parts of the lights say how large they are."""
+r"""Stated errors: what the spreads of the texels become once fits to parts of the lights say how large they are.
+
+$$ spread^2 = b^2 ((misfit \cdot scatter / typical)^2 + bounce^2) $$
+
+misfit is the error by the curvature of the cost, scatter that of the normals around a texel, larger in relief, whose
+shadows and bounced light no texel knows of; bounce is what the misfit does not show: how far bounced light turns a
+normal that it fits. b is the share of the observations around that are brighter than the model.
+"""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..blocks import TexelBlock
 from ..map_arrays import MapArrays
 from ..status import DETERMINED, MAX_NORMAL_ERROR, NO_HIGHLIGHT, OUTSIDE, UNDETERMINED
 from ..tiles import TexelTile
 from .block_fits import Turned, turned
-from .calibration import Spreads, calibrated, parts_of
+from .calibration import Division, Spreads, calibrated, division_of
 from .learning import ObjectModel
 from .texel_work import Shared, TexelWork
 
@@ -21,59 +30,88 @@ LEAST_SHARE = 0.05  # of the grey error that a channel has at least
 ANGLE_68 = float(np.sqrt(-2.0 * np.log(0.32)))  # standard deviations about two axes within which 68 % lie
 
 
+class SpreadColumns(NamedTuple):
+    """What is kept of each texel for its errors, infinite where nothing is known."""
+
+    misfit: Float[np.ndarray, "..."]
+    """Of the normal by the misfit around and the curvature, times b."""
+    scatter: Float[np.ndarray, "..."]
+    bounce: Float[np.ndarray, "..."]
+    """Turn of the normal by bounced light, times b."""
+    k_d: Float[np.ndarray, "..."]
+    k_s: Float[np.ndarray, "..."]
+    by_lights: Float[np.ndarray, "..."]
+    """Standard deviation of the normal that follows from the errors of the lights, radians."""
+
+    def stacked(self) -> Float[np.ndarray, "... columns"]:
+        """Return the columns as one array."""
+        return np.stack(self, -1)
+
+    def of_normal(self, typical: float) -> Float[np.ndarray, "..."]:
+        """Return the spread of the normals, given the scatter of the typical texel."""
+        return np.hypot(self.misfit * (self.scatter / typical), self.bounce)
+
+
+COLUMNS = len(SpreadColumns._fields)
+
+
 def state_errors(
-    work: TexelWork, shared: Shared, arrays: MapArrays, spread: Float[np.ndarray, "h w 4"]
+    work: TexelWork, shared: Shared, arrays: MapArrays, spread: Float[np.ndarray, "h w columns"]
 ) -> dict[str, float]:
     """Turn spreads into errors; return how many errors hold the truth 95 % of the time."""
     sample = work.tiles.reader.sample(CALIBRATION_SAMPLE)
-    parts = parts_of(work.toward(sample))
+    division = division_of(work.toward(sample))
 
     def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> Turned:
-        return turned(work.setup, work.known, block, model, parts)
+        return turned(work.setup, work.known, block, model, division.parts)
 
     found = work.each(sample, program, shared.models)
-    there = spread.reshape(-1, 4)[sample.pixels].T
+    there = SpreadColumns(*spread.reshape(-1, COLUMNS)[sample.pixels].T)
+    known = np.isfinite(there.scatter)
+    typical = float(np.median(there.scatter[known])) if known.any() else 1.0
     held = {
-        "normal": calibrated(found.angle, there[0], found.reached),
-        "k_d": calibrated(np.abs(found.k_d), there[1], found.reached),
-        "k_s": calibrated(np.abs(found.k_s), there[2], found.reached),
+        "normal": calibrated(found.angle, there.of_normal(typical), found.reached, division),
+        "k_d": calibrated(np.abs(found.k_d), there.k_d, found.reached, division),
+        "k_s": calibrated(np.abs(found.k_s), there.k_s, found.reached, division),
     }
     held["k_s"] = held["k_s"]._replace(errors=max(held["k_s"].errors, 1.0))  # most texels show little of theirs
     region = work.region_of(sample.pixels)
     exponents = np.array(
         [
-            _exponent_error(work, sample.part(np.flatnonzero(region == r)), m, parts)
+            _exponent_error(work, sample.part(np.flatnonzero(region == r)), m, division)
             for r, m in enumerate(shared.refined)
         ]
     )
     for t in work.tiles.own:
         rows = slice(*work.tiles.rows_of(t))
-        _write_errors(work, arrays.arrays, spread, held, exponents, rows)
+        here = SpreadColumns(*np.moveaxis(spread[rows], -1, 0))
+        _write_errors(work, arrays.arrays, here, typical, held, exponents, rows)
     return {name: one.times_95 for name, one in held.items()}
 
 
 def _write_errors(
     work: TexelWork,
     values: dict[str, np.ndarray],
-    spread: Float[np.ndarray, "h w 4"],
+    here: SpreadColumns,
+    typical: float,
     held: dict[str, Spreads],
     exponents: Float[np.ndarray, " regions"],
     rows: slice,
 ) -> None:
     """Write the errors of some rows, and what they show not to be known into the status."""
-    status, here = values["status"][rows, :, 0], spread[rows]
+    status = values["status"][rows, :, 0]
     inside = status != OUTSIDE
     with np.errstate(invalid="ignore", over="ignore"):
-        normal = np.rad2deg(np.hypot(here[..., 0] * held["normal"].errors, here[..., 3] * ANGLE_68))
+        normal = np.rad2deg(np.hypot(here.of_normal(typical) * held["normal"].errors, here.by_lights * ANGLE_68))
         errors = {"normal": np.where(normal <= 90.0, normal, np.inf)[..., None]}
-        for i, name in ((1, "k_d"), (2, "k_s")):
+        for name, own in (("k_d", here.k_d), ("k_s", here.k_s)):
             value = values[name][rows]
             grey = value.mean(-1, keepdims=True)
             share = np.where(grey > 0.0, value / np.where(grey > 0.0, grey, 1.0), 1.0)  # errs as it reflects
-            errors[name] = here[..., i, None] * held[name].errors * np.maximum(share, LEAST_SHARE)
+            errors[name] = own[..., None] * held[name].errors * np.maximum(share, LEAST_SHARE)
     pixels = np.arange(rows.start * status.shape[1], rows.stop * status.shape[1])
     exponent = exponents[work.region_of(pixels)].reshape(status.shape)
-    relative = np.where(np.isinf(here[..., 0]), np.inf, exponent)
+    relative = np.where(np.isinf(here.misfit), np.inf, exponent)
     errors["n_s"] = (np.where(inside, relative, 0.0) * np.maximum(values["n_s"][rows, :, 0], 1.0))[..., None]
     for name, error in errors.items():
         values[f"{name}_error"][rows] = np.where(inside[..., None], np.where(np.isnan(error), np.inf, error), 0.0)
@@ -83,9 +121,7 @@ def _write_errors(
     status[((status == DETERMINED) | (status == NO_HIGHLIGHT)) & large] = UNDETERMINED
 
 
-def _exponent_error(
-    work: TexelWork, sample: TexelTile, model: ObjectModel, parts: Bool[np.ndarray, "parts views"]
-) -> float:
+def _exponent_error(work: TexelWork, sample: TexelTile, model: ObjectModel, division: Division) -> float:
     """Return the relative error of n_s: by how much it changes when parts of the views alone are learned from.
 
     The powers of the shape are a factor of 2 apart, so that no n_s is known better than to a part of that.
@@ -93,8 +129,8 @@ def _exponent_error(
     if np.isinf(float(model.brightest)) or not len(sample.pixels):
         return np.inf
     changes = []
-    for part in parts:
+    for part in division.parts[: division.first]:
         of_part = eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & part[:, None])
         other = work.refined(model, of_part, rounds=2)
         changes.append(abs(np.log(other.shape.exponent / model.shape.exponent)))
-    return float(np.hypot(np.expm1(np.sqrt(len(parts) - 1.0) * max(changes)), LEAST_EXPONENT_ERROR))
+    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * max(changes)), LEAST_EXPONENT_ERROR))
