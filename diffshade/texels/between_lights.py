@@ -3,18 +3,17 @@ r"""Between lights: photographs under lights that no view had, as the views of t
 At a light between those of the views a shadow or a highlight is there or not, where any interpolation is halfway. Each
 view is left out in turn, and a small network learns from many texels how to correct what the others say of it:
 
-$$ shown(l) = model(l) + u(l) + f(x), $$
+$$ shown(l) = model(l) + u(l) + \sigma(l) f(x), $$
 
-u is interpolated (kriging); x holds the model, model + u, a spline through the others (Duchon 1977), the nearest of
-them, their mean and their largest. One f serves all texels and lights, so that many materials teach it (as in neural
-RTI, Dulecha et al. 2020, whose network has the place of the model). It is kept only if it predicts views and texels
-from which it has not learned better.
+u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views; x holds the
+model, model + u, a spline through the others (Duchon 1977), the nearest of them, their mean and their largest. One f
+serves all texels and lights, so that many materials teach it (as in neural RTI, Dulecha et al. 2020, whose network has
+the place of the model). It is kept only if it predicts views and texels from which it has not learned better.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -23,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from .unexplained import LEAST_GAIN, Smoothing
 
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
@@ -30,11 +30,6 @@ SPACING = 0.5  # between new lights, relative to that between the views' lights
 HIDDEN, NETWORKS = (16, 16), 4  # units of each layer; networks that start from other numbers, whose mean is taken
 STEPS, BATCH, RATE = 1500, 2048, 1e-2
 MOST_SAMPLES = 1 << 18
-LEAST_GAIN = 0.02  # share by which residuals of views that were left out must become smaller
-
-
-# From directions to lights, and one to another light, to the weights of what is seen under the former
-Weights = Callable[[Float[np.ndarray, "seen 3"], Float[np.ndarray, "3"]], Float[np.ndarray, " seen"]]
 
 
 class Neighbours(NamedTuple):
@@ -48,6 +43,8 @@ class Neighbours(NamedTuple):
     """Weights of the views in a spline through them."""
     kriging: Float[Array, "lights seen"]
     """Weights of the residuals of the views."""
+    spread: Float[Array, " lights"]
+    """Standard error of what the residuals say, relative to their size: by how much a light lies apart."""
 
 
 class Network(NamedTuple):
@@ -88,7 +85,7 @@ class BetweenLights(NamedTuple):
             neighbours, here = new
             x, expected = _inputs(neighbours, beyond, seen, here)
             correction = self.network(x.reshape(-1, x.shape[-1])).reshape(here.shape)
-            return expected + correction - here
+            return expected + neighbours.spread * correction - here
 
         new = jax.lax.map(under, (self.neighbours, model[views:]))
         return jnp.concatenate([beyond, new.astype(beyond.dtype)])
@@ -98,7 +95,7 @@ def learned_between(
     toward: Float[np.ndarray, "views 3"],
     beyond: Float[np.ndarray, "views channels texels"],
     model: Float[np.ndarray, "views channels texels"],
-    kriging: Weights,
+    smoothing: Smoothing,
 ) -> BetweenLights | None:
     """Return how photographs under lights between those of the views are predicted, None where no way was learned.
 
@@ -106,7 +103,7 @@ def learned_between(
         toward: Unit vectors to the light of each view.
         beyond: What some texels show beyond the model, as a reflectance.
         model: The model's reflectance.
-        kriging: How residuals are interpolated.
+        smoothing: How residuals are interpolated.
     """
     views, channels, texels = beyond.shape
     new = lights_between(toward)
@@ -115,9 +112,9 @@ def learned_between(
     every = max(1, -(-views * channels * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     others = np.stack([np.delete(np.arange(views), v) for v in range(views)])
-    left_out = _neighbours(toward, toward, others, kriging)
+    left_out = _neighbours(toward, toward, others, smoothing)
     x, expected = jax.device_get(_of_views(left_out, beyond, model))
-    off = beyond + model - expected
+    off = (beyond + model - expected) / left_out.spread[:, None, None]
     half = np.zeros(off.shape, int)  # views, and texels, of two halves
     half[1::2] += 1
     half[..., 1::2] += 1
@@ -126,7 +123,7 @@ def learned_between(
     tried = off[judged] - np.asarray(_network(x, off, half == 0)(x[judged]))
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[judged] ** 2):
         return None
-    asked = _neighbours(toward, new, np.broadcast_to(np.arange(views), (len(new), views)), kriging)
+    asked = _neighbours(toward, new, np.broadcast_to(np.arange(views), (len(new), views)), smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
     return BetweenLights(everywhere, asked, _network(x, off, half >= 0))
 
@@ -149,17 +146,17 @@ def _neighbours(
     toward: Float[np.ndarray, "views 3"],
     lights: Float[np.ndarray, "lights 3"],
     views: Int[np.ndarray, "lights seen"],
-    kriging: Weights,
+    smoothing: Smoothing,
 ) -> Neighbours:
     """Return what some views say of each light."""
     seen = toward[views]
     order = np.argsort(np.linalg.norm(seen - lights[:, None], axis=-1), axis=-1, kind="stable")
     nearest = np.take_along_axis(views, order[:, :NEAREST], -1)
-    spline, residual = (
-        np.stack([weights(s, l) for s, l in zip(seen, lights, strict=True)]).astype(np.float32)
-        for weights in (_spline, kriging)
+    spline, kriging, spread = (
+        np.stack([of(s, l) for s, l in zip(seen, lights, strict=True)]).astype(np.float32)
+        for of in (_spline, smoothing.weights, smoothing.spread)
     )
-    return Neighbours(views, nearest, spline, residual)
+    return Neighbours(views, nearest, spline, kriging, spread)
 
 
 def _spline(seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> Float[np.ndarray, " seen"]:

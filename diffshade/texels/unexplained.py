@@ -114,6 +114,10 @@ class Smoothing(NamedTuple):
         """Return the weights of residuals under lights that are seen, for another light."""
         return np.linalg.solve(_noisy(seen, *self), _kernel(seen, light[None], self.width)[:, 0])
 
+    def spread(self, seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> float:
+        """Return the standard error of the residual under another light, relative to the size of residuals."""
+        return float(np.sqrt(1.0 - self.weights(seen, light) @ _kernel(seen, light[None], self.width)[:, 0]))
+
 
 def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]) -> Smoothing | None:
     """Return the smoothing that predicts views best from the others, or None if none predicts them better than 0.

@@ -207,7 +207,7 @@ class RobustRun(TexelWork):
             )
 
         shown = under(toward)
-        between = learned_between(toward, shown.beyond, shown.model, smoothing.weights)
+        between = learned_between(toward, shown.beyond, shown.model, smoothing)
         if between is None:
             return None
         return between, np.asarray(between.beyond(shown.beyond, under(between.toward).model)).mean(1)
