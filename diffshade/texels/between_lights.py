@@ -93,8 +93,8 @@ class BetweenLights(NamedTuple):
 
 def learned_between(
     toward: Float[np.ndarray, "views 3"],
-    beyond: Float[np.ndarray, "views channels texels"],
-    model: Float[np.ndarray, "views channels texels"],
+    beyond: Float[Array, "views channels texels"],
+    model: Float[Array, "views channels texels"],
     smoothing: Smoothing,
 ) -> BetweenLights | None:
     """Return how photographs under lights between those of the views are predicted, None where no way was learned.

@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Float16, Int
 
+from ...core.fields import Array
 from ...model.lobes import Blinn
 from ..between_lights import BetweenLights, learned_between
 from ..blocks import TexelBlock
@@ -199,7 +200,7 @@ class RobustRun(TexelWork):
         """
         self.tiles.report_progress("learning what is between the lights")
 
-        def under(toward: Float[np.ndarray, "lights 3"]) -> Shown:
+        def under(toward: Float[Array, "lights 3"]) -> Shown:
             return self.each(
                 sample,
                 lambda block, model, _: shown_by(self.setup, self.known, block, model, brightest, toward),
