@@ -5,6 +5,7 @@ $$ u(l) = k(l)^T (K + \lambda)^{-1} r, \quad K_{ij} = k(|l_i - l_j| / width) $$
 r is the residual of a texel in every view, as a reflectance. Shadows, bounced light and what the shared highlight
 cannot be move little between lights that are near one another; far from all of them u is 0. Width and lambda are those
 that predict each view best from the others (Krige 1951; Rasmussen and Williams 2006, eq. 2.23, with a Matern kernel).
+Where `between_lights` has learned what is shown under further lights, r has these too.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ WIDTHS = (0.1, 0.2, 0.4, 0.8)  # in units of a unit vector's change
 NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
 LEAST_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
 MOST_BYTES = 100e6  # of all texels' parts, where more than the least are kept
+PARTS_OF_VIEW = 2  # parts that are kept at most for each view: more lights than these were learned of
 LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
-LEAST_SPREAD = 1e-6  # of a combination of views, relative to the largest
+LEAST_SPREAD = 1e-6  # of a combination of lights, relative to the largest
 
 
 class Interpolation(NamedTuple):
@@ -97,40 +99,62 @@ class Unexplained(NamedTuple):
         return toward / (np.linalg.norm(toward) or 1.0), arriving
 
 
-def most_parts(numbers: int) -> int:
+def most_parts(numbers: int, views: int) -> int:
     """Return how many parts are kept of so many residuals of each view: texels times channels."""
-    return max(LEAST_PARTS, int(MOST_BYTES / (np.float16(0).itemsize * numbers)))
+    return max(LEAST_PARTS, min(PARTS_OF_VIEW * views, int(MOST_BYTES / (np.float16(0).itemsize * numbers))))
 
 
-def interpolation_of(
-    toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"], parts: int
-) -> Interpolation | None:
-    """Return the interpolation that predicts views best from the others, or None if none predicts them better than 0.
+class Smoothing(NamedTuple):
+    """How far residuals are alike from light to light, and how much of them is noise."""
+
+    width: float
+    noise: float
+
+    def weights(self, seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> Float[np.ndarray, " seen"]:
+        """Return the weights of residuals under lights that are seen, for another light."""
+        return np.linalg.solve(_noisy(seen, *self), _kernel(seen, light[None], self.width)[:, 0])
+
+    def spread(self, seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> float:
+        """Return the standard error of the residual under another light, relative to the size of residuals."""
+        return float(np.sqrt(1.0 - self.weights(seen, light) @ _kernel(seen, light[None], self.width)[:, 0]))
+
+
+def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]) -> Smoothing | None:
+    """Return the smoothing that predicts views best from the others, or None if none predicts them better than 0.
 
     Args:
         toward: Unit vectors to the light of each view.
         residual: What some texels show beyond the model, as a reflectance.
-        parts: How many numbers may be kept of a texel's residuals.
     """
     residual = np.asarray(residual, np.float64)
-    size, best = float(np.mean(residual**2)), np.inf
-    chosen = (WIDTHS[0], NOISES[-1])
+    size, best, chosen = float(np.mean(residual**2)), np.inf, None
     for width, noise in itertools.product(WIDTHS, NOISES):
         inverse = np.linalg.inv(_noisy(toward, width, noise))
         left_out = (inverse @ residual) / np.diag(inverse)[:, None]  # what each view has beyond the others' prediction
         error = float(np.mean(left_out**2))
         if error < best:
-            best, chosen = error, (width, noise)
-    if not 0.0 < best <= (1.0 - LEAST_GAIN) ** 2 * size:
-        return None
-    # Of all combinations of views, keep those in which the interpolated light is largest
-    width, noise = chosen
-    spread, axes = np.linalg.eigh(_kernel(toward, toward, width))
-    root = np.sqrt(np.maximum(spread, LEAST_SPREAD * spread[-1]))
-    smooth = (axes * root).T @ np.linalg.inv(_noisy(toward, width, noise))
-    light = smooth @ residual
+            best, chosen = error, Smoothing(width, noise)
+    return chosen if 0.0 < best <= (1.0 - LEAST_GAIN) ** 2 * size else None
+
+
+def interpolation_of(
+    toward: Float[np.ndarray, "lights 3"], residual: Float[Array, "lights texels"], smoothing: Smoothing, parts: int
+) -> Interpolation:
+    """Return the interpolation between lights: of all their combinations, those of which most light is made are kept.
+
+    Args:
+        toward: Unit vectors to the lights.
+        residual: What some texels show beyond the model, as a reflectance.
+        smoothing: How far it is alike from light to light.
+        parts: How many numbers may be kept of a texel's residuals.
+    """
+    K = _kernel(toward, toward, smoothing.width)
+    smooth = K @ np.linalg.inv(
+        _noisy(toward, *smoothing)
+    )  # from residuals to the interpolated light at the same lights
+    light = smooth @ np.asarray(residual, np.float64)
     largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :parts]
-    return Interpolation(toward, width, largest.T @ smooth, (axes / root) @ largest)
+    return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, LEAST_SPREAD) @ largest)
 
 
 def _noisy(toward: Float[np.ndarray, "views 3"], width: float, noise: float) -> Float[np.ndarray, "views views"]:

@@ -24,7 +24,7 @@ from diffshade.texels.robust.neighbours import geometric_median, scatter_of
 from diffshade.texels.robust.observations import Lights, Observed
 from diffshade.texels.robust.robust_descent import around, system
 from diffshade.texels.robust.stated_errors import COLUMNS, SpreadColumns
-from diffshade.texels.unexplained import interpolation_of
+from diffshade.texels.unexplained import interpolation_of, smoothing_of
 from tests.support.measured import measured
 from tests.support.textured import angle, facing_us, lights_about, textured_ball
 
@@ -385,9 +385,10 @@ def test_residuals_are_interpolated_only_where_they_repeat():
     lights, rng = lights_about(40), np.random.default_rng(0)
     smooth = np.stack([lights @ rng.standard_normal(3) for _ in range(200)], 1)
     noise = 0.1 * rng.standard_normal(smooth.shape)
-    assert interpolation_of(lights, noise, 9) is None
-    found = interpolation_of(lights[::2], (smooth + noise)[::2], 9)
-    assert found is not None
+    assert smoothing_of(lights, noise) is None
+    smoothing = smoothing_of(lights[::2], (smooth + noise)[::2])
+    assert smoothing is not None
+    found = interpolation_of(lights[::2], (smooth + noise)[::2], smoothing, 9)
     shown = np.stack([found.weights(l) for l in lights[1::2]]) @ found.taken @ (smooth + noise)[::2]
     inner = lights[1::2, 2] > 0.6
     assert np.sqrt(np.mean((shown - smooth[1::2])[inner] ** 2)) < 0.1

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...model.vectors import Vec3, dot
+from ..between_lights import BetweenLights
 from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
@@ -22,7 +23,7 @@ from ..prediction import KnownCoefficients
 from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
 from .learning import ObjectModel
-from .observations import Observed, observe, reflectances
+from .observations import Lights, Observed, observe, reflectances
 from .robust_descent import Local, State, Weighing, around, begin, descend, lowest, system
 
 FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
@@ -231,7 +232,8 @@ def coefficients_of(
     model: ObjectModel,
     n: Float[Array, "3 texels"],
     brightest: Float[Array, ""],
-    taken: Float[Array, "parts views"] | None,
+    taken: Float[Array, "parts lights"] | None,
+    between: BetweenLights | None = None,
 ) -> Coefficients:
     """Return k_d and k_s of each channel for normals that are known, by reweighted squares.
 
@@ -243,6 +245,7 @@ def coefficients_of(
         n: The normals.
         brightest: The largest k_s: no highlight is taken to be brighter than the brightest thing that was seen.
         taken: What is kept of the residuals of a texel, as products with them.
+        between: How residuals under further lights are predicted; None where there are only those of the views.
     """
     observed = observe(setup, known, block)
     weighing = model.weighing(observed.level)
@@ -271,8 +274,44 @@ def coefficients_of(
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
     doubted = observed.counts & (jnp.abs(here.residual) > DOUBTED * weighing.scale[None])
+    if between is not None:
+        beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, state.n, k_d, k_s))
     kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
     return Coefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, kept)
+
+
+class Shown(NamedTuple):
+    """What the model has under some lights, and what the views show beyond it, as reflectances."""
+
+    model: Float[Array, "lights channels texels"]
+    beyond: Float[Array, "views channels texels"]
+
+
+@jax.jit
+def shown_by(
+    setup: LightingSetup,
+    known: KnownCoefficients,
+    block: TexelBlock,
+    model: ObjectModel,
+    brightest: Float[Array, ""],
+    toward: Float[Array, "lights 3"],
+) -> Shown:
+    """Return what the views show beyond the model at the minimum of each texel, and the model under distant lights."""
+    observed = observe(setup, known, block)
+    n = lowest_state(observed, model).n
+    every = jnp.eye(len(observed.y), dtype=jnp.float32)
+    k = coefficients_of(setup, known, block, model, jnp.stack([n.x, n.y, n.z]), brightest, every)
+    assert k.kept is not None
+    return Shown(_under(toward, observed.lights, model.shape, n, k.k_d, k.k_s), jnp.swapaxes(k.kept, 0, 1))
+
+
+def _under(
+    toward: Float[Array, "lights 3"], lights: Lights, shape: HighlightShape, n: Vec3, k_d: Array, k_s: Array
+) -> Float[Array, "lights channels texels"]:
+    """Return the model's reflectance under distant lights."""
+    l = Vec3(*jnp.asarray(toward, jnp.float32).T[..., None, None])
+    D, S = eqx.tree_at(lambda of: of.l, lights, l).shading(shape, n)
+    return k_d[None] * D[:, None] + k_s[None] * S[:, None]
 
 
 class Turned(NamedTuple):

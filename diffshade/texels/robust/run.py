@@ -11,6 +11,7 @@ from jaxtyping import Float, Float16, Int
 
 from ...core.fields import Array
 from ...model.lobes import Blinn
+from ..between_lights import BetweenLights, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
 from ..light_directions import COPLANAR
@@ -21,13 +22,15 @@ from ..prediction import KnownCoefficients
 from ..status import DETERMINED, LEAST_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
-from ..unexplained import Unexplained, interpolation_of, most_parts
+from ..unexplained import NOISES, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
 from .block_fits import (
     Coefficients,
     Normals,
+    Shown,
     coefficients_of,
     normals_of,
     seen_by,
+    shown_by,
 )
 from .disagreement import CELLS, cells_of, disagreements, note_on_disagreements
 from .highlight_shape import EXPONENTS, note_on_lobe
@@ -168,12 +171,45 @@ class RobustRun(TexelWork):
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
         seen = self.each(sample, lambda block, model, _: seen_by(self.setup, self.known, block, model), refined)
         brightest = np.asarray(seen.brightest).max(keepdims=True)[0]
+        toward = self.toward(sample)
+        smoothing = smoothing_of(toward, seen.beyond)
+        if smoothing is None:
+            return Shared(models, refined, brightest, None)
+        between, beyond = self._between(sample, refined, brightest, toward, smoothing) or (None, seen.beyond)
         reader = self.tiles.reader
-        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels)
-        interpolation = interpolation_of(self.toward(sample), seen.beyond, parts)
-        if interpolation is not None:
-            interpolation = interpolation.in_units_of(float(brightest))
-        return Shared(models, refined, brightest, interpolation)
+        parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
+        lights = toward
+        if between is not None:  # what was learned is smooth already
+            lights, smoothing = np.asarray(between.toward, np.float64), smoothing._replace(noise=min(NOISES))
+        interpolation = interpolation_of(lights, beyond, smoothing, parts).in_units_of(float(brightest))
+        return Shared(models, refined, brightest, interpolation, between)
+
+    def _between(
+        self,
+        sample: TexelTile,
+        models: Sequence[ObjectModel],
+        brightest: Float[np.ndarray, ""],
+        toward: Float[np.ndarray, "views 3"],
+        smoothing: Smoothing,
+    ) -> tuple[BetweenLights, Float[np.ndarray, "lights texels"]] | None:
+        """Return what a sample teaches of lights between those of the views, and what it then shows beyond the model.
+
+        The latter is grey. None where nothing was learned.
+        """
+        self.tiles.report_progress("learning what is between the lights")
+
+        def under(toward: Float[Array, "lights 3"]) -> Shown:
+            return self.each(
+                sample,
+                lambda block, model, _: shown_by(self.setup, self.known, block, model, brightest, toward),
+                models,
+            )
+
+        shown = under(toward)
+        between = learned_between(toward, shown.beyond, shown.model, smoothing)
+        if between is None:
+            return None
+        return between, np.asarray(between.beyond(shown.beyond, under(between.toward).model)).mean(1)
 
     def _fit_tile(
         self,
@@ -197,7 +233,8 @@ class RobustRun(TexelWork):
 
         def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> Coefficients:
             assert n is not None
-            return coefficients_of(self.setup, self.known, block, model, n, shared.brightest, shared.taken)
+            kept = (shared.brightest, shared.taken, shared.between)
+            return coefficients_of(self.setup, self.known, block, model, n, *kept)
 
         k = self.each(part, coefficients, shared.refined, np.ascontiguousarray(normal, np.float32))
 

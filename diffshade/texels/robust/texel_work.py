@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..between_lights import BetweenLights
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
@@ -38,6 +39,8 @@ class Shared(NamedTuple):
     """Largest reflectance that was seen."""
     interpolation: Interpolation | None
     """Of what the views show beyond the model."""
+    between: BetweenLights | None = None
+    """What would be shown beyond it under further lights, which are interpolated between too."""
 
     @property
     def taken(self) -> Float[np.ndarray, "parts views"] | None:
