@@ -49,14 +49,8 @@ def _spectrum(fit: Fit, examination: Examination | None, quantity: str, members:
     if len(drawn) < len(bands):
         words += f" {len(bands) - len(drawn)} of the {len(bands)} bands are not determined and left out."
     drawn = drawn[np.argsort(x[drawn], kind="stable")]
-    dots = [
-        (
-            frame.across(x[i]),
-            frame.up(values[i]),
-            f"{quantity}.{bands[i]} = {values[i]:.4g}: {low[i]:.4g} to {high[i]:.4g}",
-        )
-        for i in drawn
-    ]
+    tips = [f"{quantity}.{bands[i]} = {values[i]:.4g}: {low[i]:.4g} to {high[i]:.4g}" for i in drawn]
+    dots = [(frame.across(float(x[i])), frame.up(float(values[i])), tip) for i, tip in zip(drawn, tips, strict=True)]
     return Chart(
         quantity,
         label,
@@ -87,4 +81,4 @@ def _axis(bands: Sequence[str]) -> tuple[str, Vector]:
 def _names(frame: Frame, bands: Sequence[str]) -> Ticks:
     """Return the positions and names of a few bands."""
     shown = np.unique(np.rint(np.linspace(0, len(bands) - 1, min(len(bands), MOST_NAMES))).astype(int))
-    return tuple((frame.across(i), bands[i]) for i in shown)
+    return tuple((frame.across(i), bands[int(i)]) for i in shown)
