@@ -135,13 +135,16 @@ def _typical(scaled: Texels) -> float:
 
 
 def _growth(size: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers) -> float:
-    """Return the power of the distance with which residuals of one photograph grow, by least squares; at least 0."""
+    """Return the power of the distance with which residuals of one photograph grow, by least squares.
+
+    It is from 0 to 1: a shadow's edge moves in proportion to the light.
+    """
     known = size > 0.0
     x, y = np.log(distance[known]), np.log(size[known])
     of = photograph[known]
     number = np.maximum(np.bincount(of), 1)
     x, y = (z - (np.bincount(of, z) / number)[of] for z in (x, y))  # from the mean of the photograph
-    return float(max((x @ y) / (x @ x), 0.0)) if x @ x > 1e-9 else 0.0
+    return float(np.clip((x @ y) / (x @ x), 0.0, 1.0)) if x @ x > 1e-9 else 0.0
 
 
 def _weighted_quantiles(values: Numbers, weights: Numbers) -> Float[np.ndarray, " quantiles"]:

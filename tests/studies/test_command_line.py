@@ -87,6 +87,7 @@ def test_bands_of_photographs_left_out(typed, tmp_path):
     said = typed("fit", folder, "--hold-out", "4", "-o", "ball.toml")
     assert re.search(r"from 9 photographs left out in 8 groups: they hold \d+% of those of the 3 photographs", said)
     assert Path("ball.toml").is_file()
+    assert "% inside bands" in Path("maps/bands.html").read_text(encoding="utf-8")
 
 
 def test_models_are_compared(typed, folder):
