@@ -68,7 +68,7 @@ def examined(name: str, fitting: Callable[[ds.Scene], Fitting], *, normals: bool
     inside = (lower <= image) & (image <= upper)
     bright = counts & (image > 3.0 * np.median([np.asarray(view.image) for view in views], 0))
     normal = np.load(folder / "normal_gt.npy")
-    toward = np.loadtxt(folder / "light_directions.txt")[[int(np.ravel(view.lit)[0]) for view in others]]
+    toward = np.loadtxt(folder / "light_directions.txt")[[light for view in others for light in view.lit or ()]]
     cosine = np.einsum("hwc,vc->vhw", normal, toward)[..., None]
     grazing = counts & (np.abs(cosine) < np.sin(np.deg2rad(10.0)))
     constant = interval_score(image, np.array(flat) - width, np.array(flat) + width)
