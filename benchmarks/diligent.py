@@ -101,7 +101,8 @@ def relative(shown: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 def seam(maps: ds.TexelMaps, given: Object) -> float:
     """Return the median error of the difference of neighbours of two statuses, relative to that of other neighbours."""
-    wrong = maps.values["normal"] - given.truth / np.linalg.norm(given.truth, axis=-1, keepdims=True)
+    length = np.linalg.norm(given.truth, axis=-1, keepdims=True)
+    wrong = maps.values["normal"] - given.truth / np.where(length > 0, length, 1.0)  # 0 outside the mask
     changes, off = [], []
     for here, there in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         both = given.mask[here] & given.mask[there]
