@@ -19,7 +19,7 @@ LARGEST = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50
 PARALLEL = 1e10  # condition number beyond which rays do not meet
 CORE = 0.6  # radius of the discs that a highlight without streaks is made of, over its largest disc's
-FINEST = 4.0  # pixels of that radius, below which the rounding of its edge counts for more than streaks
+FINEST = 4.0  # pixels: largest disc in a highlight below which the rounding of its edge counts for more than streaks
 RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it
 
 
@@ -70,7 +70,8 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
         )
 
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
-    highlights = [without_streaks(_piece_about(light, level, peak)) for level in LEVELS]
+    cleaned = without_streaks if largest_disc(half) >= FINEST else lambda piece: piece
+    highlights = [cleaned(_piece_about(light, level, peak)) for level in LEVELS]
     highlights = [piece for piece in highlights if piece.sum() <= LARGEST * inside.sum()]
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
@@ -85,7 +86,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     point, direction = np.mean([p for p, _ in found], 0), np.mean([l for _, l in found], 0)
     direction /= np.linalg.norm(direction)
     spread = np.mean([np.sum((l - direction) ** 2) for _, l in found])
-    core = without_streaks(half)
+    core = cleaned(half)
     here = reflected(ball, core)[1]
     moved = [reflected(ball.moved(step), core)[1] - here for step in np.diag(ball.errors)]
     rounding = 2.0 / 12.0 * (2.0 / ball.radius) ** 2 / core.sum()  # one pixel turns l by 2/R, along rows and columns
@@ -109,15 +110,22 @@ def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.
 
 def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Return what discs cover of a region, of CORE times the radius of the largest in it (morphological opening)."""
-    rows, columns = (np.flatnonzero(piece.any(axis)) for axis in (1, 0))
-    box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (rows, columns)))
+    box = _spanned(piece)
     depth = np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
-    if depth.max() < FINEST:
-        return piece
     reach = CORE * depth.max()
     core = np.zeros_like(piece)
     core[box] = (np.asarray(ndimage.distance_transform_edt(depth < reach)) < reach)[1:-1, 1:-1]
     return core
+
+
+def largest_disc(piece: Bool[np.ndarray, "h w"]) -> float:
+    """Return the radius of the largest disc in a region, pixels."""
+    return float(np.max(np.asarray(ndimage.distance_transform_edt(np.pad(piece[_spanned(piece)], 1)))))
+
+
+def _spanned(piece: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, ...]:
+    """Return the rows and columns that a region spans."""
+    return np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (np.flatnonzero(piece.any(axis)) for axis in (1, 0))))
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

@@ -27,7 +27,7 @@ from .unexplained import LEAST_GAIN, Smoothing
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
 SPACING = 0.5  # between new lights, relative to that between the views' lights
-HIDDEN, NETWORKS = (16, 16), 4  # units of each layer; networks that start from other numbers, whose mean is taken
+HIDDEN, NETWORKS = (32, 32), 4  # units of each layer; networks that start from other numbers, whose mean is taken
 STEPS, BATCH, RATE = 1500, 2048, 1e-2
 MOST_SAMPLES = 1 << 18
 
@@ -120,12 +120,12 @@ def learned_between(
     half[..., 1::2] += 1
     x, off, half = x.reshape(off.size, -1), off.ravel(), half.ravel()
     judged = np.flatnonzero(half == 2)
-    tried = off[judged] - np.asarray(_network(x, off, half == 0)(x[judged]))
+    tried = off[judged] - np.asarray(_network(x, off, half == 0, 1)(x[judged]))  # the mean of several is no worse
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[judged] ** 2):
         return None
     asked = _neighbours(toward, new, np.broadcast_to(np.arange(views), (len(new), views)), smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
-    return BetweenLights(everywhere, asked, _network(x, off, half >= 0))
+    return BetweenLights(everywhere, asked, _network(x, off, half >= 0, NETWORKS))
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
@@ -206,15 +206,18 @@ def _outputs(
 
 
 def _network(
-    x: Float[np.ndarray, "samples inputs"], y: Float[np.ndarray, " samples"], taken: Bool[np.ndarray, " samples"]
+    x: Float[np.ndarray, "samples inputs"],
+    y: Float[np.ndarray, " samples"],
+    taken: Bool[np.ndarray, " samples"],
+    networks: int,
 ) -> Network:
     """Return networks that were trained on the samples that are taken: the least squares, by Adam."""
     rng = np.random.default_rng(0)
     sizes = (x.shape[1], *HIDDEN, 1)
     layers = tuple(
         (
-            (rng.standard_normal((NETWORKS, a, b)) * np.sqrt(2.0 / a)).astype(np.float32),
-            np.zeros((NETWORKS, b), np.float32),
+            (rng.standard_normal((networks, a, b)) * np.sqrt(2.0 / a)).astype(np.float32),
+            np.zeros((networks, b), np.float32),
         )
         for a, b in itertools.pairwise(sizes)
     )

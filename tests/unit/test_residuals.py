@@ -312,8 +312,8 @@ def test_a_part_of_the_pixels_is_spread_over_every_view_and_all_of_them_are_each
     assert max(len(piece.pixels) for piece in part) <= 64
 
 
-@pytest.mark.parametrize(("count", "size"), [(1, 64), (64, 64), (65, 80), (2048, 2048), (5000, 1792)])
-def test_a_block_holds_a_small_view_is_never_too_large_and_is_little_padded(count, size):
+@pytest.mark.parametrize(("count", "size"), [(1, 64), (64, 64), (65, 128), (2048, 2048), (5000, 2048)])
+def test_a_block_is_a_power_of_two_that_holds_a_small_view_and_is_never_too_large(count, size):
     h = np.ones((count, 1), bool)
     camera = ds.OrthographicCamera((0, 0, 4), shape=(count, 1), local_viewer=False)
     normal = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (count, 1, 3))

@@ -68,11 +68,12 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
 
 
 def block_size(pixels: Sequence[int]) -> int:
-    """Return how many pixels a block holds, given those of each view, so that little of a view's blocks is padded."""
-    mean = max(sum(pixels) / len(pixels), 64.0)
-    each = mean / np.ceil(mean / BLOCK)
-    step = 1 << max(int(np.log2(each)) - 2, 4)
-    return int(-(-each // step)) * step
+    """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded.
+
+    Few sizes serve, so that another mask seldom needs another program.
+    """
+    mean = sum(pixels) / len(pixels)
+    return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:

@@ -124,7 +124,7 @@ def deciding_view(H: Float[np.ndarray, "views p p"], H_0: Matrix) -> int | None:
 
     def rank(H: Matrices) -> Int[np.ndarray, "..."]:
         w = np.linalg.eigvalsh(scaled(H)[0])
-        return np.sum(w > SINGULAR**2 * w.max(-1, initial=0.0, keepdims=True), -1)
+        return np.asarray(np.sum(w > SINGULAR**2 * w.max(-1, initial=0.0, keepdims=True), -1))
 
     everything = H.sum(0) + H_0
     fewer = np.flatnonzero(rank(everything - H) < rank(everything))

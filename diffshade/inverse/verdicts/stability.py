@@ -117,16 +117,11 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     radiance is v . r (E5).
     """
     mirror = Material(k_s=1.0, n_s=1.0)
-    plain = eqx.tree_at(
-        lambda s: [item.material for item in s.objects] + [s.background, s.atmosphere],
-        scene,
-        [mirror] * len(scene.objects) + [np.zeros(3), None],
-        is_leaf=lambda node: node is None,
-    )
+    objects = [replace(item, material=mirror) for item in scene.objects]
+    plain = Scene(objects, shadows=scene.shadows, bands=scene.bands)
     nearest = np.full(view.camera.shape, -1.0)
     for i in lights_on(scene, view):
-        alone = eqx.tree_at(lambda s: s.lights, plain, (scene.lights[i].bare(),))
-        cosine = np.asarray(render(alone, view.camera)).max(-1)
+        cosine = np.asarray(render(replace(plain, lights=(scene.lights[i].bare(),)), view.camera)).max(-1)
         nearest = np.maximum(nearest, np.where(cosine > 0, cosine, -1.0))
     return np.rad2deg(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
