@@ -190,6 +190,8 @@ def apply_lights(
         notes.append(how)
     if given.shape not in shapes:
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
+    if not given.any():
+        raise ValueError(f"the mask of {folder} shows no pixel of an object. Give one that is white on it, with mask=.")
     decode, why = _encodings(files, given, srgb)
     notes += why
     known = [ball.intensities for ball in balls if ball.intensities is not None]

@@ -76,7 +76,7 @@ def lights_at(
 
     notes: list[str] = []
     framed = None
-    if apart is None and len({mask.shape, *(ball.balls[0].mask.shape for ball in balls)}) == 1:
+    if apart is None and width is None and len({mask.shape, *(ball.balls[0].mask.shape for ball in balls)}) == 1:
         framed = _in_one_frame(one, other, lamps_for)
     if framed is not None:
         apart, lamps, place = framed[0] * radius / pixels, framed[1], framed[2]

@@ -77,7 +77,9 @@ def find_width(
         lamps: Around that place, with lengths in distances between the balls.
         intensities: Of the lamps.
     """
-    if shown.shape[1] < FEWEST_PHOTOGRAPHS:
+    seen = (shown < WHITE * max(1.0, float(shown.max(initial=0.0)))).sum(1) > 3  # photographs of each, for 3 numbers
+    shown, points = shown[seen], points[seen]
+    if shown.shape[1] < FEWEST_PHOTOGRAPHS or not len(shown):
         return None
 
     def misfit(width: float, used: Bool[np.ndarray, " photographs"]) -> float:

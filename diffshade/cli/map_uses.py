@@ -13,7 +13,8 @@ from .pictures import check_picture, put_picture
 from .sources import Options
 from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
 
-OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "lobe")  # options that maps do not use
+# options that maps do not use
+OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "light_error", "intensity_error", "lobe")
 
 
 class TowardLight(click.ParamType):
@@ -96,7 +97,7 @@ def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool,
     import diffshade as ds
 
     plain = Options(typed.source, typed.photos)
-    unused = [f"--{name}" for name in OF_FITS if getattr(typed, name) != getattr(plain, name)]
+    unused = [f"--{name.replace('_', '-')}" for name in OF_FITS if getattr(typed, name) != getattr(plain, name)]
     if unused := unused + ["--quick"] * quick:
         raise ValueError(
             f"{', '.join(unused)} belong to a fit, and maps are not fitted again; got them with the maps "

@@ -102,12 +102,12 @@ class Source:
     """The folder of photographs; None for a scene file."""
     encodings: Encodings
     indices: tuple[int, ...] = ()
-    """Which of the folder's photographs names each view."""
+    """Which of the folder's photographs each light of the scene is of."""
 
     def only(self, which: Sequence[int]) -> Source:
         """Return the same with some of the views."""
         views, names = (tuple(of[i] for i in which) for of in (self.views, self.names))
-        return replace(self, views=views, names=names, indices=tuple(self.indices[i] for i in which if self.indices))
+        return replace(self, views=views, names=names)
 
 
 @dataclass(frozen=True)

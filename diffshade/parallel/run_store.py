@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +90,39 @@ class RunStore:
             with replacing(path) as temporary:  # written whole or not at all
                 np.lib.format.open_memmap(temporary, "w+", dtype, shape).flush()
         self.wait_for_all()
-        return np.lib.format.open_memmap(path, "r+")
+        array = np.lib.format.open_memmap(path, "r+")
+        if array.shape != shape or array.dtype != dtype:
+            raise ValueError(
+                f"{path} has {array.dtype} numbers of shape {array.shape}, as another version of diffshade wrote them; "
+                f"this one needs {np.dtype(dtype)} of {shape}. Remove the folder {self.folder} and begin anew."
+            )
+        return array
+
+    def kept(self, name: str, make: Callable[[], Sequence[np.ndarray]]) -> list[np.ndarray]:
+        """Return arrays as the run first made them: what rounding decides must not change when it is resumed.
+
+        Args:
+            name: The file's name.
+            make: Computes the arrays.
+
+        Raises:
+            ValueError: Tiles are finished, and the file is missing.
+        """
+        if self.folder is None:
+            return list(make())
+        path = self.folder / f"{name}.npz"
+        if not path.exists():
+            if self.done.any():
+                raise ValueError(
+                    f"{path} of an earlier run is missing. Remove the folder {self.folder} and begin anew."
+                )
+            arrays = make()
+            if self.first:
+                with replacing(path) as temporary, temporary.open("wb") as file:
+                    np.savez(file, *arrays)
+        self.wait_for_all()
+        with np.load(path) as file:
+            return [file[f"arr_{i}"] for i in range(len(file.files))]
 
     def read(self, name: str) -> np.ndarray:
         """Return a read-only view of an array."""

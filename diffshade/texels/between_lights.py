@@ -14,6 +14,7 @@ the place of the model). It is kept only if it predicts views and texels from wh
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -22,11 +23,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
-from .unexplained import LEAST_GAIN, Smoothing
+from .unexplained import LEAST_GAIN, Interpolation, Smoothing
 
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
 SPACING = 0.5  # between new lights, relative to that between the views' lights
+LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
 HIDDEN, NETWORKS = (32, 32), 4  # units of each layer; networks that start from other numbers, whose mean is taken
 STEPS, BATCH, RATE = 1500, 2048, 1e-2
 MOST_SAMPLES = 1 << 18
@@ -107,7 +109,8 @@ def learned_between(
     """
     views, channels, texels = beyond.shape
     new = lights_between(toward)
-    if views < FEWEST_VIEWS or not len(new):
+    repeated = len(np.unique(np.asarray(toward, np.float32), axis=0)) < views  # a twin tells all, and teaches nothing
+    if views < FEWEST_VIEWS or repeated or not len(new):
         return None
     every = max(1, -(-views * channels * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
@@ -120,20 +123,34 @@ def learned_between(
     half[..., 1::2] += 1
     x, off, half = x.reshape(off.size, -1), off.ravel(), half.ravel()
     judged = np.flatnonzero(half == 2)
-    tried = off[judged] - np.asarray(_network(x, off, half == 0, 1)(x[judged]))  # the mean of several is no worse
+    # several networks, and more steps, are no worse
+    tried = off[judged] - np.asarray(_network(x, off, half == 0, 1, STEPS // 3)(x[judged]))
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[judged] ** 2):
         return None
     asked = _neighbours(toward, new, np.broadcast_to(np.arange(views), (len(new), views)), smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
-    return BetweenLights(everywhere, asked, _network(x, off, half >= 0, NETWORKS))
+    return BetweenLights(everywhere, asked, _network(x, off, half >= 0, NETWORKS, STEPS))
+
+
+def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenLights | None]:
+    """Return what `jax.tree.leaves` of the two gave."""
+    interpolation = Interpolation(*[0] * len(Interpolation._fields))  # pyright: ignore[reportArgumentType]
+    network = Network(((0, 0),) * (len(HIDDEN) + 1), 0, 0)  # pyright: ignore[reportArgumentType]
+    neighbours = Neighbours(*[0] * len(Neighbours._fields))  # pyright: ignore[reportArgumentType]
+    between = BetweenLights(0, neighbours, network)  # pyright: ignore[reportArgumentType]
+    structures = [jax.tree.structure(of) for of in ((None, None), (interpolation, None), (interpolation, between))]
+    found, between = jax.tree.unflatten(next(of for of in structures if of.num_leaves == len(leaves)), leaves)
+    return None if found is None else found._replace(width=float(found.width)), between
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
     """Return directions around some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
     apart = np.linalg.norm(toward[:, None] - toward, axis=-1) + 4.0 * np.eye(len(toward))
-    spacing = float(np.median(apart.min(1)))
-    if not spacing > 0.0:
+    once = np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
+    if once.sum() < 2:
         return np.zeros((0, 3))
+    others = apart[np.ix_(once, once)]
+    spacing = float(np.median(np.where(others < LEAST_SPACING, 4.0, others).min(1)))
     count = round(4.0 * np.pi / (SPACING * spacing) ** 2)
     i = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * i / count, np.pi * (3.0 - np.sqrt(5.0)) * i
@@ -210,6 +227,7 @@ def _network(
     y: Float[np.ndarray, " samples"],
     taken: Bool[np.ndarray, " samples"],
     networks: int,
+    steps: int,
 ) -> Network:
     """Return networks that were trained on the samples that are taken: the least squares, by Adam."""
     rng = np.random.default_rng(0)
@@ -221,7 +239,7 @@ def _network(
         )
         for a, b in itertools.pairwise(sizes)
     )
-    which = rng.choice(np.flatnonzero(taken), (STEPS, BATCH))
+    which = rng.choice(np.flatnonzero(taken), (steps, BATCH))
     middle, scale = x[taken].mean(0), np.maximum(x[taken].std(0), 1e-6)
     size = max(float(np.sqrt(np.mean(y[taken] ** 2))), 1e-12)
     *hidden, (weight, bias) = _descended(layers, (x - middle) / scale, y / size, which)
@@ -243,7 +261,7 @@ def _descended(
         slope = jax.grad(cost)(layers, batch)
         first = jax.tree.map(lambda m, g: 0.9 * m + 0.1 * g, first, slope)
         second = jax.tree.map(lambda v, g: 0.999 * v + 0.001 * g * g, second, slope)
-        rate = RATE * 0.5 * (1.0 + jnp.cos(jnp.pi * k / STEPS))
+        rate = RATE * 0.5 * (1.0 + jnp.cos(jnp.pi * k / len(which)))
         layers = jax.tree.map(
             lambda p, m, v: p - rate * (m / (1.0 - 0.9**k)) / (jnp.sqrt(v / (1.0 - 0.999**k)) + 1e-8),
             layers,
@@ -253,5 +271,5 @@ def _descended(
         return (layers, first, second), None
 
     still = jax.tree.map(jnp.zeros_like, layers)
-    steps = jnp.arange(1, STEPS + 1, dtype=jnp.float32)
+    steps = jnp.arange(1, len(which) + 1, dtype=jnp.float32)
     return jax.lax.scan(step, (layers, still, still), (steps, which))[0][0]

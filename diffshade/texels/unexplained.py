@@ -25,6 +25,7 @@ from ..model.vectors import Vec3
 WIDTHS = (0.1, 0.2, 0.4, 0.8)  # in units of a unit vector's change
 NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
 LEAST_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
+MOST_PARTS = 192  # the page that draws them has room for so many in its program
 MOST_BYTES = 100e6  # of all texels' parts, where more than the least are kept
 PARTS_OF_VIEW = 2  # parts that are kept at most for each view: more lights than these were learned of
 LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
@@ -101,7 +102,9 @@ class Unexplained(NamedTuple):
 
 def most_parts(numbers: int, views: int) -> int:
     """Return how many parts are kept of so many residuals of each view: texels times channels."""
-    return max(LEAST_PARTS, min(PARTS_OF_VIEW * views, int(MOST_BYTES / (np.float16(0).itemsize * numbers))))
+    return max(
+        LEAST_PARTS, min(PARTS_OF_VIEW * views, MOST_PARTS, int(MOST_BYTES / (np.float16(0).itemsize * numbers)))
+    )
 
 
 class Smoothing(NamedTuple):

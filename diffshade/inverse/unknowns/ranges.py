@@ -30,7 +30,9 @@ def check_names_an_unknown(
     if head and here:
         channels = [unknown.name[len(unknown.quantity) + 1 :] for unknown in here]
         has = f"has {listing(list(dict.fromkeys(channels)))}" if all(channels) else "is one number"
-        raise ValueError(f"{where} names '{name}', but {head} {has}. Name one of these, or '{head}'.")
+        raise ValueError(
+            f"{where} names '{name}', but {head} {has}. Name {'one of these, or ' if all(channels) else ''}'{head}'."
+        )
     if "/" not in name:
         check_names(where, (name,), known)
     for path, (to, _) in proportions.items():

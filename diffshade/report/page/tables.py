@@ -78,7 +78,7 @@ class Table:
 def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str, str]:
     """Return how often samples of photographs that were left out lie inside their bands, in words."""
     inside = [p.coverage for p in predictions if np.isfinite(p.coverage)]
-    number = sum(map(len, made.groups))
+    number = len({view for group in made.groups for view in group})  # each may be left out twice
     return {
         "level": f"{made.level:.0%}",
         "source": f"{count(number, 'photograph')} left out in {len(made.groups)} groups",

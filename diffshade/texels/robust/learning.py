@@ -28,6 +28,7 @@ DARK_ENOUGH = 50  # observations of what lies in its own shadow from which the a
 SEEN = 0.5  # S from which a view shows a highlight
 SEEN_ENOUGH = 20  # texels that show one, from which the brightness of highlights is learned
 BRIGHT_PERCENT = 90.0
+NOTHING = 0.05  # of the bright texels' level: a texel below it shows no more than a black background
 FAINTEST = 1e-30  # curvature of the weights of the shape below which it has lost its digits
 RIDGE = 1e-4  # of the weights of the shape, relative to their mean curvature
 
@@ -103,8 +104,13 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
     brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
-    numbers = relative, absolute, absolute / float(np.median(texels.level)), brightest
+    numbers = relative, absolute, absolute / _typical(np.asarray(texels.level)), brightest
     return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
+
+
+def _typical(level: Float[np.ndarray, " texels"]) -> float:
+    """Return the median level of the texels that show anything, so that a black background does not count."""
+    return float(np.median(level[level >= NOTHING * np.percentile(level, BRIGHT_PERCENT)]))
 
 
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Float16, Int
 
 from ...core.fields import Array
 from ...model.lobes import Blinn
-from ..between_lights import BetweenLights, learned_between
+from ..between_lights import BetweenLights, from_leaves, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
 from ..light_directions import COPLANAR
@@ -22,7 +23,7 @@ from ..prediction import KnownCoefficients
 from ..status import DETERMINED, LEAST_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
-from ..unexplained import NOISES, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
+from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
 from .block_fits import (
     Coefficients,
     Normals,
@@ -171,18 +172,30 @@ class RobustRun(TexelWork):
         refined = [self.refined(m, sample.part(np.flatnonzero(region == r))) for r, m in enumerate(models)]
         seen = self.each(sample, lambda block, model, _: seen_by(self.setup, self.known, block, model), refined)
         brightest = np.asarray(seen.brightest).max(keepdims=True)[0]
+        leaves = self.tiles.store.kept(
+            "between_lights", lambda: jax.tree.leaves(self._interpolated(sample, refined, seen.beyond, brightest))
+        )
+        return Shared(models, refined, brightest, *from_leaves(leaves))
+
+    def _interpolated(
+        self,
+        sample: TexelTile,
+        models: Sequence[ObjectModel],
+        beyond: Float[Array, "views texels"],
+        brightest: Float[np.ndarray, ""],
+    ) -> tuple[Interpolation | None, BetweenLights | None]:
+        """Return how what is beyond the model is interpolated between lights, and what is predicted there first."""
         toward = self.toward(sample)
-        smoothing = smoothing_of(toward, seen.beyond)
+        smoothing = smoothing_of(toward, beyond)
         if smoothing is None:
-            return Shared(models, refined, brightest, None)
-        between, beyond = self._between(sample, refined, brightest, toward, smoothing) or (None, seen.beyond)
+            return None, None
+        between, beyond = self._between(sample, models, brightest, toward, smoothing) or (None, beyond)
         reader = self.tiles.reader
         parts = most_parts(reader.shape[0] * reader.shape[1] * reader.channels, len(toward))
         lights = toward
         if between is not None:  # what was learned is smooth already
             lights, smoothing = np.asarray(between.toward, np.float64), smoothing._replace(noise=min(NOISES))
-        interpolation = interpolation_of(lights, beyond, smoothing, parts).in_units_of(float(brightest))
-        return Shared(models, refined, brightest, interpolation, between)
+        return interpolation_of(lights, beyond, smoothing, parts).in_units_of(float(brightest)), between
 
     def _between(
         self,
