@@ -51,5 +51,5 @@ def test_lights_that_lie_beside_one_another_count_once():
     twice = np.concatenate([lights, beside / np.linalg.norm(beside, axis=1, keepdims=True)])
     assert len(lights_between(twice)) == len(lights_between(lights)) > 24
     model, beyond = shadows(lights, 300)
-    repeated = (np.concatenate([of, of[:1]]) for of in (lights, beyond, model))
-    assert learned_between(*repeated, SMOOTHING) is None  # a photograph that is given twice teaches nothing
+    lights, beyond, model = (np.concatenate([of, of[:1]]) for of in (lights, beyond, model))
+    assert learned_between(lights, beyond, model, SMOOTHING) is None  # a photograph that is given twice teaches nothing
