@@ -110,8 +110,7 @@ def _piece_about(light: Picture, level: float, peak: tuple[np.intp, ...]) -> np.
 
 def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Return what discs cover of a region, of CORE times the radius of the largest in it (morphological opening)."""
-    box = _spanned(piece)
-    depth = np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
+    box, depth = _depth(piece)
     reach = CORE * depth.max()
     core = np.zeros_like(piece)
     core[box] = (np.asarray(ndimage.distance_transform_edt(depth < reach)) < reach)[1:-1, 1:-1]
@@ -120,12 +119,13 @@ def without_streaks(piece: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
 
 def largest_disc(piece: Bool[np.ndarray, "h w"]) -> float:
     """Return the radius of the largest disc in a region, pixels."""
-    return float(np.max(np.asarray(ndimage.distance_transform_edt(np.pad(piece[_spanned(piece)], 1)))))
+    return float(_depth(piece)[1].max())
 
 
-def _spanned(piece: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, ...]:
-    """Return the rows and columns that a region spans."""
-    return np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (np.flatnonzero(piece.any(axis)) for axis in (1, 0))))
+def _depth(piece: Bool[np.ndarray, "h w"]) -> tuple[tuple[np.ndarray, ...], Float[np.ndarray, "rows columns"]]:
+    """Return the rows and columns that a region spans, and how deep in it these pixels are, with one more around."""
+    box = np.ix_(*(np.arange(at[0], at[-1] + 1) for at in (np.flatnonzero(piece.any(axis)) for axis in (1, 0))))
+    return box, np.asarray(ndimage.distance_transform_edt(np.pad(piece[box], 1)))
 
 
 def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3"]]:

@@ -18,6 +18,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
+from ..texels.lights.refining import tangents_to
+
 Vector = Float[np.ndarray, "3"]
 Vectors = Float[np.ndarray, "lamps 3"]
 Numbers = Float[np.ndarray, " lamps"]
@@ -122,7 +124,7 @@ class _Problem:
         self.on_ball = radius * half / np.linalg.norm(half, axis=-1, keepdims=True)
         mean = l.sum(0)
         self.mean = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
-        self.across, self.across_mean = tangents(l), tangents(self.mean)
+        self.across, self.across_mean = tangents_to(l), tangents_to(self.mean)
         self.prior: tuple[float, float] | None = None
         before, lamps = 0 if baseline is not None else 2, l.shape[1]
         self.of_directions = slice(before, before + 2 * lamps)
@@ -173,17 +175,9 @@ class _Problem:
         return least_squares(self.residuals, start, method="lm", x_scale="jac")
 
 
-def tangents(l: Float[np.ndarray, "*many 3"]) -> Float[np.ndarray, "*many 2 3"]:
-    """Return two unit vectors across each of some unit vectors."""
-    other = np.where(np.abs(l[..., 1:2]) < 0.9, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
-    first = np.cross(l, other)
-    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(first, l)], -2)
-
-
 def _frame(along: Vector) -> Float[np.ndarray, "3 3"]:
     along = along / np.linalg.norm(along) if np.any(along) else np.array([1.0, 0.0, 0.0])
-    return np.concatenate([along[None], tangents(along)])
+    return np.concatenate([along[None], tangents_to(along)])
 
 
 def _inverse(jacobian: np.ndarray) -> np.ndarray:

@@ -52,7 +52,13 @@ class PredictionBands:
     @property
     def scene(self) -> Scene:
         """The scene of the fit."""
-        return self.result.scene if isinstance(self.result, Fit) else self.result.as_scene()
+        return _scene_of(self.result)
+
+    @property
+    def source(self) -> str:
+        """What the bands come from, in words: each photograph may be left out twice."""
+        number = len({i for group in self.groups for i in group})
+        return f"{count(number, 'photograph')} left out in {len(self.groups)} groups"
 
     def predict(self, view: View) -> Prediction:
         """Return a photograph beside the prediction of all photographs, with the band of each sample.
@@ -97,11 +103,7 @@ class PredictionBands:
 
     def __str__(self) -> str:
         """Return what the bands come from, in one sentence."""
-        number = len({i for group in self.groups for i in group})
-        return (
-            f"bands for {self.level:.0%} of the samples of a photograph not seen, from {count(number, 'photograph')} "
-            f"left out in {len(self.groups)} groups"
-        )
+        return f"bands for {self.level:.0%} of the samples of a photograph not seen, from {self.source}"
 
 
 def fit_bands(
@@ -169,8 +171,7 @@ def fit_bands(
                 f"fit must return a Fit or TexelMaps; got {type(result).__name__}. Give for example lambda views: "
                 "ds.fit(scene, views, free=('k_d',))."
             )
-        scene = result.scene if isinstance(result, Fit) else result.as_scene()
-        toward = _toward(scene, views)
+        toward = _toward(_scene_of(result), views)
         parts = groups_of(toward, alike, groups)
         seen, predicted, refits, left_out, distances = [], [], [], [], []
         for k, part in enumerate(parts):
@@ -187,6 +188,10 @@ def fit_bands(
     seen, predicted = (np.array([image[inside] for image in images]) for images in (seen, predicted))
     residuals = residual_quantiles(seen, predicted, np.array(left_out), np.array(distances))
     return PredictionBands(result, level, parts, tuple(refits), inside, toward, residuals)
+
+
+def _scene_of(result: Fit | TexelMaps) -> Scene:
+    return result.scene if isinstance(result, Fit) else result.as_scene()
 
 
 def distance_to(toward: Float[np.ndarray, "3"], lights: Float[np.ndarray, "lights 3"]) -> float:

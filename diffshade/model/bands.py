@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -115,6 +116,12 @@ def widened(tree: T, bands: int) -> T:
     """Return a tree with every grey, a colour of three equal numbers, as one of as many bands."""
     places = list(colours(tree))
     return _with(tree, [path for path, _ in places], [of_bands(value, bands) for _, value in places])
+
+
+def wavelength(band: str) -> float | None:
+    """Return the wavelength that a band is named by, nm; None for one with another name."""
+    found = re.fullmatch(r"(\d+\.?\d*)nm", band)
+    return float(found[1]) if found else None
 
 
 def of_bands(colour: Any, bands: int) -> Any:

@@ -83,10 +83,8 @@ class RunStore:
         assert self.folder is not None
         path = self.folder / f"{name}.npy"
         if self.first and not path.exists():
-            if name != "done" and self.done.any():
-                raise ValueError(
-                    f"{path} of an earlier run is missing. Remove the folder {self.folder} and begin anew."
-                )
+            if name != "done":
+                self._check_is_new(path)
             with replacing(path) as temporary:  # written whole or not at all
                 np.lib.format.open_memmap(temporary, "w+", dtype, shape).flush()
         self.wait_for_all()
@@ -112,10 +110,7 @@ class RunStore:
             return list(make())
         path = self.folder / f"{name}.npz"
         if not path.exists():
-            if self.done.any():
-                raise ValueError(
-                    f"{path} of an earlier run is missing. Remove the folder {self.folder} and begin anew."
-                )
+            self._check_is_new(path)
             arrays = make()
             if self.first:
                 with replacing(path) as temporary, temporary.open("wb") as file:
@@ -123,6 +118,11 @@ class RunStore:
         self.wait_for_all()
         with np.load(path) as file:
             return [file[f"arr_{i}"] for i in range(len(file.files))]
+
+    def _check_is_new(self, path: Path) -> None:
+        """Refuse to make a file anew where tiles are finished."""
+        if self.done.any():
+            raise ValueError(f"{path} of an earlier run is missing. Remove the folder {self.folder} and begin anew.")
 
     def read(self, name: str) -> np.ndarray:
         """Return a read-only view of an array."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Shaped
 
 from ..inverse.result import Prediction
-from ..model.bands import of_channels
+from ..model.bands import of_channels, wavelength
 from ..model.scenes import Scene
 
 PRIMARIES = (611.0, 549.0, 464.0)  # nm: the dominant wavelengths of the primaries of sRGB (IEC 61966-2-1)
@@ -73,9 +72,3 @@ def _said(bands: tuple[str, ...], chosen: list[int], what: str) -> DrawnBands:
     shown = [*shown, f"{bands[blue]} as blue"] if green != blue else [shown[0], f"{bands[green]} as green and blue"]
     some = "both bands" if len(bands) == 2 else "the three bands" if len(bands) == 3 else f"3 of the {len(bands)} bands"
     return DrawnBands((red, green, blue), f"Pictures show {some}, {', '.join(shown)}: {what}.")
-
-
-def wavelength(band: str) -> float | None:
-    """Return the wavelength that a band is named by, nm; None for one with another name."""
-    found = re.fullmatch(r"(\d+\.?\d*)nm", band)
-    return float(found[1]) if found else None

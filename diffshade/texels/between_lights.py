@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -115,7 +115,7 @@ def learned_between(
     every = max(1, -(-views * channels * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     others = np.stack([np.delete(np.arange(views), v) for v in range(views)])
-    left_out = _neighbours(toward, toward, others, smoothing)
+    left_out = _neighbours(toward, toward[:, None], others, smoothing)
     x, expected = jax.device_get(_of_views(left_out, beyond, model))
     off = (beyond + model - expected) / left_out.spread[:, None, None]
     half = np.zeros(off.shape, int)  # views, and texels, of two halves
@@ -127,20 +127,28 @@ def learned_between(
     tried = off[judged] - np.asarray(_network(x, off, half == 0, 1, STEPS // 3)(x[judged]))
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[judged] ** 2):
         return None
-    asked = _neighbours(toward, new, np.broadcast_to(np.arange(views), (len(new), views)), smoothing)
+    asked = _neighbours(toward, new[None], np.arange(views)[None], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
     return BetweenLights(everywhere, asked, _network(x, off, half >= 0, NETWORKS, STEPS))
 
 
 def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenLights | None]:
     """Return what `jax.tree.leaves` of the two gave."""
-    interpolation = Interpolation(*[0] * len(Interpolation._fields))  # pyright: ignore[reportArgumentType]
-    network = Network(((0, 0),) * (len(HIDDEN) + 1), 0, 0)  # pyright: ignore[reportArgumentType]
-    neighbours = Neighbours(*[0] * len(Neighbours._fields))  # pyright: ignore[reportArgumentType]
-    between = BetweenLights(0, neighbours, network)  # pyright: ignore[reportArgumentType]
-    structures = [jax.tree.structure(of) for of in ((None, None), (interpolation, None), (interpolation, between))]
-    found, between = jax.tree.unflatten(next(of for of in structures if of.num_leaves == len(leaves)), leaves)
-    return None if found is None else found._replace(width=float(found.width)), between
+    if not leaves:
+        return None, None
+    given = iter(leaves)
+
+    def taken(kind: Any) -> Any:
+        return kind(*itertools.islice(given, len(kind._fields)))
+
+    interpolation = taken(Interpolation)
+    interpolation = interpolation._replace(width=float(interpolation.width))
+    if len(leaves) == len(Interpolation._fields):
+        return interpolation, None
+    toward, neighbours = next(given), taken(Neighbours)
+    *layers, middle, scale = given
+    network = Network(tuple(zip(layers[::2], layers[1::2], strict=True)), middle, scale)
+    return interpolation, BetweenLights(toward, neighbours, network)
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
@@ -161,32 +169,48 @@ def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "n
 
 def _neighbours(
     toward: Float[np.ndarray, "views 3"],
-    lights: Float[np.ndarray, "lights 3"],
-    views: Int[np.ndarray, "lights seen"],
+    lights: Float[np.ndarray, "groups lights 3"],
+    views: Int[np.ndarray, "groups seen"],
     smoothing: Smoothing,
 ) -> Neighbours:
-    """Return what some views say of each light."""
+    """Return what some views say of each light of a group, one light after another."""
+    found = [_of_group(toward, *group, smoothing) for group in zip(lights, views, strict=True)]
+    return jax.tree.map(lambda *of: np.concatenate(of), *found)
+
+
+def _of_group(
+    toward: Float[np.ndarray, "views 3"],
+    lights: Float[np.ndarray, "lights 3"],
+    views: Int[np.ndarray, " seen"],
+    smoothing: Smoothing,
+) -> Neighbours:
     seen = toward[views]
     order = np.argsort(np.linalg.norm(seen - lights[:, None], axis=-1), axis=-1, kind="stable")
-    nearest = np.take_along_axis(views, order[:, :NEAREST], -1)
-    spline, kriging, spread = (
-        np.stack([of(s, l) for s, l in zip(seen, lights, strict=True)]).astype(np.float32)
-        for of in (_spline, smoothing.weights, smoothing.spread)
+    weights = smoothing.weights(seen, lights)
+    return Neighbours(
+        np.broadcast_to(views, (len(lights), len(views))),
+        views[order[:, :NEAREST]],
+        _spline(seen, lights).astype(np.float32),
+        weights.astype(np.float32),
+        smoothing.spread(seen, lights, weights).astype(np.float32),
     )
-    return Neighbours(views, nearest, spline, kriging, spread)
 
 
-def _spline(seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> Float[np.ndarray, " seen"]:
+def _spline(
+    seen: Float[np.ndarray, "seen 3"], lights: Float[np.ndarray, "lights 3"]
+) -> Float[np.ndarray, "lights seen"]:
     """Return the weights of a thin plate spline, r^2 log r with a linear trend, through what is seen."""
 
     def bend(to: np.ndarray) -> np.ndarray:
-        r = np.linalg.norm(seen - to[..., None, :], axis=-1)
+        r = np.linalg.norm(seen - to[:, None], axis=-1)
         return r**2 * np.log(np.maximum(r, 1e-12))
 
-    trend = np.concatenate([np.ones((len(seen), 1)), seen], -1)
-    A = np.block([[bend(seen), trend], [trend.T, np.zeros((4, 4))]])
+    def trend(of: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.ones((len(of), 1)), of], -1)
+
+    A = np.block([[bend(seen), trend(seen)], [trend(seen).T, np.zeros((4, 4))]])
     # where all lights are in one plane, the trend that is smallest
-    return (np.concatenate([bend(light), [1.0], light]) @ np.linalg.pinv(A, rcond=1e-9))[: len(seen)]
+    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9))[:, : len(seen)]
 
 
 def _inputs(

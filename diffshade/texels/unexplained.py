@@ -102,9 +102,8 @@ class Unexplained(NamedTuple):
 
 def most_parts(numbers: int, views: int) -> int:
     """Return how many parts are kept of so many residuals of each view: texels times channels."""
-    return max(
-        LEAST_PARTS, min(PARTS_OF_VIEW * views, MOST_PARTS, int(MOST_BYTES / (np.float16(0).itemsize * numbers)))
-    )
+    room = int(MOST_BYTES / (np.float16(0).itemsize * numbers))
+    return max(LEAST_PARTS, min(PARTS_OF_VIEW * views, MOST_PARTS, room))
 
 
 class Smoothing(NamedTuple):
@@ -113,13 +112,20 @@ class Smoothing(NamedTuple):
     width: float
     noise: float
 
-    def weights(self, seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> Float[np.ndarray, " seen"]:
-        """Return the weights of residuals under lights that are seen, for another light."""
-        return np.linalg.solve(_noisy(seen, *self), _kernel(seen, light[None], self.width)[:, 0])
+    def weights(
+        self, seen: Float[np.ndarray, "seen 3"], lights: Float[np.ndarray, "lights 3"]
+    ) -> Float[np.ndarray, "lights seen"]:
+        """Return the weights of residuals under lights that are seen, for each other light."""
+        return np.linalg.solve(_noisy(seen, *self), _kernel(seen, lights, self.width)).T
 
-    def spread(self, seen: Float[np.ndarray, "seen 3"], light: Float[np.ndarray, "3"]) -> float:
-        """Return the standard error of the residual under another light, relative to the size of residuals."""
-        return float(np.sqrt(1.0 - self.weights(seen, light) @ _kernel(seen, light[None], self.width)[:, 0]))
+    def spread(
+        self,
+        seen: Float[np.ndarray, "seen 3"],
+        lights: Float[np.ndarray, "lights 3"],
+        weights: Float[np.ndarray, "lights seen"],
+    ) -> Float[np.ndarray, " lights"]:
+        """Return the standard error of the residual under each other light, relative to the size of residuals."""
+        return np.sqrt(1.0 - np.sum(weights * _kernel(lights, seen, self.width), -1))
 
 
 def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "views texels"]) -> Smoothing | None:
@@ -152,9 +158,7 @@ def interpolation_of(
         parts: How many numbers may be kept of a texel's residuals.
     """
     K = _kernel(toward, toward, smoothing.width)
-    smooth = K @ np.linalg.inv(
-        _noisy(toward, *smoothing)
-    )  # from residuals to the interpolated light at the same lights
+    smooth = K @ np.linalg.inv(_noisy(toward, *smoothing))  # from residuals to what is interpolated at the same lights
     light = smooth @ np.asarray(residual, np.float64)
     largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :parts]
     return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, LEAST_SPREAD) @ largest)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...diagnosis.examination import Examination
 from ...inverse.result import Fit
-from ..drawn_bands import wavelength
+from ...model.bands import wavelength
 from .charts import Chart, Frame, Ticks, Vector, errors_of_each
 
 MOST_NAMES = 4  # below an axis

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.words import count
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
@@ -78,10 +77,9 @@ class Table:
 def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str, str]:
     """Return how often samples of photographs that were left out lie inside their bands, in words."""
     inside = [p.coverage for p in predictions if np.isfinite(p.coverage)]
-    number = len({view for group in made.groups for view in group})  # each may be left out twice
     return {
         "level": f"{made.level:.0%}",
-        "source": f"{count(number, 'photograph')} left out in {len(made.groups)} groups",
+        "source": made.source,
         "inside": f"{np.mean(inside):.0%}, and {min(inside):.0%} in one" if inside else "none",
     }
 

@@ -66,11 +66,11 @@ class Refined(NamedTuple):
     settled: bool
 
 
-def tangents_to(directions: Float[np.ndarray, "lights 3"]) -> Float[np.ndarray, "lights 2 3"]:
+def tangents_to(directions: Float[np.ndarray, "*many 3"]) -> Float[np.ndarray, "*many 2 3"]:
     """Return two unit vectors across each direction."""
     first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], 1)
+    return np.stack([first, np.cross(directions, first)], -2)
 
 
 def refine(
