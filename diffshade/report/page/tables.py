@@ -80,7 +80,8 @@ def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str,
     return {
         "level": f"{made.level:.0%}",
         "source": made.source,
-        "inside": f"{np.mean(inside):.0%}, and {min(inside):.0%} in one" if inside else "none",
+        "inside": f"{np.mean(inside):.0%}" if inside else "none",
+        "least": f"{min(inside):.0%}" if inside else "none",
     }
 
 
