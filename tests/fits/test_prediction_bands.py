@@ -109,7 +109,8 @@ def test_a_report_shows_how_often_photographs_that_were_left_out_lie_inside(fitt
     ds.write_report(tmp_path / "page.html", bands, held_out=views[16:20])
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     inside = bands.coverage(views[16:20])
-    assert f"hold {inside.mean():.0%}, and {inside.min():.0%} in one of the samples" in page
+    held = f"hold {inside.mean():.0%} of the samples of these photographs, and {inside.min():.0%} of those of the worst"
+    assert held in page
     assert page.count("% inside bands") == 4
     with pytest.raises(ValueError, match="bands are reported beside photographs; got no held_out"):
         ds.write_report(tmp_path / "other.html", bands)
