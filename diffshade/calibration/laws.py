@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..core.robust_scale import robust_scale
+
 Table = Float[np.ndarray, "photographs pixels"]
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -103,7 +105,7 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     for step in range(STEPS):
         at = _linear(shading, b, s, unit, ways)
         if step <= SETTLED:
-            scale, cost = max(1.4826 * float(np.median(np.abs(at.residuals[known]))), 1e-6 * unit), np.inf
+            scale, cost = max(robust_scale(at.residuals[known]), 1e-6 * unit), np.inf
         ratio = (at.residuals / (CAUCHY * scale)) ** 2
         now = float((CAUCHY * scale) ** 2 * np.log1p(ratio)[known].sum() + (scale / PRIOR) ** 2 * s @ s)
         if now <= cost:

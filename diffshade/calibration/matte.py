@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..core.robust_scale import robust_scale
 from ..inverse.data.samples import erode
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
@@ -120,7 +121,7 @@ def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
 
 
 def _scatter(lamps: Lamps) -> float:
-    return float(1.4826 * np.nanmedian(np.abs(lamps.residuals)))
+    return robust_scale(lamps.residuals[np.isfinite(lamps.residuals)])
 
 
 def _direction_errors(lamps: Lamps) -> Float[np.ndarray, " photographs"]:

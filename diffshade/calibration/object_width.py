@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..texels.robust.learning import MAD
+from ..core.robust_scale import MAD
 from .two_balls import Lamps
 
 Samples = Float[np.ndarray, "texels photographs"]

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..core.progress import ReportProgress
+from ..core.robust_scale import robust_scale
 from ..parallel.threads import on_all_cores
 from .data.views import View
 from .forward.layout import without_clipped
@@ -101,7 +102,7 @@ def _settle(
 
 
 def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
-    """Return the scale of the residuals: 1.4826 times the median of their size, or their root mean square."""
+    """Return the scale of the residuals: by the median of their size, or their root mean square."""
     found = on_all_cores(lambda chunk: residuals(jnp.asarray(theta), problem.model, chunk), part)
     r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
-    return float(1.4826 * np.median(np.abs(r)) if robust else np.sqrt(np.mean(r**2)))
+    return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.robust_scale import robust_scale
 from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
 from ...inverse.data.views import View, is_grey
@@ -48,7 +49,7 @@ class Seen:
     @property
     def noise(self) -> float:
         """The residuals' standard deviation, by the median of their absolute values."""
-        return float(1.4826 * np.median(np.abs(self.excess[self.counts]))) if self.counts.any() else 0.0
+        return robust_scale(self.excess[self.counts]) if self.counts.any() else 0.0
 
 
 @dataclass(frozen=True, eq=False)

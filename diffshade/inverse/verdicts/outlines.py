@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.robust_scale import robust_scale
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
@@ -104,7 +105,7 @@ def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
     if not three.any():
         return False
     bends = [np.diff(np.asarray(colours(view)[rows], np.float64), n=2, axis=1)[three] for view in views]
-    noise = float(np.median([1.4826 * np.median(np.abs(b)) / np.sqrt(6.0) for b in bends]))
+    noise = float(np.median([robust_scale(b) / np.sqrt(6.0) for b in bends]))
     return fit.rmse > BEYOND_NOISE * noise
 
 
@@ -123,7 +124,7 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
     if far.sum() < BACKGROUND:
         return None
     level = float(np.median(brightness[far]))
-    scatter = float(1.4826 * np.median(np.abs(brightness[far] - level)))
+    scatter = robust_scale(brightness[far] - level)
     light = bright - level
     alike = np.abs(brightness[far] - level) <= max(DARK * scatter, UNIFORM * light)
     if not light > 0 or level > BLACK * bright or scatter > UNIFORM * light or alike.mean() < ALIKE:

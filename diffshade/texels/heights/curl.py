@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.robust_scale import robust_scale
 from .differences import STEEP, Differences
-
-MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a number of deviation 1
 
 
 class Level(NamedTuple):
@@ -102,4 +101,4 @@ def noise_scale(inside: Bool[np.ndarray, "h w"], across: Differences, down: Diff
     pairs = [pair._replace(deviation=np.sqrt(pair.deviation**2 - pair.crease**2)) for pair in (across, down)]
     curl = Level.of(inside, pairs[0], pairs[1]).curl()
     known = curl[curl != 0]
-    return float(np.median(np.abs(known)) / MEDIAN_OF_NORMAL) if known.size else 0.0
+    return robust_scale(known) if known.size else 0.0

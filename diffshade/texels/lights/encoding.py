@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.robust_scale import robust_scale
 from ...io.images import srgb_decode, without_alpha
-from ..robust.learning import MAD
 from .uncalibrated import bright_texels, factorize, middle_ranks, texels_under
 
 FEWEST = 6  # photographs
@@ -61,4 +61,4 @@ def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "view
     b = texels_under(y, used.astype(float), s)
     level = (y * used).sum(0) / np.maximum(used.sum(0), 1)
     r = ((b @ s.T).T - y) / np.maximum(level, 1e-12)
-    return MAD * float(np.median(np.abs(r[used]))) if used.any() else np.inf
+    return robust_scale(r[used]) if used.any() else np.inf

@@ -17,13 +17,14 @@ import numpy as np
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
+from ...core.robust_scale import robust_scale
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
 from ...model.scenes import Scene
 from ..checks import checked
 from ..fitting import MEMORY
-from ..robust.learning import MAD, Fitted
+from ..robust.learning import Fitted
 from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
@@ -167,8 +168,8 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
     level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
-    off = np.abs(np.asarray(found.residual) * slope)[believed]
-    return MAD * float(np.median(off)) if len(off) else np.inf
+    off = (np.asarray(found.residual) * slope)[believed]
+    return robust_scale(off) if len(off) else np.inf
 
 
 def scatter_of_logarithms(sample: TexelTile) -> float:

@@ -20,9 +20,9 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from ...core.robust_scale import robust_scale
 from ...inverse.data.views import View, is_grey
 from ...model.scenes import Scene
-from ..robust.learning import MAD
 from ..tiles import TexelTile, ViewReader
 
 DARK, BRIGHT = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
@@ -133,7 +133,7 @@ def _texels(y: np.ndarray, counts: np.ndarray, s: Float[np.ndarray, "views 3"]) 
     b = texels_under(y, weight, s)
     for _ in range(REWEIGHTINGS):
         r = ((b @ s.T).T - y) / level
-        scale = max(MAD * float(np.median(np.abs(r[used]))), 1e-9) if used.any() else 1.0
+        scale = max(robust_scale(r[used]), 1e-9) if used.any() else 1.0
         weight = used / (1.0 + (r / (CAUCHY * scale)) ** 2)
         b = texels_under(y, weight, s)
     return b
@@ -170,7 +170,7 @@ def factorize(
         s = np.linalg.qr(s)[0]
         b = texels_under(y, weight, s)
         r = b @ s.T - y.T
-        scale = max(MAD * float(np.median(np.abs(r.T[used]))), 1e-9)
+        scale = max(robust_scale(r.T[used]), 1e-9)
         weight = used / (1.0 + (r.T / (CAUCHY * scale)) ** 2)
     return s
 
@@ -192,7 +192,7 @@ def of_lengths(s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 3"]:
     for _ in range(ROUNDS):
         q = np.linalg.lstsq(columns * weight[:, None], weight, rcond=None)[0]
         r = columns @ q - 1.0
-        scale = max(MAD * float(np.median(np.abs(r))), 1e-6)
+        scale = max(robust_scale(r), 1e-6)
         weight = 1.0 / np.sqrt(1.0 + (r / (CAUCHY * scale)) ** 2)
     Q = np.zeros((3, 3))
     for value, (i, j) in zip(q, pairs, strict=True):

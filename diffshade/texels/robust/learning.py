@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.optimize import nnls
 
 from ...core.fields import Array
+from ...core.robust_scale import MAD
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
 from .observations import Observed
 from .robust_descent import State, Weighing, around
@@ -23,7 +24,6 @@ from .robust_descent import State, Weighing, around
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
 LEAST_MISFIT = 1e-4
-MAD = 1.4826  # standard deviation of a Gaussian in median absolute deviations
 DARK_ENOUGH = 50  # observations of what lies in its own shadow from which the absolute residual is found
 SEEN = 0.5  # S from which a view shows a highlight
 SEEN_ENOUGH = 20  # texels that show one, from which the brightness of highlights is learned
