@@ -14,9 +14,11 @@ from jaxtyping import Bool, Float
 from ..core.backend import in_float64
 from ..core.progress import showing
 from ..core.words import count
+from ..inverse.data.recording import developed
 from ..inverse.data.views import View, is_grey
 from ..inverse.result import Fit, Prediction
-from ..model.rendering import intersect, select
+from ..model.cameras import AbstractCamera
+from ..model.rendering import intersect
 from ..model.scenes import Scene
 from ..texels.maps import TexelMaps
 from ..texels.unexplained import Unexplained
@@ -44,6 +46,8 @@ class PredictionBands:
     """The fit without each group."""
     inside: Bool[np.ndarray, "h w"]
     """Pixels that a photograph shows the object at."""
+    lights: Float[np.ndarray, "lights 3"]
+    """Unit vectors from the object to each light of the scene."""
     toward: Float[np.ndarray, "views 3"]
     """Unit vectors to the lights of the views."""
     residuals: ResidualQuantiles
@@ -67,24 +71,25 @@ class PredictionBands:
             view: A photograph by the camera of the fit, under lights of its scene.
 
         Returns:
-            The prediction with `lower` and `upper`, in the photograph's units.
+            The prediction with `lower` and `upper`, in linear light: without the photograph's sensor, if it has one or
+            the fit found one, but with its exposure, black and blur.
 
         Raises:
             ValueError: The view has another shape than the fitted ones, or its `lit` is not an index of a light.
         """
-        found = self.result.predict(view)
+        found = _predicted(self.result, view)
         shape = (*self.inside.shape, self.residuals.scale.shape[1])
         if found.image.shape != shape:
             raise ValueError(
                 f"the view must have the shape of the fitted ones, {shape}; got {found.image.shape}. Give a photograph "
                 "by their camera."
             )
-        toward = _toward(self.scene, [view])[0]
+        toward = _toward(self.lights, view)
         others = [self.toward[[i for i in range(len(self.toward)) if i not in group]] for group in self.groups]
         near = np.array([distance_to(toward, lights) for lights in others])
         distance = distance_to(toward, self.toward)
         useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(ABOUT * distance, near.min())]
-        without = np.array([_radiance(refit.predict(view).image, view)[self.inside] for refit in useful])
+        without = np.array([_radiance(_predicted(refit, view).image, view)[self.inside] for refit in useful])
         ends = self.residuals.band(without, self.level, distance)
         lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
         return dataclasses.replace(found, lower=lower, upper=upper, counts=found.counts & self.inside[..., None])
@@ -171,7 +176,12 @@ def fit_bands(
                 f"fit must return a Fit or TexelMaps; got {type(result).__name__}. Give for example lambda views: "
                 "ds.fit(scene, views, free=('k_d',))."
             )
-        toward = _toward(_scene_of(result), views)
+        if isinstance(result, Fit) and _finds_sensor(result):
+            sensors = [view.sensor for view in result.views]
+            if not all(eqx.tree_equal(sensor, sensors[0]) for sensor in sensors):
+                raise ValueError("bands need one sensor for all photographs; got one for each. Give tied=('sensor',).")
+        lights = _to_lights(_scene_of(result), views[0].camera)
+        toward = np.array([_toward(lights, view) for view in views])
         parts = groups_of(toward, alike, groups)
         seen, predicted, refits, left_out, distances = [], [], [], [], []
         for k, part in enumerate(parts):
@@ -179,7 +189,7 @@ def fit_bands(
             others = [i for i in range(len(views)) if i not in part]
             refits.append(fit([views[i] for i in others]))
             for i in part:
-                found = refits[-1].predict(views[i])
+                found = _predicted(refits[-1], views[i])
                 seen.append(np.where(found.counts, _radiance(found.target, views[i]), np.nan))
                 predicted.append(_radiance(found.image, views[i]))
                 left_out.append(i)
@@ -187,7 +197,7 @@ def fit_bands(
     inside = np.any(np.isfinite(seen), axis=(0, -1))
     seen, predicted = (np.array([image[inside] for image in images]) for images in (seen, predicted))
     residuals = residual_quantiles(seen, predicted, np.array(left_out), np.array(distances))
-    return PredictionBands(result, level, parts, tuple(refits), inside, toward, residuals)
+    return PredictionBands(result, level, parts, tuple(refits), inside, lights, toward, residuals)
 
 
 def _scene_of(result: Fit | TexelMaps) -> Scene:
@@ -217,6 +227,9 @@ def groups_of(
 ) -> tuple[tuple[int, ...], ...]:
     """Return groups of views that are spread over the lights, and as many of neighbouring lights.
 
+    Neighbours are those of one quarter, as seen from the object, so that some lights are far from the others across as
+    well as along a row: residuals grow otherwise in one direction than in the other.
+
     Args:
         toward: Unit vectors to the lights of the views.
         alike: Indices of the views under the same lights, which stay together.
@@ -224,13 +237,14 @@ def groups_of(
     """
     each = toward[[of[0] for of in alike]]
 
-    def in_order(which: np.ndarray) -> list[int]:
-        """Halves of halves, across where the directions differ most, so that neighbours follow one another."""
+    axes = np.argsort(-np.ptp(each, axis=0), kind="stable")[:2]
+
+    def in_order(which: np.ndarray, turn: int = 0) -> list[int]:
+        """Halves of halves, by turns along the two axes in which the directions differ most: neighbours follow."""
         if len(which) < 2:
             return which.tolist()
-        across = np.argmax(np.ptp(each[which], axis=0))
-        ordered = which[np.argsort(each[which, across], kind="stable")]
-        return in_order(ordered[: len(which) // 2]) + in_order(ordered[len(which) // 2 :])
+        ordered = which[np.argsort(each[which, axes[turn]], kind="stable")]
+        return in_order(ordered[: len(which) // 2], 1 - turn) + in_order(ordered[len(which) // 2 :], 1 - turn)
 
     ordered = in_order(np.arange(len(alike)))
     blocks = min(groups, len(alike)) // 2 if groups >= BOTH else 0
@@ -249,15 +263,31 @@ def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:
     return list(found.values())
 
 
-def _toward(scene: Scene, views: Sequence[View]) -> Float[np.ndarray, "views 3"]:
-    """Return the mean direction from the object to the lights of each view, of length 1."""
-    with in_float64((scene, views[0].camera)) as (scene, camera):
+def _to_lights(scene: Scene, camera: AbstractCamera) -> Float[np.ndarray, "lights 3"]:
+    with in_float64((scene, camera)) as (scene, camera):
         buffer = intersect(scene, camera)
         inside = np.asarray(buffer.mask)
-        found = np.array(
-            [
-                sum((Unexplained.toward(l, buffer.position, inside)[0] for l in select(scene, view.lit)), np.zeros(3))
-                for view in views
-            ]
-        )
-    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
+        return np.array([Unexplained.toward(light, buffer.position, inside)[0] for light in scene.lights])
+
+
+def _toward(lights: Float[np.ndarray, "lights 3"], view: View) -> Float[np.ndarray, "3"]:
+    """Return the mean direction from the object to the lights of a view, of length 1."""
+    found = (lights if view.lit is None else lights[np.ravel(view.lit).astype(int)]).sum(0)
+    return found / max(float(np.linalg.norm(found)), 1e-12)
+
+
+def _predicted(result: Fit | TexelMaps, view: View) -> Prediction:
+    """Return a photograph and its prediction in linear light, through the sensor that the fit found, if it did."""
+    if isinstance(result, TexelMaps):
+        return result.predict(view)
+    if _finds_sensor(result):
+        view = dataclasses.replace(view, sensor=result.views[0].sensor)
+    found = result.predict(view)
+    target, image = (
+        np.asarray(developed(dataclasses.replace(view, image=of)).image) for of in (found.target, found.image)
+    )
+    return dataclasses.replace(found, target=target, image=image)
+
+
+def _finds_sensor(fit: Fit) -> bool:
+    return any("sensor" in path.split(".") for unknown in fit.unknowns for path, _ in unknown.places)

@@ -12,7 +12,8 @@ from scipy import stats
 BRIGHTNESS = (0.3, 0.8, 1.5, 2.2, 3.0, 5.0)  # of a prediction, in medians of its texel: the bounds between bins
 SPREAD = 0.8  # which quantile of a texel's absolute residuals scales them
 SHARED = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
-FEWEST = 100  # residuals of a bin that has quantiles of its own
+FEWEST = 100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how they grow
+DISAGREEMENT = 0.4  # how much of the fits' differences from their median counts: residuals of such fits hold them once
 
 QUANTILES = 64  # of the residuals in a bin
 LEVELS = (np.arange(QUANTILES) + 0.5) / QUANTILES
@@ -25,8 +26,8 @@ Numbers = Float[np.ndarray, " residuals"]
 class ResidualQuantiles(NamedTuple):
     """Quantiles of residuals.
 
-    Each texel has a scale, each brightness relative to the texel's median has a shape, and all grow with a power of the
-    distance from a light to those that were fitted.
+    Each texel has a scale, and each brightness relative to the texel's median has a shape, and a power of the distance
+    from a light to those that were fitted with which it grows: that of highlights may be another than that of shadows.
     """
 
     scale: Texels
@@ -40,23 +41,29 @@ class ResidualQuantiles(NamedTuple):
     """Which photograph each is of: one may be left out of several fits."""
     distance: Numbers
     """From the light of each to those of the fit, degrees."""
-    growth: float
-    """The power."""
+    growth: Float[np.ndarray, " bins"]
+    """The power in each bin."""
     floor: float
     """The smallest sample of the photographs, below which no band reaches."""
+    ceiling: float
+    """The largest one: a fit that predicts more, since a few photographs mislead it, counts as if it said this."""
 
     def band(
         self, predicted: Float[np.ndarray, "groups n c"], level: float | int, distance: float
     ) -> tuple[Texels, Texels]:
         """Return the lower and the upper end of the band of each sample.
 
-        As many of the sums of a prediction and a quantile lie below the band as above it.
+        As many of the sums of a prediction and a quantile lie below the band as above it, where the predictions are
+        drawn towards their median.
 
         Args:
             predicted: What each fit that left a group out says of the samples.
             level: Share of the sums in the band, from 0 to 1.
             distance: From the light of the samples to those of the fits, degrees.
         """
+        predicted = np.minimum(predicted, self.ceiling)
+        middle = np.median(predicted, axis=0)
+        predicted = middle + DISAGREEMENT * (predicted - middle)
         table = self._at(distance, level)
         bins = _brightness(predicted.mean(0), self.median).reshape(-1)
         scale, flat = self.scale.reshape(-1), predicted.reshape(len(predicted), -1)
@@ -76,7 +83,7 @@ class ResidualQuantiles(NamedTuple):
         They are as much wider about their median as Student's t is than the normal distribution, for as many
         photographs as the bin has: the samples of one photograph share an error.
         """
-        grown = self.tables * ((distance / self.distance) ** self.growth)[:, None, None]
+        grown = self.tables * ((distance / self.distance)[:, None] ** self.growth)[..., None]
         every = self.counts.sum(1)
         found = []
         for b in range(self.counts.shape[1]):
@@ -118,33 +125,37 @@ def residual_quantiles(
     scaled = residual / np.where(scale > 0.0, scale, 1.0)
     bins = _brightness(predicted, median)
     tables = np.zeros((len(seen), len(BRIGHTNESS) + 1, QUANTILES))
-    counts = np.zeros(tables.shape[:2])
+    counts, sizes = np.zeros((2, *tables.shape[:2]))
     for k, (of, where) in enumerate(zip(scaled, bins, strict=True)):
         for b in range(counts.shape[1]):
             part = of[np.isfinite(of) & (where == b)]
             counts[k, b] = len(part)
             if len(part):
                 tables[k, b] = np.quantile(part, LEVELS)
-    growth = _growth(np.array([_typical(of) for of in scaled]), photograph, distance)
-    return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, float(np.nanmin(seen)))
+                sizes[k, b] = np.abs(part).mean()
+    every = counts.sum(1)
+    shared = _growth((sizes * counts).sum(1) / np.maximum(every, 1.0), every, photograph, distance)
+    own = [_growth(sizes[:, b], counts[:, b], photograph, distance) for b in range(counts.shape[1])]
+    growth = np.array([power if power is not None else shared or 0.0 for power in own])
+    ends = float(np.nanmin(seen)), float(np.nanmax(seen))
+    return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, *ends)
 
 
-def _typical(scaled: Texels) -> float:
-    counts = np.isfinite(scaled)
-    return float(np.abs(scaled[counts]).mean()) if counts.any() else 0.0
-
-
-def _growth(size: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers) -> float:
-    """Return the power of the distance with which residuals of one photograph grow, by least squares.
+def _growth(
+    size: Numbers, counts: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers
+) -> float | None:
+    """Return the power of the distance with which residuals of one photograph grow, by least squares; None if unknown.
 
     It is from 0 to 1: a shadow's edge moves in proportion to the light.
     """
-    known = size > 0.0
-    x, y = np.log(distance[known]), np.log(size[known])
-    of = photograph[known]
-    number = np.maximum(np.bincount(of), 1)
-    x, y = (z - (np.bincount(of, z) / number)[of] for z in (x, y))  # from the mean of the photograph
-    return float(np.clip((x @ y) / (x @ x), 0.0, 1.0)) if x @ x > 1e-9 else 0.0
+    number = np.bincount(photograph)
+    fewest = np.full(len(number), np.inf)
+    np.minimum.at(fewest, photograph, np.where(size > 0.0, counts, 0.0))
+    weight = np.where(fewest >= FEWEST, fewest, 0.0)[photograph]
+    x, y = np.log(distance), np.log(np.where(size > 0.0, size, 1.0))
+    x, y = (z - (np.bincount(photograph, z) / np.maximum(number, 1))[photograph] for z in (x, y))  # from their mean
+    spread = (weight * x) @ x
+    return float(np.clip((weight * x) @ y / spread, 0.0, 1.0)) if spread > 1e-9 else None
 
 
 def _weighted_quantiles(values: Numbers, weights: Numbers) -> Float[np.ndarray, " quantiles"]:

@@ -65,6 +65,23 @@ def test_bands_hold_photographs_that_were_left_out(fitting):
     assert 0.8 * noise < width < 3 * noise
 
 
+@pytest.mark.thorough
+def test_bands_are_in_linear_light_through_the_sensor_that_the_fit_found():
+    scene, views = problem()
+    coded = [
+        dataclasses.replace(view, image=np.maximum(view.image, 0.0) ** (1 / 1.8), sensor=ds.Sensor()) for view in views
+    ]
+    free = ("k_d", "k_s", "n_s", "sensor.gamma")
+    bands = ds.fit_bands(lambda some: ds.fit(scene, some, free=free, tied=("sensor",)), coded[:16], groups=4)
+    unseen = [dataclasses.replace(view, sensor=None) for view in coded[16:]]
+    assert 0.84 < bands.coverage(unseen).mean() < 0.96
+    found = bands.predict(unseen[0])
+    sample = found.counts & (views[16].image > 0.1)
+    np.testing.assert_allclose(found.target[sample], views[16].image[sample], rtol=0.1)
+    with pytest.raises(ValueError, match=r"one sensor for all photographs.*tied=\('sensor',\)"):
+        ds.fit_bands(lambda some: ds.fit(scene, some, free=("k_d", "sensor.gamma")), coded[:16], groups=4)
+
+
 def test_groups_are_spread_over_the_lights_and_of_neighbours():
     """No light's nearest neighbours are left out with it as often as by chance, and in other groups more often."""
     toward = directions(24) / np.linalg.norm(directions(24), axis=-1, keepdims=True)
