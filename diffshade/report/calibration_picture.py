@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 INCH = 4.5
 WHITE = 0.98  # quantile of the brightness that is drawn white
 LABELLED = 40  # lights at most that have their numbers
+AROUND = 1.25  # radii from a ball's middle that are drawn
 
 
 def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibration) -> None:
     """Draw what a calibration found, so that a wrong outline is seen.
 
-    A row for each ball: the mean of its photographs, brightened, with the outline and the highlight of each light; and
-    the directions to the lights, as seen from the camera, with their errors.
+    A row for each ball: the mean of its photographs there, brightened, with the outline and each light's highlight; and
+    the directions to the lights, as seen from the camera, with their errors. Lights have the numbers of their
+    photographs.
 
     Args:
         path: The picture to write, .pdf or .png.
@@ -42,8 +44,9 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
     each: Sequence[Calibration] = balls if isinstance(balls, Sequence) else (balls,)
     figure = Figure(figsize=(2 * INCH, INCH * len(each)), layout="constrained")
     axes: Any = figure.subplots(len(each), 2, squeeze=False)
-    for (left, right), found in zip(axes, each, strict=True):
-        _outline(left, found)
+    for row, ((left, right), found) in enumerate(zip(axes, each, strict=True), start=1):
+        which = f"{found.ball} ball {row} of {len(each)}" if len(each) > 1 else f"{found.ball} ball"
+        _outline(left, found, which)
         _directions(right, found)
     held = io.BytesIO()
     figure.savefig(held, format=Path(path).suffix[1:].lower(), dpi=110)
@@ -51,7 +54,10 @@ def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibratio
         temporary.write_bytes(held.getvalue())
 
 
-def _outline(axes: Any, found: Calibration) -> None:
+def _outline(axes: Any, found: Calibration, which: str) -> None:
+    from matplotlib.patheffects import withStroke
+
+    on_any = [withStroke(linewidth=1.5, foreground="black")]  # readable on a highlight as well as beside it
     mean = np.mean([np.asarray(view.image[:], np.float64).mean(-1) for view in found.views], 0)
     shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, WHITE)), 1e-12), 0.0, 1.0))
     axes.imshow(shown, cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
@@ -63,12 +69,14 @@ def _outline(axes: Any, found: Calibration) -> None:
             half = _seen(found) + np.array([0.0, 0.0, 1.0])  # a distant camera on +z sees l at the normal of h
             half /= np.linalg.norm(half, axis=-1, keepdims=True)
             at = np.stack([column + ball.radius * half[:, 0], row - ball.radius * half[:, 1]], -1)
-            axes.plot(at[:, 0], at[:, 1], "+", color="tab:orange", ms=7)
+            axes.plot(at[:, 0], at[:, 1], "+", color="tab:orange", ms=7, path_effects=on_any)
             for i, (x, y) in enumerate(at[:LABELLED]):
-                axes.annotate(
-                    str(i + 1), (x, y), color="tab:orange", fontsize=6, xytext=(3, 3), textcoords="offset points"
-                )
-    axes.set_title(f"{found.ball} ball: the outline must lie on its edge", fontsize=9)
+                _number(axes, i, x, y, color="orange", path_effects=on_any)
+    centres, radii = np.array([b.middle for b in found.balls]), np.array([[b.radius] for b in found.balls])
+    (left, top), (right, bottom) = (centres - AROUND * radii).min(0), (centres + AROUND * radii).max(0)
+    axes.set_xlim(max(left, 0.0), min(right, mean.shape[1]))
+    axes.set_ylim(min(bottom, mean.shape[0]), max(top, 0.0))
+    axes.set_title(f"{which}: the outline must lie on its edge", fontsize=9)
     axes.set_axis_off()
 
 
@@ -77,18 +85,23 @@ def _seen(found: Calibration) -> np.ndarray:
     return found.directions @ axes_of(found.balls[0].projection).T
 
 
+def _number(axes: Any, i: int, x: float, y: float, **drawn: Any) -> None:
+    axes.annotate(str(i + 1), (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points", **drawn)
+
+
 def _directions(axes: Any, found: Calibration) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    for degrees in (30, 60, 90):
+    d = _seen(found)
+    farthest = np.rad2deg(np.arccos(np.clip(d[:, 2].min(), -1.0, 1.0)))
+    for degrees in [degrees for degrees in (30, 60, 90) if degrees < farthest + 30]:
         r = np.sin(np.deg2rad(degrees))
         axes.plot(r * np.cos(angle), r * np.sin(angle), "-", color="0.8", lw=0.8)
-        axes.annotate(f"{degrees}°", (0.0, r), fontsize=6, color="0.5", ha="center", va="bottom")
-    d = _seen(found)
+        axes.annotate(f"{degrees}°", (0.0, r), fontsize=7, color="0.5", ha="center", va="bottom")
     axes.errorbar(
         d[:, 0], d[:, 1], np.deg2rad(found.errors), np.deg2rad(found.errors), fmt=".", color="tab:orange", ms=3, lw=0.8
     )
     for i, (x, y) in enumerate(d[:LABELLED, :2]):
-        axes.annotate(str(i + 1), (x, y), fontsize=6, xytext=(3, 3), textcoords="offset points")
+        _number(axes, i, x, y)
     axes.set_aspect("equal")
     axes.set_title("directions to the lights, from the camera; degrees off its axis", fontsize=9)
     axes.set_axis_off()

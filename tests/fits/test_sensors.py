@@ -33,7 +33,7 @@ def taken(sensor: ds.Sensor, *, levels: int = 255, noise: float = 0.002) -> tupl
     """Photographs of a ball by a camera that says nothing of itself, in files of so many levels."""
     random = np.random.default_rng(0)
     scene, camera = ball()
-    mask = ndimage.binary_erosion(np.asarray(ds.intersect(scene, camera).mask), iterations=3)
+    mask = ndimage.binary_erosion(np.asarray(ds.intersect(scene, camera).mask), iterations=4)  # by four times the blur
     views = []
     for i in range(8):
         view = ds.View(np.zeros((SIZE, SIZE, 3)), camera, mask, lit=(i,), exposure=(0.5, 0.8)[i % 2], sensor=sensor)

@@ -360,7 +360,8 @@ def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]
     path = next((folder / name for name in NORMALS if (folder / name).is_file()), None)
     if path is None:
         raise FileNotFoundError(
-            f"{folder} has no normals. Add one of {', '.join(NORMALS)}, or read with normals=False for ds.fit_texels."
+            f"{folder} has no normals. Add one of {', '.join(NORMALS)}, or find normals too with `diffshade texels` "
+            "(ds.fit_texels, of photographs read with normals=False)."
         )
     try:
         if path.suffix == ".npy":

@@ -56,9 +56,9 @@ class Sensor(Checked):
         red: Gain of red over green, above 0; default 1. Grey photographs and bands have no gains.
         blue: Gain of blue over green, above 0; default 1.
         vignetting: V; default none.
-        blur: Standard deviation of a Gaussian blur, pixels; default 0. A fit takes seven places around each pixel,
-            exact for shading that is a polynomial of degree 5, which an outline is not: erode the mask by twice the
-            blur.
+        blur: Standard deviation of a Gaussian blur, pixels; default 0. A fit takes sixteen places around each pixel,
+            exact for shading that is a polynomial of degree 7, which an outline is not: erode the mask by four times
+            the blur.
     """
 
     gamma: Scalar = eqx.field(
