@@ -202,6 +202,10 @@ class Comparison:
         if not where:
             return f"{self.name} agrees within two errors in every photograph; {mean}."
         others = len(self.photographs) - len(where)
+        if len(where) > 1 and not others:
+            ratio = self.angles / self.errors
+            every = f"all {len(where)} photographs, by {ratio.min():.0f} to {ratio.max():.0f} errors"
+            return f"{self.name} disagrees in {every}; {mean}."
         rest = f", and agrees within two errors in the other {others}" if others else ""
         return f"{self.name} disagrees in {listing(where)}{rest}; {mean}."
 

@@ -13,7 +13,7 @@ from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
 BALLS = ("mirror", "matte", "glossy")
 
 
-@click.command(**SETTINGS, epilog="Example: diffshade calibrate photographs --ball matte -o ready")
+@click.command(**SETTINGS, epilog="Example: diffshade calibrate chrome --ball mirror --apply object -o ready")
 @click.argument("photos", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--ball", type=OneOf(BALLS), required=True, help="mirror, matte or glossy")
 @click.option("--mask", type=FILE, multiple=True, help="Mask of each ball  [default: the folder's, or found]")

@@ -121,19 +121,20 @@ def fit_bands(
 ) -> PredictionBands:
     r"""Fit photographs, and again without each of some groups of them: bands for photographs not yet seen.
 
-    $$ lower = q_{(1 - level)/2}(\mu_{-k}(x) + s R_i), \quad upper = q_{(1 + level)/2}(\mu_{-k}(x) + s R_i) $$
+    $$ lower = q_{(1 - level)/2}(m_k(x) + s R_i), \quad upper = q_{(1 + level)/2}(m_k(x) + s R_i) $$
 
-    mu_{-k} is the prediction without group k, and R_i are the residuals of photographs from the fit without their
-    group, divided by s, the size of a texel's residuals; q are quantiles of all these sums (jackknife+ and CV+; Barber,
-    Candes, Ramdas and Tibshirani 2021; with photographs, whose samples share an error, as groups: Lee, Barber and
-    Willett 2023). The residuals are those of predictions as bright, relative to the texel's median photograph: a
-    highlight may miss by more than a matte sample, and upward by another amount than downward. So nothing is assumed of
-    the noise, or of what the model leaves out.
+    m_k is the prediction without group k, drawn towards the median of all of these, and R_i are the residuals of
+    photographs from the fit without their group, divided by s, the size of a texel's residuals; q are quantiles of all
+    these sums (after jackknife+ and CV+; Barber, Candes, Ramdas and Tibshirani 2021; with photographs, whose samples
+    share an error, as groups: Lee, Barber and Willett 2023). The residuals are those of predictions as bright, relative
+    to the texel's median photograph: a highlight may miss by more than a matte sample, and upward by another amount
+    than downward. So nothing is assumed of the noise, or of what the model leaves out.
 
-    Half of the groups are spread over all lights, and half are neighbouring lights, so that every photograph is left
-    out twice: with fitted lights near its own, and far from it. How its residuals grow in between is a power of that
-    distance, by which R_i is that of photographs as far from the fitted lights as the new one. Where few photographs
-    show predictions as bright, quantiles are as much wider as Student's t.
+    Half of the groups are spread over all lights, and half are neighbouring lights, a quarter of all as seen from the
+    object, so that every photograph is left out twice: with fitted lights near its own, and far from it. How its
+    residuals grow in between is a power of that distance, for predictions as bright, by which R_i is that of
+    photographs as far from the fitted lights as the new one. Where few photographs show predictions as bright,
+    quantiles are as much wider as Student's t.
 
     The bands hold for further photographs like those fitted. They hold fewer samples where light comes from quite
     another side than in any of them. It takes `groups` further fits.

@@ -54,6 +54,14 @@ def test_fits_that_disagree_make_wider_bands():
     assert np.all(widths[1] > widths[0])
 
 
+def test_a_fit_that_runs_away_does_not_make_a_band_boundless():
+    seen, predicted, _ = photographs(0)
+    wild = np.ones((8, 1, 1)) * predicted[0]
+    wild[3] *= 1e6
+    _, upper = quantiles_of(seen, predicted).band(wild, 0.9, NEAR)
+    assert upper.max() < 2.0 * seen.max()
+
+
 def test_no_band_goes_below_the_darkest_sample():
     seen, predicted, _ = photographs(0)
     lower, _ = quantiles_of(seen, predicted).band(0.0 * predicted[:1], 0.9, NEAR)
@@ -89,6 +97,16 @@ def test_residuals_grow_with_the_distance_to_the_fitted_lights():
     np.testing.assert_allclose(both.growth, 0.5, atol=1e-9)
     widths = [np.subtract(*both.band(predicted[:1], 0.9, d)[::-1]).mean() for d in (NEAR, 4.0 * NEAR)]
     np.testing.assert_allclose(widths[1] / widths[0], 2.0, rtol=0.05)
+
+
+def test_bright_samples_may_grow_otherwise_than_dark_ones():
+    seen, predicted, _ = photographs(0)
+    far = predicted + np.where(predicted > 3.0, 4.0, 1.0) * (seen - predicted)
+    of = np.tile(np.arange(24), 2)
+    distance = np.repeat([NEAR, 4.0 * NEAR], 24)
+    both = residual_quantiles(np.concatenate([seen, far]), np.concatenate([predicted, predicted]), of, distance)
+    dark, bright = np.digitize([1.0, 4.0], BRIGHTNESS)
+    np.testing.assert_allclose(both.growth[[dark, bright]], [0.0, 1.0], atol=0.05)
 
 
 def test_a_brightness_that_one_photograph_shows_has_wider_bands():
