@@ -115,6 +115,8 @@ def residual_quantiles(
         photograph: Which photograph each is, one that several fits left out more than once.
         distance: From its light to those of the fit, degrees.
     """
+    floor, ceiling = float(np.nanmin(seen)), float(np.nanmax(seen))
+    predicted = np.minimum(predicted, ceiling)
     residual = seen - predicted
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a sample that no photograph shows is NaN
@@ -137,8 +139,7 @@ def residual_quantiles(
     shared = _growth((sizes * counts).sum(1) / np.maximum(every, 1.0), every, photograph, distance)
     own = [_growth(sizes[:, b], counts[:, b], photograph, distance) for b in range(counts.shape[1])]
     growth = np.array([power if power is not None else shared or 0.0 for power in own])
-    ends = float(np.nanmin(seen)), float(np.nanmax(seen))
-    return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, *ends)
+    return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, floor, ceiling)
 
 
 def _growth(

@@ -153,6 +153,8 @@ def test_the_chrome_ball_of_washington():
     assert other.disagrees == []
     assert str(other).startswith("lights_from_chrome_highlight.txt agrees within two errors in every photograph")
     assert found.compare(folder / "lights.txt").angles.max() > 8
+    turned = found.compare(np.roll(found.directions, 1, axis=0), name="mixed.txt")
+    assert str(turned).startswith("mixed.txt disagrees in all 12 photographs, by ")
 
 
 # Glossy balls: how well they are fitted is in studies/test_glossy_balls.py
