@@ -70,6 +70,9 @@ def _search(problem: FitProblem, measured: list[Block], squares: float, report_p
         setting = prepare(wide, problem.views, problem.unknowns)
         model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
         problem = dataclasses.replace(problem, model=model)
+    if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
+        measured = problem.few()
+        squares = problem.sum_of_squares(measured)
     coarse = problem.few() if is_local(problem.unknowns) else measured
     return search(problem.unknowns, problem.scene, problem.task(squares), coarse, measured, squares, report_progress)
 
