@@ -71,6 +71,8 @@ class FeatureModel(AbstractForwardModel):
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return the fields of a chunk's pixels, or the points they show where a light moves; dark where padded."""
         of_chunk = seen_by_chunk if any(self.placed) else fields_of_chunk
+        if isinstance(view, jax.core.Tracer):  # a part of a program, which has its own options
+            of_chunk = of_chunk.__wrapped__
         return of_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:

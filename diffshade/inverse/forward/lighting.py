@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.lobes import AbstractPowerLobe
@@ -141,13 +143,13 @@ def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:
     return Shaded(f * u, f * v, jnp.where(clamped, 0.0, -f))
 
 
-@jax.jit
+@partial(jit_quickly, options=PLAINLY)
 def seen_by_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
     """Return the points that a chunk's pixels show, one block after another."""
     return jax.lax.map(lambda block: seen_by(setting, *block), (pixels, view, counts))
 
 
-@jax.jit
+@partial(jit_quickly, options=PLAINLY)
 def fields_of_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
     """Compute the fields of a chunk's pixels, one block after another."""
     scene = setting.setup.scene
