@@ -111,7 +111,8 @@ def observed(
         pixels, samples = np.concatenate(run), parts[b].samples
         values, used = samples.values(pixels), channels_of(views[parts[b].view])
         rows = pixels // samples.photograph.shape[1]
-        columns, ends = pixels - rows * samples.photograph.shape[1], None if clipped is None else samples.clipped(values)
+        columns = pixels - rows * samples.photograph.shape[1]
+        ends = None if clipped is None else samples.clipped(values)
         start = 0
         for piece in run:
             n = len(piece)
