@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.fields import Array
 from ...model.scenes import Object
-from ..pixels.blocks import Block, Observed, Piece
+from ..pixels.blocks import Block, Piece
 from .interface import AbstractForwardModel, Pixels
 
 
@@ -40,7 +40,7 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
     seen = gathered.observed
     points = model.fields(gathered.points, gathered.view, seen.weight[:, 0] > 0)
     if model.projects:
-        seen = Observed(seen.target, None, seen.clipped)
+        seen = eqx.tree_at(lambda o: o.weight, seen, None)
     chunk = jax.device_put(Block(gathered.view, points, seen))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
