@@ -34,10 +34,10 @@ from .forward.losses import Likelihood
 from .forward.rendered import RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
-from .forward.sums import spread, sum_of_squares, waves
+from .forward.sums import spread, sum_of_squares, view_weights, waves
 from .pixels.blocks import LEAST, Block, Piece, block_size, chunks, observed, pieces, shares
 from .pixels.tiles import Tiles
-from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
+from .solve.solvers import FAR, NEAR, Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
 from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, unit_vectors
@@ -97,12 +97,16 @@ class FitProblem:
 
     def with_scale(self, sigma: float, loss: str) -> FitProblem:
         """Return the problem with another scale of the residuals and another loss."""
+        if loss == self.model.likelihood.loss and sigma == float(self.model.likelihood.sigma):
+            return self
         # a strong type: with a weak one, all programs would be compiled again
         likelihood = Likelihood(jnp.asarray(np.float64(sigma)), loss, self.model.likelihood.tobit)
         return dataclasses.replace(self, model=self.model.use(likelihood))
 
     def with_rounding(self, rounding: Rounding) -> FitProblem:
         """Return the problem with the steps of the views' files."""
+        if not (rounding.exists or self.model.setting.rounding.exists):
+            return self
         model = eqx.tree_at(lambda m: m.setting.rounding, self.model, jax.tree.map(jnp.asarray, rounding))
         return dataclasses.replace(self, model=model)
 
@@ -142,7 +146,8 @@ class FitProblem:
 
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
-        return float(np.sum(on_all_cores(lambda chunk: sum_of_squares(self.model, chunk), chunks))) or 1.0
+        weights = np.asarray(view_weights(self.model)) if self.noise_known else np.ones(len(self.views))
+        return sum(sum_of_squares(weights, chunk) for chunk in chunks) or 1.0
 
     def priors(self, squares: float) -> PriorResiduals:
         """Return the residuals of the priors and unit vectors; `squares` is the sum of squares of the images."""
@@ -242,14 +247,15 @@ class LaidOutProblem:
         """What is to be minimised."""
         return self.problem.task(self.squares)
 
-    def minimise(self, report_progress: ReportProgress) -> Minimum:
-        """Return the minimum over all pixels."""
+    def minimise(self, report_progress: ReportProgress, *, near: bool = False) -> Minimum:
+        """Return the minimum over all pixels; `near` says that the start is the minimum over a part of them."""
         return minimise(
             self.start.theta,
             self.task,
             self.pixels,
             squares=self.squares,
             max_steps=MAX_STEPS,
+            damping=NEAR if near else FAR,
             report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
 

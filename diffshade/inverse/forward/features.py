@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...core.fields import Array
+from ...core.fields import Array, is_concrete
 from ...model.fresnel import NoFresnel
 from ...model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ...model.scenes import Scene, light_kinds
@@ -31,7 +31,19 @@ from ..pixels.blocks import Block
 from ..unknowns.unknown import Unknown
 from .gram import Gram, ViewGrams
 from .interface import AbstractForwardModel, Pixels, Setting
-from .lighting import Fields, Lamps, Lit, Seen, fields_of_chunk, lamps_of, lit_by, seen_by_chunk, shaded
+from .lighting import (
+    Fields,
+    Lamps,
+    Lit,
+    Seen,
+    fields_of_chunk,
+    fields_seen,
+    lamps_of,
+    lit_by,
+    points_seen,
+    seen_by_chunk,
+    shaded,
+)
 from .losses import Likelihood
 from .rendered import costs
 
@@ -70,7 +82,10 @@ class FeatureModel(AbstractForwardModel):
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return the fields of a chunk's pixels, or the points they show where a light moves; dark where padded."""
-        of_chunk = seen_by_chunk if any(self.placed) else fields_of_chunk
+        if is_concrete(view):
+            of_chunk = seen_by_chunk if any(self.placed) else fields_of_chunk
+        else:  # a part of a program, which has options of its own
+            of_chunk = points_seen if any(self.placed) else fields_seen
         return of_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.lobes import AbstractPowerLobe
@@ -141,14 +142,12 @@ def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:
     return Shaded(f * u, f * v, jnp.where(clamped, 0.0, -f))
 
 
-@jax.jit
-def seen_by_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
+def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
     """Return the points that a chunk's pixels show, one block after another."""
     return jax.lax.map(lambda block: seen_by(setting, *block), (pixels, view, counts))
 
 
-@jax.jit
-def fields_of_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
+def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
     """Compute the fields of a chunk's pixels, one block after another."""
     scene = setting.setup.scene
     lobe: Any = scene.objects[0].material.lobe
@@ -174,3 +173,8 @@ def fields_of_chunk(setting: Setting, pixels: Pixels, view: Array, counts: Array
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
     return default if found is None else found
+
+
+# The same, compiled
+seen_by_chunk = jit_quickly(points_seen, options=PLAINLY)
+fields_of_chunk = jit_quickly(fields_seen, options=PLAINLY)

@@ -135,10 +135,16 @@ def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
 
 def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
     """Return whether values counted in steps are whole numbers, too many and too exactly for chance."""
+    if _furthest(values[:: 1 + len(values) // 64]) >= TOLERANCE:  # a few are enough to refuse nearly all that have none
+        return False
     values = values[np.abs(values) > TOLERANCE]
-    off = float(np.max(np.abs(values - np.rint(values)), initial=0.0))
+    off = _furthest(values)
     chance = max(2.0 * off, 1e-12) ** min(len(values), 20)
     return off < TOLERANCE and len(values) >= least and chance < CHANCE
+
+
+def _furthest(values: Float[np.ndarray, " n"]) -> float:
+    return float(np.max(np.abs(values - np.rint(values)), initial=0.0))
 
 
 def _common_step(values: Float[np.ndarray, " n"]) -> float:

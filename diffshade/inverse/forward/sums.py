@@ -6,8 +6,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ..pixels.blocks import Block
 from .gram import directions_of
@@ -17,10 +19,18 @@ from .rounding import HARMONICS, damping, harmonics
 Theta = Float[Array, " p"]
 
 
-@jax.jit
-def sum_of_squares(model: AbstractForwardModel, chunk: Block) -> Float[Array, ""]:
-    """Return the weighted sum of squares of a chunk's samples."""
-    return jnp.sum(jax.lax.map(lambda block: jnp.sum(model.sample_weights(block) * block.observed.target**2), chunk))
+def sum_of_squares(of_view: Float[np.ndarray, " views"], chunk: Block) -> float:
+    """Return the weighted sum of squares of a chunk's samples; in NumPy, since a program would run but once.
+
+    `of_view`: the weight of each view's samples, for chunks that hold none.
+    """
+    target, weight = np.asarray(chunk.observed.target), chunk.observed.weight
+    if weight is None:
+        return float(np.einsum("bcp,bcp->b", target, target) @ of_view[np.asarray(chunk.view)])
+    return float(np.einsum("bcp,bcp,bcp->", target, target, np.asarray(weight)))
+
+
+view_weights = jit_quickly(lambda model: model.view_weights())
 
 
 @jax.jit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -104,15 +105,24 @@ def observed(
     target, weight = (np.zeros((length, channels, size)) for _ in range(2))
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
     row, column = np.zeros((length, size)), np.zeros((length, size))
-    for b, part in enumerate(parts):
-        n = len(part.pixels)
-        row[b, :n], column[b, :n] = np.divmod(part.pixels, part.samples.photograph.shape[1])
-        values = part.samples.values(part.pixels)
-        used = channels_of(views[part.view])
-        target[b, :used, :n] = values.T
-        weight[b, :used, :n] = 1.0
-        if clipped is not None:
-            clipped[b, :used, :n] = part.samples.clipped(values).T
+    b = 0
+    for _, of_view in itertools.groupby(parts, key=lambda part: id(part.samples)):
+        run = [part.pixels for part in of_view]
+        pixels, samples = np.concatenate(run), parts[b].samples
+        values, used = samples.values(pixels), channels_of(views[parts[b].view])
+        rows = pixels // samples.photograph.shape[1]
+        columns = pixels - rows * samples.photograph.shape[1]
+        ends = None if clipped is None else samples.clipped(values)
+        start = 0
+        for piece in run:
+            n = len(piece)
+            of = slice(start, start + n)
+            row[b, :n], column[b, :n] = rows[of], columns[of]
+            target[b, :used, :n] = values[of].T
+            weight[b, :used, :n] = 1.0
+            if clipped is not None and ends is not None:
+                clipped[b, :used, :n] = ends[of].T
+            b, start = b + 1, start + n
     return Observed(target, weight, clipped), row, column
 
 

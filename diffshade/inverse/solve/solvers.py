@@ -14,7 +14,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ...core import fields
-from ...core.backend import UNFUSED, jit_quickly
+from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Gram, Point, ViewGrams
 from ..forward.interface import AbstractForwardModel
@@ -25,6 +25,7 @@ from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, 
 from .elimination import Symmetric, nothing
 
 PATIENCE = 6  # steps, rejected ones too
+FAR, NEAR = 1e-3, 1e-8  # the damping of the first step: from anywhere, and from what is nearly the minimum already
 
 
 class PriorResiduals(eqx.Module):
@@ -128,7 +129,7 @@ def _summarise(structure: Any, leaves: list[Any], theta: Array, chunk: Block) ->
     return jax.tree.unflatten(structure, leaves).summary(theta, chunk)
 
 
-_summary = jax.jit(_summarise, static_argnums=0)
+_summary = jit_quickly(_summarise, 0, PLAINLY)
 _summary_unfused = jax.jit(_summarise, static_argnums=0, compiler_options=UNFUSED)
 
 
@@ -165,16 +166,20 @@ def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
 
 
 @jit_quickly
-def _advance(theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point) -> tuple[Array, State, Array]:
+def _advance(
+    theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point
+) -> tuple[Array, State, Array, Array]:
     theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
-    return theta, state, state.done | (state.result != optx.RESULTS.successful)
+    failed = state.result != optx.RESULTS.successful
+    return theta, state, state.done | failed, failed
 
 
-def _solver(box: Box, squares: Any, *, projects: bool, rtol: float) -> GramLevenbergMarquardt:
+def _solver(box: Box, squares: Any, *, projects: bool, rtol: float, damping: float = FAR) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
-        descent=BoxNewton(jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(box.linear & projects)),
-        search=GainRatio(rounding),
+        descent=BoxNewton(jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(linear)),
+        search=GainRatio(rounding, damping),
         rtol=rtol,
         atol=1e-25 * squares,
         rounding=rounding,
@@ -216,33 +221,35 @@ def minimise(
     max_steps: int,
     rtol: float = 1e-16,
     stalled: float = 0.0,
+    damping: float = FAR,
     report_progress: Callable[[int, float], None] = lambda step, cost: None,
 ) -> Minimum:
     """Minimise the cost of the chunks from theta within bounds; `squares`, the sum of the images', sets the rounding.
+
+    `damping` is that of the first step. From near the minimum the steps of Newton lead there in three passes; to come
+    down from `FAR`, a third at a time, takes as many passes as the unknowns are hard to tell apart.
 
     Ends as well where `PATIENCE` steps together lower the cost by less than `stalled` of it: where a pixel turns from
     lit to dark the cost has a kink, and steps that promise much keep little.
 
     The steps are decided by a compiled program; the passes between them run on all cores.
     """
-    solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol)
+    solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
     theta = np.asarray(theta)
     point = evaluate(theta, task, chunks)
-    state, done = _begin(theta, solver, point), False
+    state, done, failed = _begin(theta, solver, point), False, False
     costs = [float(point.total.cost)]
     for step in range(1, max_steps + 1):
-        theta, state, done = _advance(theta, state, solver, point)
+        theta, state, done, failed = _advance(theta, state, solver, point)
         costs.append(min(costs[-1], float(state.cost)))
         report_progress(step, costs[-1])
         done = done or (step > PATIENCE and costs[-1 - PATIENCE] - costs[-1] < stalled * costs[-1])
         if done or step == max_steps:
             break
         point = evaluate(state.y_eval, task, chunks)
-    result = state.result if done else optx.RESULTS.nonlinear_max_steps_reached
-    if result == optx.RESULTS.successful:
-        message = ""
-    elif result == optx.RESULTS.nonlinear_max_steps_reached:
+    message = ""
+    if not done:
         message = "the cost still falls, in a direction that these views hardly determine"
-    else:
+    elif failed:
         message = "a step met a number that is not finite"
     return Minimum(jax.tree.map(np.asarray, state.point), int(state.steps), message, tuple(costs))

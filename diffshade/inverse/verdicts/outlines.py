@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
@@ -19,8 +17,9 @@ from ...model.gbuffers import GBuffer
 from ...model.rendering import silhouette
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
+from ...parallel.threads import on_all_cores
 from ..data.recording import developed
-from ..data.views import View, colours, has_mask
+from ..data.views import View, camera_key, colours, has_mask
 from ..result import Fit
 
 BEYOND_NOISE = 1.5  # outlines are compared only if the residuals exceed this many times the noise
@@ -73,22 +72,17 @@ def wrong_outline(fit: Fit) -> WrongOutline | None:
     Only the silhouette is rendered. If the residuals do not exceed the photographs' noise, the outline is right.
     """
     views = [v for v in fit.views if not has_mask(v) and not isinstance(v.image, LazyImage)]
-    groups: list[list[View]] = []
+    groups: dict[Any, list[View]] = {}
     for view in views:
-        same = next((g for g in groups if _same_camera(g[0], view)), None)
-        groups.append([view]) if same is None else same.append(view)
+        groups.setdefault(camera_key(view.camera), []).append(view)
     found = []
-    for group in groups:
+    for group in groups.values():
         inside = np.asarray(silhouette(fit.scene.objects, group[0].camera))
         if _unlike_noise(fit, group, inside):
             found.append(compare(inside, np.max([_brightness(view) for view in group], 0)))
     mapped = any(isinstance(item.surface, GBuffer) for item in fit.scene.objects)  # whose outline is a given mask
     usable = [f for f in found if f is not None and (f.large or not mapped)]
     return max(usable, key=lambda f: f.pixels, default=None)
-
-
-def _same_camera(one: View, other: View) -> bool:
-    return bool(eqx.tree_equal(*(jax.tree.map(np.asarray, view.camera) for view in (one, other))))
 
 
 def _brightness(view: View) -> Float[np.ndarray, "h w"]:
@@ -104,8 +98,12 @@ def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
     three = inside[rows, 2:] & inside[rows, 1:-1] & inside[rows, :-2]
     if not three.any():
         return False
-    bends = [np.diff(np.asarray(colours(view)[rows], np.float64), n=2, axis=1)[three] for view in views]
-    noise = float(np.median([robust_scale(b) / np.sqrt(6.0) for b in bends]))
+
+    def scatter(view: View) -> float:
+        bends = np.diff(np.asarray(colours(view)[rows], np.float64), n=2, axis=1)[three]
+        return float(robust_scale(bends) / np.sqrt(6.0))
+
+    noise = float(np.median(on_all_cores(scatter, views)))
     return fit.rmse > BEYOND_NOISE * noise
 
 
