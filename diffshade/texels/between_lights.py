@@ -32,13 +32,13 @@ T = TypeVar("T")
 Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-SPACING = 0.45  # between new lights, relative to that between the views' lights
+SPACING = 0.35  # between new lights, relative to that between the views' lights
 APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
 LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
-LEFT_OUT = 5  # a view is left out alone, and with the others of one of so many groups
+LEFT_OUT = 8  # a view is left out alone, and with the others of one of so many groups
 GROUPINGS = 2  # in so many ways
-HIDDEN = 32  # units of the network's one layer
-STEPS, BATCH, RATE, DECAY = 3000, 1024, 2e-2, 0.1
+HIDDEN = 64  # units of the network's one layer
+STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
 MOST_SAMPLES = 1 << 19
 LEAST_LEVEL = 1e-6  # of reflectance: what a texel shows is relative to its mean
 
@@ -130,18 +130,18 @@ def learned_between(
     left_out = _left_out(views)
     every = max(1, -(-(1 + GROUPINGS) * views * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
-    which = np.concatenate(left_out)
-    neighbours = _neighbours(toward, [(toward[out], np.setdiff1d(np.arange(views), out)) for out in left_out], smoothing)
-    samples, off = jax.device_get(_of_left_out(neighbours, beyond, model, which))
+    which, every_view = np.concatenate(left_out), np.arange(views)
+    others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
+    samples, off = jax.device_get(_of_left_out(others, beyond, model, which))
     half = (which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2  # views, and texels, of two halves
-    x, others, off = (np.moveaxis(of, 0, -2).reshape(*of.shape[1:-1], -1) for of in (*samples, off))
-    samples, half = Samples(x, others), half.ravel()
+    *samples, off = (np.moveaxis(of, 0, -2).reshape(*of.shape[1:-1], -1) for of in (*samples, off))
+    samples, half = Samples(*samples), half.ravel()
     judged = np.flatnonzero(half == 2)
     # more steps are no worse
     tried = off[:, judged] - np.asarray(_network(samples, off, half == 0, STEPS // 3)(_some(samples, judged)))
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[:, judged] ** 2):
         return None
-    asked = _neighbours(toward, [(new, np.arange(views))], smoothing)
+    asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
     return BetweenLights(everywhere, asked, _network(samples, off, half >= 0, STEPS))
 
@@ -236,7 +236,9 @@ def _spline(
 
     A = np.block([[bend(seen), trend(seen)], [trend(seen).T, np.zeros((4, 4))]])
     # where all lights are in one plane, the trend that is smallest
-    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9, hermitian=True))[:, : len(seen)]
+    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9, hermitian=True))[
+        :, : len(seen)
+    ]
 
 
 def _of_each(
@@ -309,7 +311,8 @@ def _network(
     which = rng.integers(0, len(taken), (steps, BATCH))
     # a sample's numbers beside one another, so that drawing some of them is quick
     together = np.concatenate([x, samples.others[..., taken].reshape(-1, len(taken)) / size, y[:, taken] / size]).T
-    return Network(*_descended(layers, np.ascontiguousarray(together), which, len(y)), middle, scale)
+    hidden, output = _descended(layers, np.ascontiguousarray(together), which, len(y))
+    return Network(hidden, output, middle, scale)
 
 
 @partial(jax.jit, static_argnames="channels")
