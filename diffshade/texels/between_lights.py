@@ -138,7 +138,7 @@ def learned_between(
     samples, half = Samples(*samples), half.ravel()
     judged = np.flatnonzero(half == 2)
     # more steps are no worse
-    tried = off[:, judged] - np.asarray(_network(samples, off, half == 0, STEPS // 3)(_some(samples, judged)))
+    tried = off[:, judged] - np.asarray(_network(samples, off, half == 0, STEPS // 8)(_some(samples, judged)))
     if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[:, judged] ** 2):
         return None
     asked = _neighbours(toward, [(new, every_view)], smoothing)
