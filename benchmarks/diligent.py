@@ -1,6 +1,7 @@
 """Normals of real objects: photographs in DiLiGenT's layout with `normal_gt.npy`, or an RTI list with `normals.png`.
 
 python benchmarks/diligent.py FOLDER... [--twelve] [--light-error DEGREES]
+python benchmarks/diligent.py FOLDER... --speed
 
 One line an object, all by the same defaults: the mean angular error of plain least squares (Woodham 1980), of
 `ds.fit_texels`, and what was published for all 96 photographs of the object (Shi et al. 2016); how many of the true
@@ -9,10 +10,16 @@ error of the difference of neighbouring normals at borders between statuses, rel
 more than 1); the relative error of photographs that were left out, each as root mean square, its median, mean and
 maximum over the photographs, by least squares and by the maps; and seconds. The first run in a process compiles; the
 second is timed.
+
+With `--speed`, texels a second alone: of 24 spread photographs; of 96, which are the object's and, as far as there are
+too few, these again with all numbers times 1.001 (a photograph that is given twice teaches nothing of the lights
+between, so no network is learned there); and of 96 pictures that the maps show under as many different lights.
+"network" says that one was learned.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +31,7 @@ from rich.table import Table
 from scipy.stats import spearmanr
 
 import diffshade as ds
+from diffshade.inverse.data.relightable import dome
 
 FREE = ("k_d", "k_s", "n_s", "normal")
 PUBLISHED = {  # least squares, best classical, a dictionary of BRDFs (HS17), best learned; Shi et al. 2016 and its site
@@ -31,6 +39,10 @@ PUBLISHED = {  # least squares, best classical, a dictionary of BRDFs (HS17), be
     "cat": (8.41, 6.12, 4.88, 4.33),
     "harvest": (30.62, 25.44, 15.81, 12.0),
 }
+
+
+FEW, MANY = 24, 96  # photographs whose speed is measured
+LOWEST = 0.2  # z of the lowest of the different lights
 
 
 class Object(NamedTuple):
@@ -151,24 +163,61 @@ def line(given: Object, light_error: float | None) -> list[str]:
     ]
 
 
+def spread_over(views: int, count: int) -> np.ndarray:
+    """Return the indices of so many views, spread over all."""
+    return np.round(np.linspace(0, views - 1, count)).astype(int)
+
+
+def shown(given: Object, maps: ds.TexelMaps, count: int) -> Object:
+    """Return an object whose photographs are what maps show under different lights."""
+    lights = [ds.DirectionalLight(tuple(-toward)) for toward in dome(count, LOWEST)]
+    camera = given.views[0].camera
+    views = [ds.View(maps.shade(light).astype(np.float32), camera, given.mask, lit=k) for k, light in enumerate(lights)]
+    return given._replace(scene=dataclasses.replace(given.scene, lights=tuple(lights)), views=views)
+
+
+def rate(given: Object) -> tuple[str, ds.TexelMaps]:
+    """Return texels a second, and whether a network was learned; and the maps."""
+    ds.fit_texels(given.scene, given.views, free=FREE)
+    begin = time.perf_counter()
+    maps = ds.fit_texels(given.scene, given.views, free=FREE)
+    seconds = time.perf_counter() - begin
+    beyond = maps.unexplained
+    learned = beyond is not None and len(beyond.interpolation.toward) > len(given.views)
+    return f"{given.mask.sum() / seconds:,.0f}{', network' if learned else ''}", maps
+
+
+def speed_line(given: Object) -> list[str]:
+    """Return an object's line of the table of speeds."""
+    few = given._replace(views=[given.views[i] for i in spread_over(len(given.views), FEW)])
+    again = [dataclasses.replace(view, image=np.asarray(view.image) * 1.001) for view in given.views]
+    many = given._replace(views=[*given.views, *again][:MANY])
+    found, maps = rate(given)
+    others = (few, many, shown(given, maps, MANY))
+    return [given.name, f"{len(given.views)}", found, *(rate(other)[0] for other in others)]
+
+
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--twelve", is_flag=True, help="Use twelve spread photographs only")
 @click.option("--light-error", type=float, help="Standard deviation of the lights' directions, degrees")
-def main(folders: tuple[Path, ...], twelve: bool, light_error: float | None) -> None:
+@click.option("--speed", is_flag=True, help=f"Texels a second alone, with {FEW} and {MANY} photographs")
+def main(folders: tuple[Path, ...], twelve: bool, light_error: float | None, speed: bool) -> None:
     """Compare normals of the objects in FOLDERS with the truth."""
     table = Table(box=None)
-    for head in (
+    heads = (
         "object", "views", "LS", "ours mean / median", "known", "published LS, classical, HS17, learned", "68 95",
         "rank", "seam", "left out, LS", "left out, ours", "s", "texels/s",
-    ):  # fmt: skip
+    )  # fmt: skip
+    if speed:
+        heads = ("object", "views", "texels/s", f"{FEW} of them", f"{MANY}, repeated", f"{MANY} different lights")
+    for head in heads:
         table.add_column(head)
     for folder in folders:
         given = read(folder)
         if twelve:
-            which = np.round(np.linspace(0, len(given.views) - 1, 12)).astype(int)
-            given = given._replace(views=[given.views[i] for i in which])
-        table.add_row(*line(given, light_error))
+            given = given._replace(views=[given.views[i] for i in spread_over(len(given.views), 12)])
+        table.add_row(*(speed_line(given) if speed else line(given, light_error)))
         Console(width=220).print(table)
 
 

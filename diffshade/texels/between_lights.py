@@ -3,19 +3,22 @@ r"""Between lights: photographs under lights that no view had, as the views of t
 At a light between those of the views a shadow or a highlight is there or not, where any interpolation is halfway. Each
 view is left out in turn, and a small network learns from many texels how to correct what the others say of it:
 
-$$ shown(l) = model(l) + u(l) + \sigma(l) f(x), $$
+$$ shown(l) = e(l) + \sigma(l) \sum_j f_j(x) (s_j(l) - e(l)), \quad e(l) = model(l) + u(l) $$
 
-u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views; x holds the
-model, model + u, a spline through the others (Duchon 1977), the nearest of them, their mean and their largest. One f
-serves all texels and lights, so that many materials teach it (as in neural RTI, Dulecha et al. 2020, whose network has
-the place of the model). It is kept only if it predicts views and texels from which it has not learned better.
+u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views. The s_j are what
+else may be said of the light: nothing, the model, a spline through the views (Duchon 1977), their mean, the nearest of
+them. x holds these, the model under the nearest and the largest of all, grey and relative to the mean, so that one f
+serves all texels, colours and lights, and many materials teach it. (Kernels are predicted so in Bako et al. 2017; a
+network that has the place of the model is neural RTI's, Dulecha et al. 2020.) It is kept only if it predicts views and
+texels from which it has not learned better.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -25,40 +28,56 @@ from jaxtyping import Bool, Float, Int
 from ..core.fields import Array
 from .unexplained import LEAST_GAIN, Interpolation, Smoothing
 
+T = TypeVar("T")
+Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-SPACING = 0.5  # between new lights, relative to that between the views' lights
+SPACING = 0.35  # between new lights, relative to that between the views' lights
+APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
 LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
-HIDDEN, NETWORKS = (32, 32), 4  # units of each layer; networks that start from other numbers, whose mean is taken
-STEPS, BATCH, RATE = 1500, 2048, 1e-2
-MOST_SAMPLES = 1 << 18
+LEFT_OUT = 8  # a view is left out alone, and with the others of one of so many groups
+GROUPINGS = 2  # in so many ways
+HIDDEN = 64  # units of the network's one layer
+STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
+MOST_SAMPLES = 1 << 19
+LEAST_LEVEL = 1e-6  # of reflectance: what a texel shows is relative to its mean
 
 
 class Neighbours(NamedTuple):
     """For each of some lights, what the views say of it."""
 
-    views: Int[Array, "lights seen"]
-    """Indices of the views that are asked."""
+    asked: Float[Array, "lights views"]
+    """Weights of the views in their mean: 0 for those that are not asked."""
     nearest: Int[Array, "lights near"]
-    """Indices of the nearest of them."""
-    spline: Float[Array, "lights seen"]
+    """Indices of the nearest of the views that are asked."""
+    spline: Float[Array, "lights views"]
     """Weights of the views in a spline through them."""
-    kriging: Float[Array, "lights seen"]
+    kriging: Float[Array, "lights views"]
     """Weights of the residuals of the views."""
     spread: Float[Array, " lights"]
     """Standard error of what the residuals say, relative to their size: by how much a light lies apart."""
 
 
-class Network(NamedTuple):
-    """A few networks of the same shape: arrays have an axis of them first."""
+class Samples(NamedTuple):
+    """What the network is shown, and what it weighs."""
 
-    layers: tuple[tuple[Array, Array], ...]
+    x: Float[Array, "inputs samples"]
+    """Its inputs, all grey."""
+    others: Float[Array, "ways channels samples"]
+    """What else may be shown, beyond what is expected."""
+
+
+class Network(NamedTuple):
+    """One layer of rectified units. Its outputs are the weights of what else may be shown."""
+
+    hidden: tuple[Float[Array, "units inputs"], Float[Array, " units"]]
+    output: tuple[Float[Array, "ways units"], Float[Array, " ways"]]
     middle: Float[Array, " inputs"]
     scale: Float[Array, " inputs"]
 
-    def __call__(self, x: Float[Array, "samples inputs"]) -> Float[Array, " samples"]:
-        """Return the mean of what the networks say."""
-        return _outputs(self.layers, (x - self.middle[None]) / self.scale[None]).mean(0)
+    def __call__(self, of: Samples) -> Float[Array, "channels samples"]:
+        """Return by how much more than expected is shown, in standard errors."""
+        return _weighed((self.hidden, self.output), (of.x - self.middle[:, None]) / self.scale[:, None], of.others)
 
 
 class BetweenLights(NamedTuple):
@@ -81,15 +100,11 @@ class BetweenLights(NamedTuple):
             model: The model's reflectance under all lights.
         """
         views = len(beyond)
-        seen = model[:views]
 
-        def under(new: tuple[Neighbours, Array]) -> Array:
-            neighbours, here = new
-            x, expected = _inputs(neighbours, beyond, seen, here)
-            correction = self.network(x.reshape(-1, x.shape[-1])).reshape(here.shape)
-            return expected + neighbours.spread * correction - here
+        def under(samples: Samples, expected: Array, here: Array, spread: Array) -> Array:
+            return jnp.maximum(expected + spread * self.network(samples), 0.0) - here
 
-        new = jax.lax.map(under, (self.neighbours, model[views:]))
+        new = _of_each(under, self.neighbours, beyond, model[:views], model[views:])
         return jnp.concatenate([beyond, new.astype(beyond.dtype)])
 
 
@@ -107,29 +122,28 @@ def learned_between(
         model: The model's reflectance.
         smoothing: How residuals are interpolated.
     """
-    views, channels, texels = beyond.shape
+    views, _, texels = beyond.shape
     new = lights_between(toward)
     repeated = len(np.unique(np.asarray(toward, np.float32), axis=0)) < views  # a twin tells all, and teaches nothing
     if views < FEWEST_VIEWS or repeated or not len(new):
         return None
-    every = max(1, -(-views * channels * texels // MOST_SAMPLES))
+    left_out = _left_out(views)
+    every = max(1, -(-(1 + GROUPINGS) * views * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
-    others = np.stack([np.delete(np.arange(views), v) for v in range(views)])
-    left_out = _neighbours(toward, toward[:, None], others, smoothing)
-    x, expected = jax.device_get(_of_views(left_out, beyond, model))
-    off = (beyond + model - expected) / left_out.spread[:, None, None]
-    half = np.zeros(off.shape, int)  # views, and texels, of two halves
-    half[1::2] += 1
-    half[..., 1::2] += 1
-    x, off, half = x.reshape(off.size, -1), off.ravel(), half.ravel()
+    which, every_view = np.concatenate(left_out), np.arange(views)
+    others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
+    samples, off = jax.device_get(_of_left_out(others, beyond, model, which))
+    half = (which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2  # views, and texels, of two halves
+    *samples, off = (np.moveaxis(of, 0, -2).reshape(*of.shape[1:-1], -1) for of in (*samples, off))
+    samples, half = Samples(*samples), half.ravel()
     judged = np.flatnonzero(half == 2)
-    # several networks, and more steps, are no worse
-    tried = off[judged] - np.asarray(_network(x, off, half == 0, 1, STEPS // 3)(x[judged]))
-    if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[judged] ** 2):
+    # more steps are no worse
+    tried = off[:, judged] - np.asarray(_network(samples, off, half == 0, STEPS // 8)(_some(samples, judged)))
+    if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[:, judged] ** 2):
         return None
-    asked = _neighbours(toward, new[None], np.arange(views)[None], smoothing)
+    asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
-    return BetweenLights(everywhere, asked, _network(x, off, half >= 0, NETWORKS, STEPS))
+    return BetweenLights(everywhere, asked, _network(samples, off, half >= 0, STEPS))
 
 
 def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenLights | None]:
@@ -146,13 +160,12 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
     if len(leaves) == len(Interpolation._fields):
         return interpolation, None
     toward, neighbours = next(given), taken(Neighbours)
-    *layers, middle, scale = given
-    network = Network(tuple(zip(layers[::2], layers[1::2], strict=True)), middle, scale)
-    return interpolation, BetweenLights(toward, neighbours, network)
+    weight, bias, weights, biases, middle, scale = given
+    return interpolation, BetweenLights(toward, neighbours, Network((weight, bias), (weights, biases), middle, scale))
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
-    """Return directions around some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
+    """Return directions between some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
     apart = np.linalg.norm(toward[:, None] - toward, axis=-1) + 4.0 * np.eye(len(toward))
     once = np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
     if once.sum() < 2:
@@ -164,17 +177,24 @@ def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "n
     z, turn = 1.0 - 2.0 * i / count, np.pi * (3.0 - np.sqrt(5.0)) * i
     r = np.sqrt(1.0 - z * z)
     sphere = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
-    return sphere[np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1) < spacing]
+    nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
+    return sphere[(nearest > APART * spacing) & (nearest < spacing)]
+
+
+def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
+    """Return the views that are left out together: each alone, then groups drawn at random."""
+    rng = np.random.default_rng(0)
+    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), LEFT_OUT)]
+    return [*np.arange(views)[:, None], *groups]
 
 
 def _neighbours(
     toward: Float[np.ndarray, "views 3"],
-    lights: Float[np.ndarray, "groups lights 3"],
-    views: Int[np.ndarray, "groups seen"],
+    groups: Sequence[tuple[Float[np.ndarray, "lights 3"], Int[np.ndarray, " seen"]]],
     smoothing: Smoothing,
 ) -> Neighbours:
     """Return what some views say of each light of a group, one light after another."""
-    found = [_of_group(toward, *group, smoothing) for group in zip(lights, views, strict=True)]
+    found = [_of_group(toward, *group, smoothing) for group in groups]
     return jax.tree.map(lambda *of: np.concatenate(of), *found)
 
 
@@ -187,11 +207,17 @@ def _of_group(
     seen = toward[views]
     order = np.argsort(np.linalg.norm(seen - lights[:, None], axis=-1), axis=-1, kind="stable")
     weights = smoothing.weights(seen, lights)
+
+    def of_all(weights: Float[np.ndarray, "lights seen"] | float) -> Float[np.ndarray, "lights views"]:
+        found = np.zeros((len(lights), len(toward)), np.float32)
+        found[:, views] = weights
+        return found
+
     return Neighbours(
-        np.broadcast_to(views, (len(lights), len(views))),
+        of_all(1.0 / len(views)),
         views[order[:, :NEAREST]],
-        _spline(seen, lights).astype(np.float32),
-        weights.astype(np.float32),
+        of_all(_spline(seen, lights)),
+        of_all(weights),
         smoothing.spread(seen, lights, weights).astype(np.float32),
     )
 
@@ -210,74 +236,102 @@ def _spline(
 
     A = np.block([[bend(seen), trend(seen)], [trend(seen).T, np.zeros((4, 4))]])
     # where all lights are in one plane, the trend that is smallest
-    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9))[:, : len(seen)]
+    return (np.concatenate([bend(lights), trend(lights)], -1) @ np.linalg.pinv(A, rcond=1e-9, hermitian=True))[
+        :, : len(seen)
+    ]
 
 
-def _inputs(
+def _of_each(
+    result: Callable[[Samples, Array, Array, Array], T],
     of: Neighbours,
     beyond: Float[Array, "views channels texels"],
     model: Float[Array, "views channels texels"],
-    here: Float[Array, "channels texels"],
-) -> tuple[Float[Array, "channels texels inputs"], Float[Array, "channels texels"]]:
-    """Return what the network is shown of one light, and what it corrects."""
+    here: Float[Array, "lights channels texels"],
+) -> T:
+    """Return for each light the result of what the network is shown of it, what is expected, the model and spread."""
     shown = beyond + model
-    seen = shown[of.views]
-    expected = here + jnp.tensordot(of.kriging, beyond[of.views], 1)
-    found = [expected, here, jnp.tensordot(of.spline, seen, 1), seen.mean(0), seen.max(0)]
-    return jnp.stack([*found, *shown[of.nearest], *model[of.nearest]], -1), expected
+    grey, grey_model = shown.mean(1), model.mean(1)
+    expected = here + jnp.tensordot(of.kriging, beyond, 1)
+    spline, mean = jnp.tensordot(of.spline, shown, 1), jnp.tensordot(of.asked, shown, 1)
+
+    def under(light: tuple[Array, ...]) -> T:
+        asked, nearest, spread, expected, spline, mean, here = light
+        largest = jnp.max(jnp.where(asked[:, None] > 0.0, grey, -jnp.inf), 0)
+        level = jnp.maximum(mean.mean(0), LEAST_LEVEL)
+        found = [expected.mean(0), here.mean(0), spline.mean(0), largest, *grey[nearest], *grey_model[nearest]]
+        x = jnp.stack([*(one / level for one in found), level])
+        others = jnp.stack([jnp.zeros_like(here), here, spline, mean, *shown[nearest]]) - expected[None]
+        return result(Samples(x, others), expected, here, spread)
+
+    return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here))
 
 
 @jax.jit
-def _of_views(left_out: Neighbours, beyond: Array, model: Array) -> tuple[Array, Array]:
-    """Return the inputs for each view that is left out, and what is expected of it."""
-    return jax.lax.map(lambda one: _inputs(one[0], beyond, model, one[1]), (left_out, model))
+def _of_left_out(
+    left_out: Neighbours, beyond: Array, model: Array, which: Int[Array, " lights"]
+) -> tuple[Samples, Float[Array, "lights channels texels"]]:
+    """Return the samples for views that are left out, and what they show beyond the expected, in standard errors."""
+
+    def off(samples: Samples, expected: Array, _: Array, spread: Array) -> tuple[Samples, Array, Array]:
+        return samples, expected, spread
+
+    samples, expected, spread = _of_each(off, left_out, beyond, model, model[which])
+    return samples, ((beyond + model)[which] - expected) / spread[:, None, None]
 
 
-def _outputs(
-    layers: tuple[tuple[Array, Array], ...], x: Float[Array, "samples inputs"]
-) -> Float[Array, "networks samples"]:
-    def one(layers: tuple[tuple[Array, Array], ...]) -> Array:
-        y = x
-        for weight, bias in layers[:-1]:
-            y = jax.nn.relu(y @ weight + bias[None])
-        weight, bias = layers[-1]
-        return (y @ weight + bias[None])[..., 0]
+def _some(of: Samples, which: Int[np.ndarray, " some"]) -> Samples:
+    return Samples(of.x[:, which], of.others[..., which])
 
-    return jax.vmap(one)(layers)
+
+def _weighed(
+    layers: Layers, x: Float[Array, "inputs samples"], others: Float[Array, "ways channels samples"]
+) -> Float[Array, "channels samples"]:
+    """Return the others, weighed by what the layers make of the inputs."""
+    (weight, bias), (weights, biases) = layers
+    each = weights @ jax.nn.relu(weight @ x + bias[:, None]) + biases[:, None]
+    return jnp.sum(each[:, None] * others, 0)
 
 
 def _network(
-    x: Float[np.ndarray, "samples inputs"],
-    y: Float[np.ndarray, " samples"],
-    taken: Bool[np.ndarray, " samples"],
-    networks: int,
-    steps: int,
+    samples: Samples, y: Float[np.ndarray, "channels samples"], taken: Bool[np.ndarray, " samples"], steps: int
 ) -> Network:
-    """Return networks that were trained on the samples that are taken: the least squares, by Adam."""
+    """Return the network that was trained on the samples that are taken: the least squares, by Adam."""
     rng = np.random.default_rng(0)
-    sizes = (x.shape[1], *HIDDEN, 1)
-    layers = tuple(
-        (
-            (rng.standard_normal((networks, a, b)) * np.sqrt(2.0 / a)).astype(np.float32),
-            np.zeros((networks, b), np.float32),
-        )
-        for a, b in itertools.pairwise(sizes)
-    )
-    which = rng.choice(np.flatnonzero(taken), (steps, BATCH))
-    middle, scale = x[taken].mean(0), np.maximum(x[taken].std(0), 1e-6)
-    size = max(float(np.sqrt(np.mean(y[taken] ** 2))), 1e-12)
-    *hidden, (weight, bias) = _descended(layers, (x - middle) / scale, y / size, which)
-    return Network((*hidden, (size * weight, size * bias)), middle, scale)
+    inputs, ways, taken = len(samples.x), len(samples.others), np.flatnonzero(taken)
+
+    def layer(size: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
+        weight = rng.standard_normal((size, inputs)) * np.sqrt(2.0 / inputs)
+        return weight.astype(np.float32), np.zeros(size, np.float32)
+
+    layers = (layer(HIDDEN, inputs), layer(ways, HIDDEN))
+    x = samples.x[:, taken]
+    middle, scale = x.mean(1), np.maximum(x.std(1), 1e-6)
+    size = max(float(np.sqrt(np.mean(y[:, taken] ** 2))), 1e-12)
+    x = (x - middle[:, None]) / scale[:, None]
+    which = rng.integers(0, len(taken), (steps, BATCH))
+    # a sample's numbers beside one another, so that drawing some of them is quick
+    together = np.concatenate([x, samples.others[..., taken].reshape(-1, len(taken)) / size, y[:, taken] / size]).T
+    hidden, output = _descended(layers, np.ascontiguousarray(together), which, len(y))
+    return Network(hidden, output, middle, scale)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="channels")
 def _descended(
-    layers: tuple[tuple[Array, Array], ...], x: Array, y: Array, which: Int[Array, "steps batch"]
-) -> tuple[tuple[Array, Array], ...]:
-    """Return the layers after steps of Adam (Kingma and Ba 2015), which become shorter as a cosine does."""
+    layers: Layers, samples: Float[Array, "samples _"], which: Int[Array, "steps batch"], channels: int
+) -> Layers:
+    """Return the layers after steps of Adam with weight decay (Loshchilov and Hutter 2019), shorter as a cosine is.
 
-    def cost(layers: tuple[tuple[Array, Array], ...], batch: Array) -> Array:
-        return jnp.sum(jnp.mean((_outputs(layers, x[batch]) - y[batch][None]) ** 2, -1))
+    Args:
+        layers: The layers.
+        samples: The inputs of each, what else may be shown, and what is shown.
+        which: Samples of each step.
+        channels: Channels of what is shown.
+    """
+    inputs, ways = layers[0][0].shape[1], len(layers[1][0])
+
+    def cost(layers: Layers, batch: Array) -> Array:
+        x, others, y = jnp.split(samples[batch].T, (inputs, inputs + ways * channels))
+        return jnp.mean((_weighed(layers, x, others.reshape(ways, channels, -1)) - y) ** 2)
 
     def step(carry: tuple, item: tuple[Array, Array]) -> tuple[tuple, None]:
         layers, first, second = carry
@@ -286,13 +340,11 @@ def _descended(
         first = jax.tree.map(lambda m, g: 0.9 * m + 0.1 * g, first, slope)
         second = jax.tree.map(lambda v, g: 0.999 * v + 0.001 * g * g, second, slope)
         rate = RATE * 0.5 * (1.0 + jnp.cos(jnp.pi * k / len(which)))
-        layers = jax.tree.map(
-            lambda p, m, v: p - rate * (m / (1.0 - 0.9**k)) / (jnp.sqrt(v / (1.0 - 0.999**k)) + 1e-8),
-            layers,
-            first,
-            second,
-        )
-        return (layers, first, second), None
+
+        def moved(p: Array, m: Array, v: Array) -> Array:
+            return p - rate * (m / (1.0 - 0.9**k) / (jnp.sqrt(v / (1.0 - 0.999**k)) + 1e-8) + DECAY * p)
+
+        return (jax.tree.map(moved, layers, first, second), first, second), None
 
     still = jax.tree.map(jnp.zeros_like, layers)
     steps = jnp.arange(1, len(which) + 1, dtype=jnp.float32)

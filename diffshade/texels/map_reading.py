@@ -14,7 +14,7 @@ from ..io.arrays import read_array
 from ..io.images import read_image
 from ..io.scene_files import read_camera, read_scene
 from .map_files import read_numbers
-from .maps import ABOUT, FORMAT, SCENE, STATUS_PICTURE, WEIGHTS, SharedHighlight, TexelMaps
+from .maps import ABOUT, FORMAT, LIGHTS, SCENE, STATUS_PICTURE, WEIGHTS, SharedHighlight, TexelMaps
 from .status import STATUS
 from .unexplained import Interpolation, Unexplained
 
@@ -128,10 +128,10 @@ def _highlights(folder: Path, powers: Any, shape: tuple[int, int]) -> tuple[Shar
 
 def _unexplained(folder: Path, about: Any, shape: tuple[int, int]) -> Unexplained:
     """Return what photographs show beyond the model."""
-    toward, taken, given = (np.array(about[name], np.float64) for name in ("toward", "taken", "given"))
-    parts = read_array(folder / "unexplained.npy")
-    views, count = len(toward), len(taken)
-    whole = toward.shape == (views, 3) and taken.shape == (count, views) and given.shape == (views, count)
+    lights, parts = read_array(folder / LIGHTS), read_array(folder / "unexplained.npy")
+    count = lights.shape[1] // 2 - 1 if lights.ndim == 2 else 0  # columns: a vector, and twice what is kept of a texel
+    whole = count > 0 and lights.shape[1] == 3 + 2 * count
     if not whole or parts.shape[:2] != shape or parts.shape[2:] not in ((count,), (3 * count,)):
-        raise ValueError(f"{folder / 'unexplained.npy'} and {ABOUT} do not belong together. Write the maps again.")
-    return Unexplained(Interpolation(toward, float(about["width"]), taken, given), parts)
+        raise ValueError(f"{folder / 'unexplained.npy'} and {LIGHTS} do not belong together. Write the maps again.")
+    toward, taken, given = np.split(np.asarray(lights, np.float64), (3, 3 + count), 1)
+    return Unexplained(Interpolation(toward, float(about["width"]), taken.T, given), parts)

@@ -32,8 +32,9 @@ from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 from .unexplained import Unexplained
 
-FORMAT = 1  # of the folder; `read_maps` refuses others
+FORMAT = 2  # of the folder; `read_maps` refuses others
 ABOUT, SCENE, STATUS_PICTURE, WEIGHTS = "maps.toml", "scene.toml", "status.png", "highlight_weights.npy"
+LIGHTS = "unexplained_lights.npy"
 PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
@@ -249,11 +250,14 @@ class TexelMaps:
           bright enough to look at.
         - `residual`, except as PNG, and `status.png`, of 8 bits.
         - `scene.toml`: the scene and the camera, as `write_scene` writes them, with the arrays of a G-buffer beside it.
-        - `unexplained.npy`, what photographs show beyond the model, where that is known, and
-          `highlight_weights.npy`, where regions have different highlights.
+        - `unexplained.npy`, what photographs show beyond the model, where that is known, and `unexplained_lights.npy`,
+          a row for each light between which it is interpolated: the unit vector to it, its weight in each number that
+          is kept of a texel, and the weight of each number in its light.
+        - `highlight_weights.npy`, where regions have different highlights.
         - `maps.toml`, written last: the format, the names of the maps, the levels of the status, the units, the notes,
           how many errors hold the truth 95 % of the time, the powers of the highlight (`weight` is a number, or names
-          the file that has one for each pixel), how unexplained light is interpolated, and the scales of PNGs.
+          the file that has one for each pixel), the width within which unexplained light is alike, and the scales of
+          PNGs.
 
         Args:
             folder: The folder; it is made if it does not exist.
@@ -338,8 +342,8 @@ class TexelMaps:
             ]
         if self.unexplained is not None:
             given = self.unexplained.interpolation
-            arrays = {name: np.asarray(getattr(given, name)).tolist() for name in ("toward", "taken", "given")}
-            about["unexplained"] = {"width": float(given.width), **arrays}
+            about["unexplained"] = {"width": float(given.width)}
+            written.append(write_numbers(folder / LIGHTS, np.hstack([given.toward, given.taken.T, given.given])))
         if self.notes:
             about["notes"] = [str(note) for note in self.notes]
         if scales:

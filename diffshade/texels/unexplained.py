@@ -27,7 +27,7 @@ NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
 LEAST_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
 MOST_PARTS = 192  # the page that draws them has room for so many in its program
 MOST_BYTES = 100e6  # of all texels' parts, where more than the least are kept
-PARTS_OF_VIEW = 2  # parts that are kept at most for each view: more lights than these were learned of
+PARTS_OF_VIEW = 4  # parts that are kept at most for each view: more lights than these were learned of
 LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
 LEAST_SPREAD = 1e-6  # of a combination of lights, relative to the largest
 

@@ -118,6 +118,7 @@ def test_what_is_damaged_is_one_sentence(shared, tmp_path):
         "scene.toml": (b"lights = 3", "scene.toml"),
         "status.png": (b"\x89PNG", "status.png"),
         "unexplained.npy": ((whole / "k_d.npy").read_bytes(), "do not belong together"),
+        "unexplained_lights.npy": ((whole / "k_d.npy").read_bytes(), "do not belong together"),
         "highlight_weights.npy": ((whole / "k_d.npy").read_bytes(), "highlight_weights.npy has the shape"),
         "residual.npy": ((whole / "residual.npy").read_bytes()[:-9], "residual.npy is damaged"),
     }
@@ -132,7 +133,7 @@ def test_what_is_damaged_is_one_sentence(shared, tmp_path):
         shutil.rmtree(folder)
     about = (whole / "maps.toml").read_text()
     for old, new, words in (
-        ("format = 1", "format = 2", "has the format 2, and this version of diffshade reads 1"),
+        ("format = 2", "format = 1", "has the format 1, and this version of diffshade reads 2"),
         ("width = ", "w = ", "maps.toml is damaged: KeyError('width')"),
         ('"k_d",', '"k_a",', "k_a.npy"),
     ):

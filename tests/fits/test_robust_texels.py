@@ -374,11 +374,12 @@ def test_unexplained_light_is_that_of_lamps_too(tmp_path):
     both = maps.shade([light, light])
     assert np.median((both / np.maximum(2.0 * far, 1e-9))[far > 0.05]) == pytest.approx(1.0, abs=1e-6)
     maps.write(tmp_path, suffix=".npy")
-    about = tomllib.loads((tmp_path / "maps.toml").read_text())["unexplained"]
-    parts = np.load(tmp_path / "unexplained.npy")
     assert maps.unexplained is not None
-    np.testing.assert_array_equal(parts, maps.unexplained.parts)
-    np.testing.assert_allclose(about["given"], maps.unexplained.interpolation.given)
+    found, given = ds.read_maps(tmp_path).unexplained, maps.unexplained.interpolation
+    assert found is not None
+    np.testing.assert_array_equal(found.parts, maps.unexplained.parts)
+    for name in ("toward", "taken", "given", "width"):
+        np.testing.assert_array_equal(getattr(found.interpolation, name), getattr(given, name))
 
 
 def test_residuals_are_interpolated_only_where_they_repeat():
