@@ -2,8 +2,8 @@
 
 OpenLIME (`LayerRTI`, `ShaderRTI`; layout "image", colour space "rgb"): `info.json` names `type`, `colorspace`,
 `nplanes` and `materials[0]` with `scale` and `bias`; `plane_K.jpg` are textures of three numbers from 0 to 1,
-ceil(nplanes / 3) of them, top row first. The light is a point of the unit disc, y up; points outside are moved onto its edge. HSH
-are drawn under no light lower than .15 radians. What is summed goes to the screen as it is: no curve is applied.
+ceil(nplanes / 3) of them, top row first. The light is a point of the unit disc, y up; points outside are moved onto its
+edge. HSH are drawn under no light lower than .15 radians. What is summed goes to the screen as it is.
 
 Relight (`Rti::load`, `Rti::render`): bytes v count as 255 (v / 255 - bias) scale, the terms of a PTM go by degree, HSH
 are drawn under no light lower than .01 radians, and the sum is truncated to a byte.
