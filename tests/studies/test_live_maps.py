@@ -1,75 +1,18 @@
 """The picture of a page of maps, in a browser: it is what `shade` returns, pixel by pixel, and can be handled."""
 
-import base64
 import dataclasses
-import io
-import json
-import time
 
-import imageio.v3 as iio
 import made_maps
 import numpy as np
 import pytest
 from browser import chromium
-from report_pages import Page
+from maps_stage import Stage
 
 import diffshade as ds
 
 pytestmark = pytest.mark.thorough
 HEIGHT, WIDTH = made_maps.SHAPE
-SET = """
-const [name, value] = arguments, all = [...document.querySelectorAll(`#object [name="${name}"]`)];
-const control = all.length > 1 ? all.find((of) => of.value === value) : all[0];
-if (control.type === "checkbox" || control.type === "radio") control.checked = value !== false;
-else control.value = value;
-control.dispatchEvent(new Event("input", { bubbles: true }));
-"""
-AT_REST = "return document.querySelector('#object canvas').dataset.resting === 'true'"
-DRAWN = "return document.querySelector('#object canvas').toDataURL()"
-SIZE = """
-const [width, height] = [...arguments].map((side) => `${side}px`);
-Object.assign(document.querySelector(".frame").style, { width, height, minHeight: 0 });
-"""
 KINDS = ("slider", "combobox", "radio", "button", "checkbox", "image")
-
-
-class Stage:
-    """A page of maps in a browser, whose canvas has a pixel for each texel."""
-
-    def __init__(self, browser, path):
-        self.browser = browser
-        (text,) = [text for a, text in Page(path).all("script") if a.get("id") == "maps-scene"]
-        self.told = json.loads(text)
-        browser.get(path.as_uri())
-        self.wait()
-        browser.execute_script(SIZE, WIDTH, HEIGHT)
-        self.set("compare", False)
-
-    def wait(self):
-        end = time.monotonic() + 60
-        time.sleep(0.1)
-        while not self.browser.execute_script(AT_REST):
-            assert time.monotonic() < end, self.browser.get_log("browser")
-            time.sleep(0.05)
-
-    def set(self, name, value):
-        self.browser.execute_script(SET, name, value)
-        self.wait()
-
-    def value(self, name):
-        return float(self.browser.find_element("name", name).get_attribute("value"))
-
-    def draw(self, **controls):
-        for name, value in controls.items():
-            self.set(name, value)
-        uri = self.browser.execute_script(DRAWN)
-        image = iio.imread(io.BytesIO(base64.b64decode(uri.split(",")[1])))[..., :3] / 255
-        assert image.shape == (HEIGHT, WIDTH, 3)
-        return image
-
-    def shown(self, radiance, view=0, exposure=1.0):
-        told = self.told["views"][view]
-        return ds.srgb_encode(np.clip(exposure * (told["gain"] * radiance + told["black"]), 0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -199,11 +142,9 @@ def test_dragging_and_keys_move_the_light_and_the_wipe_shows_the_photograph(stag
     stage.set("view", "0")
     canvas = browser.find_element("css selector", "#object canvas")
     place = stage.told["views"][0]["toward"]
-    browser.execute_script(SIZE, 10 * WIDTH, 10 * HEIGHT)  # the buttons leave some of it free
-    stage.wait()
+    stage.resize(10)  # the buttons leave some of it free
     ActionChains(browser).click_and_hold(canvas).move_by_offset(80, -40).release().perform()
-    browser.execute_script(SIZE, WIDTH, HEIGHT)
-    stage.wait()
+    stage.resize()
     moved = np.array(place[:2]) + 2 * np.array([8, 4]) / HEIGHT
     expected = np.append(moved, np.sqrt(1 - moved @ moved))
     here = toward(stage.value("azimuth"), stage.value("elevation"))

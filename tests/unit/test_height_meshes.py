@@ -74,6 +74,15 @@ def test_pixels_of_a_ball_are_in_its_tangent_planes(perspective):
     np.testing.assert_allclose(grid, np.rint(grid), atol=1e-9)  # corners of pixels, seen by the camera
 
 
+@pytest.mark.parametrize("perspective", [False, True])
+def test_a_mesh_smooths_the_noise_of_normals(perspective):
+    """Two degrees of noise on a ball: the squares of its pixels are nearer to the true normals."""
+    ball = reliefs.sphere(40, perspective=perspective)
+    heights = ds.integrate_normals(ball.noisy(2.0), ball.camera, mask=ball.mask)
+    off = angle(normals_of_pixels(ds.height_mesh(heights)), ball.normal[heights.mask])
+    assert np.median(off) < 0.92  # 1.05 where each corner is the mean of its own pixels
+
+
 def test_no_triangle_crosses_a_jump():
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=(8, 9), local_viewer=False)
     flat = np.broadcast_to((0.0, 0.0, 1.0), (8, 9, 3))
@@ -91,7 +100,7 @@ def test_no_triangle_crosses_a_jump():
 def test_fewer_triangles_keep_to_the_tolerance(given):
     _, heights, whole = given
     mesh = ds.height_mesh(heights, tolerance=0.005)
-    assert len(mesh.face) < 0.3 * len(whole.face)
+    assert len(mesh.face) < 0.4 * len(whole.face)
     assert 0.0 < mesh.largest <= 0.005
     hits = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
     assert hits.area == pytest.approx(trimesh.Trimesh(whole.corner, whole.face, process=False).area, rel=0.01)
@@ -233,7 +242,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("name", "most"), [("diligent_ball", 0.05), ("diligent_cat", 0.3), ("diligent_harvest", 0.7)])
+@pytest.mark.parametrize(("name", "most"), [("diligent_ball", 0.02), ("diligent_cat", 0.25), ("diligent_harvest", 0.5)])
 def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     normal = np.load(measured(name) / "normal_gt.npy").astype(float)
     mask = np.linalg.norm(normal, axis=-1) > 0.5

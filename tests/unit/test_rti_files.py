@@ -1,10 +1,10 @@
 """Relightable images: files of PTM and HSH as others write them, and folders that viewers show."""
 
-import json
 import struct
 
 import numpy as np
 import pytest
+import rti_viewers
 from handmade_maps import bumpy
 
 import diffshade as ds
@@ -134,23 +134,30 @@ def folder(tmp_path_factory):
     return maps, {basis: ds.write_rti(folder / basis, maps, basis=basis) for basis in ("hsh", "ptm")}
 
 
+@pytest.mark.parametrize("viewer", ["OpenLIME", "Relight"])
 @pytest.mark.parametrize("basis", ["hsh", "ptm"])
-def test_viewers_show_the_maps(folder, basis):
-    """By the formula of OpenLIME's shader, from the files."""
+def test_viewers_show_the_maps(folder, basis, viewer):
+    """By the viewers' own formulas, from the files: the right way up, in their colours, as well as is stated."""
     maps, written = folder
-    info = json.loads(written[basis].paths[-1].read_text())
-    scale, bias = (np.array(info["materials"][0][name]).reshape(-1, 3) for name in ("scale", "bias"))
-    assert (info["width"], info["height"]) == maps.status.shape[::-1]
-    assert info["nplanes"] == 3 * len(scale)
-    planes = [ds.read_image(written[basis].paths[-1].parent / f"plane_{k}.jpg", srgb=False) for k in range(len(scale))]
-    l = np.array((0.3, 0.2, 0.93)) / np.linalg.norm((0.3, 0.2, 0.93))
-    x, y, _ = l
-    base = (1.0, x, y, x * x, x * y, y * y) if basis == "ptm" else terms("hsh", 9, l)
-    shown = sum(b * (plane - c) * s for b, plane, c, s in zip(base, planes, bias, scale, strict=True))
-    drawn = np.asarray(ds.srgb_encode(np.clip(maps.shade(ds.DirectionalLight(-l)), 0, 1)))
-    off = (np.clip(shown, 0, 1) - drawn)[maps.status > 0]
-    assert np.sqrt(np.mean(off**2)) < 1.5 * written[basis].rms + 0.01
+    place, inside = written[basis].paths[-1].parent, maps.status > 0
+    off = []
+    for light in ((0.3, 0.2), (-0.5, 0.1), (0.2, -0.6)):
+        l = np.array((*light, np.sqrt(1 - np.hypot(*light) ** 2)))
+        drawn = np.asarray(ds.srgb_encode(np.clip(maps.shade(ds.DirectionalLight(-l)), 0, 1)))
+        seen = rti_viewers.shown(place, light, viewer)
+        off.append(np.sqrt(np.mean((seen - drawn)[inside] ** 2)))
+        for turned in (drawn[::-1], drawn[:, ::-1]):  # a flip of the picture, or of the light, is seen
+            assert np.sqrt(np.mean((seen - turned)[inside & inside[::-1] & inside[:, ::-1]] ** 2)) > 1.2 * off[-1]
+    assert np.mean(off) < 1.2 * written[basis].rms + 0.005
     assert written[basis].rms < (0.12 if basis == "ptm" else 0.1)
+
+
+@pytest.mark.parametrize("basis", ["hsh", "ptm"])
+def test_a_light_at_the_rim_of_the_viewers_disc_shows_a_picture(folder, basis):
+    """Lights lower than those of the fit are extrapolated by a PTM, and by HSH only to where the viewer stops."""
+    maps, written = folder
+    seen = rti_viewers.shown(written[basis].paths[-1].parent, (3.0, -4.0), "OpenLIME")[maps.status > 0]
+    assert 0.02 < seen.mean() < 0.9
 
 
 @pytest.mark.thorough

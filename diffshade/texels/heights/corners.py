@@ -6,7 +6,7 @@ their corners. A corner stands on its line of sight, at the distance d of the le
     sum ((n . (S - d t - P))^2 + LEVEL^2 (d - d_P)^2)
 
 over the pixels that share it. The second term, d_P the distance of their points, decides only at the border, where a
-plane seen from its edge would leave the surface.
+plane seen from its edge would leave the surface. From there `facets` moves all corners together.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from .differences import rays_of
+from .facets import Facets, refined
 from .map import HeightMap
 
 LEVEL = 0.1  # weight of a pixel's height beside its plane
@@ -50,7 +51,11 @@ def corners_of(heights: HeightMap) -> Corners:
     def total(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " n"]:
         return np.bincount(owner.ravel(), of.ravel(), count)
 
-    d = total(facing * ahead + LEVEL**2 * depth) / total(facing**2 + LEVEL**2)
+    begun = total(facing * ahead + LEVEL**2 * depth) / total(facing**2 + LEVEL**2)
+    frontal = start[at] - depth[..., None] * toward[at]
+    size = np.linalg.norm(frontal[:, 3] - frontal[:, 0], axis=-1) / np.sqrt(2.0)
+    cosine = np.maximum((facing / np.linalg.norm(toward[at], axis=-1)).mean(-1), 0.0)
+    d = refined(Facets(owner, facing, ahead, size, cosine), inside, begun)
     line = np.zeros(count, int)
     line[owner] = at
     errors = total(np.broadcast_to(heights.errors[inside][:, None], owner.shape)) / np.bincount(owner.ravel())

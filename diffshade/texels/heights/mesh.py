@@ -61,9 +61,10 @@ class HeightMesh:
 def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> HeightMesh:
     """Return heights as a mesh of two triangles a pixel, none of them across a jump.
 
-    Its corners are those of the pixels: each is as near as it can be to the planes of the pixels that share it, across
-    their normals and through their points (least squares). So a pixel's two triangles face along its own normal, which
-    triangles between the centres of pixels, of four normals each, do not.
+    Its corners are those of the pixels, and all of them are moved until each pixel's two triangles face along its own
+    normal, which triangles between the centres of pixels, of four normals each, do not. Where the normals contradict a
+    continuous surface, as at a crease, few pixels miss theirs (Huber's loss); where they are noisier than the surface
+    is twisted, they are smoothed.
 
     With a tolerance, edges are collapsed where the surface changes least (quadric error metrics; Garland and Heckbert
     1997), those of the border excepted, and the fewest triangles are kept whose distance from the mesh of all

@@ -1,0 +1,120 @@
+r"""Facets: the squares of pixels, each facing along its pixel's own normal as far as that normal is to be believed.
+
+With n a pixel's normal and S_k its corners (top left, top right, bottom left, bottom right), a_k = n . S_k. The square
+faces along n where both its diagonals do, and is flat where it has no twist:
+
+    g = (a_4 - a_1, a_2 - a_3) / sqrt(2) = 0,   t = (a_1 + a_4 - a_2 - a_3) / 2 = 0
+
+There is about one corner for each pixel, so not all of this can be had. The corners are those of the least
+
+    sum rho(c sqrt(g^2 + tau^2 t^2) / size) + HELD^2 sum ((d - d_0) / size)^2
+
+over the pixels, c the normal's cosine to the line of sight. rho is Huber's loss (1964), by reweighted least squares: a
+pixel that no continuous surface can satisfy, as at a crease or where a jump was not found, does not turn the pixels
+beside it. tau is the noise of the normals over the twist of the surface, which makes the sum, for normal distributions,
+the most likely surface: exact normals are followed, noisy ones smoothed. Both are read from the mixed derivative of the
+heights, which the normals give twice.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+from jaxtyping import Bool, Float, Int
+from scipy.sparse.linalg import LinearOperator, cg
+
+HELD = 0.01  # weight of the distances that the search begins with
+LEAST_TAU, MOST_TAU = 0.5, 4.0
+HUBER = 1.345  # standard deviations from which a misfit counts by its size (95 % efficient where noise is normal)
+TO_DEVIATION = 1.18  # the median length of two normal numbers, in standard deviations
+MOST = 0.75  # of the pixels, by which the twist of a surface is measured: it is small but along edges
+STEPS, SOLVES = 4, 12  # of reweighting; of conjugate gradients, each: only corners near one another still have to move
+
+
+class Facets(NamedTuple):
+    """Squares of pixels as linear functions of the distances d of their corners: n . S = ahead - facing d."""
+
+    of_pixel: Int[np.ndarray, "pixels 4"]
+    """Index of each corner."""
+    facing: Float[np.ndarray, "pixels 4"]
+    """Of the normal along each corner's line of sight."""
+    ahead: Float[np.ndarray, "pixels 4"]
+    size: Float[np.ndarray, " pixels"]
+    """Side of the square, seen by the camera, scene units."""
+    cosine: Float[np.ndarray, " pixels"]
+    """Of the normal with the line of sight."""
+
+    def off(self, n_s: Float[np.ndarray, "pixels 4"], tau: float) -> Float[np.ndarray, "pixels 3"]:
+        """Return the angles by which squares with these n . S miss their normals, and tau times their twists."""
+        first, second, third, fourth = n_s.T
+        found = [fourth - first, second - third, tau * np.sqrt(0.5) * (first + fourth - second - third)]
+        return np.stack(found, -1) * (np.sqrt(0.5) * self.cosine / self.size)[:, None]
+
+    def to_corners(self, off: Float[np.ndarray, "pixels 3"], tau: float) -> Float[np.ndarray, "pixels 4"]:
+        """Return the transpose of `off`."""
+        one, other, twist = (off * (np.sqrt(0.5) * self.cosine / self.size)[:, None]).T
+        twist = tau * np.sqrt(0.5) * twist
+        return np.stack([twist - one, other - twist, -other - twist, twist + one], -1)
+
+
+def refined(
+    facets: Facets, inside: Bool[np.ndarray, "h w"], begun: Float[np.ndarray, " corners"]
+) -> Float[np.ndarray, " corners"]:
+    """Return the distances of the corners for which the squares of the pixels face along their normals.
+
+    Args:
+        facets: The squares of the pixels inside, in the order of the image.
+        inside: Which pixels have one.
+        begun: Distances of the corners to begin with.
+    """
+    tau, count = _tau(facets, inside), len(begun)
+
+    def gathered(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " corners"]:
+        return np.bincount(facets.of_pixel.ravel(), of.ravel(), count)
+
+    held = gathered(np.repeat((HELD / facets.size[:, None]) ** 2, 4, 1))
+    stiffness = (0.5 + tau**2 / 4.0) * (facets.facing * (facets.cosine / facets.size)[:, None]) ** 2
+    d, square = begun, (count, count)
+    for _ in range(STEPS):
+        off = facets.off(facets.ahead - facets.facing * d[facets.of_pixel], tau)
+        length = np.linalg.norm(off, axis=-1)
+        enough = HUBER / TO_DEVIATION * float(np.median(length))
+        weight = enough / np.maximum(length, max(enough, np.finfo(float).tiny))
+
+        def matrix(x: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
+            moved = facets.off(facets.facing * x[facets.of_pixel], tau)
+            return gathered(facets.facing * facets.to_corners(weight[:, None] * moved, tau)) + held * x
+
+        diagonal = gathered(weight[:, None] * stiffness) + held
+        b = gathered(facets.facing * facets.to_corners(weight[:, None] * off, tau)) + held * (begun - d)
+        system, preconditioner = LinearOperator(square, matrix), LinearOperator(square, lambda r, of=diagonal: r / of)
+        d = d + cg(system, b, M=preconditioner, maxiter=SOLVES)[0]
+    return d
+
+
+def _tau(facets: Facets, inside: Bool[np.ndarray, "h w"]) -> float:
+    """Return the noise of the normals' slopes over the twist of the surface, both robust standard deviations.
+
+    The slope across changes downwards as the slope down changes across; what differs between the two is noise.
+    """
+    planes = facets.ahead / np.maximum(facets.facing, np.finfo(np.float32).eps)  # where each plane meets the four rays
+    first, second, third, fourth = planes.T
+    across, down, scale = (np.full(inside.shape, np.nan) for _ in range(3))
+    across[inside], down[inside] = (second + fourth - first - third) / 2.0, (third + fourth - first - second) / 2.0
+    scale[inside] = facets.cosine**2 / facets.size  # from slopes to angles
+    downwards = scale[1:-1, 1:-1] * (across[2:, 1:-1] - across[:-2, 1:-1]) / 2.0
+    sideways = scale[1:-1, 1:-1] * (down[1:-1, 2:] - down[1:-1, :-2]) / 2.0
+    known = np.isfinite(downwards + sideways)
+    if not known.any():
+        return 1.0
+    curl, mixed = (downwards - sideways)[known], (downwards + sideways)[known]
+    noise = _deviation(curl, 0.5)
+    twist = 0.5 * np.sqrt(max(_deviation(mixed, MOST) ** 2 - noise**2, 0.0))
+    return float(np.clip(2.0 * noise / max(twist, np.finfo(float).tiny), LEAST_TAU, MOST_TAU))
+
+
+def _deviation(of: Float[np.ndarray, " n"], share: float) -> float:
+    """Return the standard deviation of which a normal distribution would have this share as near to 0 as `of` has."""
+    return float(np.quantile(np.abs(of), share) / scipy.stats.norm.ppf(0.5 + 0.5 * share))
