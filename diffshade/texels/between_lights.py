@@ -1,16 +1,16 @@
 r"""Between lights: photographs under lights that no view had, as the views of the same object teach to predict them.
 
-At a light between those of the views a shadow or a highlight is there or not, where any interpolation is halfway. Each
-view is left out in turn, and a small network learns from many texels how to correct what the others say of it:
+At a light between those of the views a shadow or a highlight is there or not, where any interpolation is halfway. Views
+are left out, each alone and in groups, and a small network learns from many texels how to correct what the others say:
 
 $$ shown(l) = e(l) + \sigma(l) \sum_j f_j(x) (s_j(l) - e(l)), \quad e(l) = model(l) + u(l) $$
 
-u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views. The s_j are what
-else may be said of the light: nothing, the model, a spline through the views (Duchon 1977), their mean, the nearest of
-them. x holds these, the model under the nearest and the largest of all, grey and relative to the mean, so that one f
-serves all texels, colours and lights, and many materials teach it. (Kernels are predicted so in Bako et al. 2017; a
-network that has the place of the model is neural RTI's, Dulecha et al. 2020.) It is kept only if it predicts views and
-texels from which it has not learned better.
+u is interpolated (kriging), and sigma is its standard error, small at a light near those of the views. The s_j are the
+candidates: zero, the model, a spline through the views (Duchon 1977), their mean, the four nearest views. x holds them,
+the model under the nearest views, and the largest of all, grey and relative to the mean, so that one f serves all
+texels, colours and lights, and many materials teach it. (Kernels are predicted so in Bako et al. 2017; a network that
+has the place of the model is neural RTI's, Dulecha et al. 2020.) What is shown lies between 0 and the largest that the
+views or the model show. The network is kept only if it predicts views and texels from which it has not learned better.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ T = TypeVar("T")
 Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
 FEWEST_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
+CANDIDATES = NEAREST + 4
 SPACING = 0.35  # between new lights, relative to that between the views' lights
 APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
 LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
@@ -40,7 +41,7 @@ GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
 MOST_SAMPLES = 1 << 19
-LEAST_LEVEL = 1e-6  # of reflectance: what a texel shows is relative to its mean
+LEAST_LEVEL = 0.01  # of the object's median: what a texel shows is relative to its mean, where it is not mere noise
 
 
 class Neighbours(NamedTuple):
@@ -63,17 +64,19 @@ class Samples(NamedTuple):
 
     x: Float[Array, "inputs samples"]
     """Its inputs, all grey."""
-    others: Float[Array, "ways channels samples"]
-    """What else may be shown, beyond what is expected."""
+    others: Float[Array, "candidates channels samples"]
+    """The candidates, beyond what is expected."""
 
 
 class Network(NamedTuple):
-    """One layer of rectified units. Its outputs are the weights of what else may be shown."""
+    """One layer of rectified units. Its outputs are the weights of the candidates."""
 
     hidden: tuple[Float[Array, "units inputs"], Float[Array, " units"]]
-    output: tuple[Float[Array, "ways units"], Float[Array, " ways"]]
+    output: tuple[Float[Array, "candidates units"], Float[Array, " candidates"]]
     middle: Float[Array, " inputs"]
     scale: Float[Array, " inputs"]
+    least: Float[Array, ""]
+    """The least mean that a texel's inputs are relative to, as a reflectance."""
 
     def __call__(self, of: Samples) -> Float[Array, "channels samples"]:
         """Return by how much more than expected is shown, in standard errors."""
@@ -99,12 +102,14 @@ class BetweenLights(NamedTuple):
             beyond: What the views show beyond the model, as a reflectance.
             model: The model's reflectance under all lights.
         """
-        views = len(beyond)
+        seen, here = model[: len(beyond)], model[len(beyond) :]
+        largest = jnp.max(beyond + seen, 0)
 
-        def under(samples: Samples, expected: Array, here: Array, spread: Array) -> Array:
-            return jnp.maximum(expected + spread * self.network(samples), 0.0) - here
+        def under(samples: Samples, expected: Array, spread: Array, here: Array) -> Array:
+            shown = expected + spread * self.network(samples)
+            return jnp.clip(shown, 0.0, jnp.maximum(largest, here)) - here
 
-        new = _of_each(under, self.neighbours, beyond, model[:views], model[views:])
+        new = _of_each(under, self.neighbours, beyond, seen, self.network.least, here)
         return jnp.concatenate([beyond, new.astype(beyond.dtype)])
 
 
@@ -122,28 +127,27 @@ def learned_between(
         model: The model's reflectance.
         smoothing: How residuals are interpolated.
     """
-    views, _, texels = beyond.shape
+    views, channels, texels = beyond.shape
     new = lights_between(toward)
-    repeated = len(np.unique(np.asarray(toward, np.float32), axis=0)) < views  # a twin tells all, and teaches nothing
-    if views < FEWEST_VIEWS or repeated or not len(new):
+    # the twin of a photograph tells all of it, and teaches nothing
+    if views < FEWEST_VIEWS or not _once(toward).all() or not len(new):
         return None
     left_out = _left_out(views)
     every = max(1, -(-(1 + GROUPINGS) * views * texels // MOST_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     which, every_view = np.concatenate(left_out), np.arange(views)
     others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
-    samples, off = jax.device_get(_of_left_out(others, beyond, model, which))
-    half = (which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2  # views, and texels, of two halves
-    *samples, off = (np.moveaxis(of, 0, -2).reshape(*of.shape[1:-1], -1) for of in (*samples, off))
-    samples, half = Samples(*samples), half.ravel()
-    judged = np.flatnonzero(half == 2)
-    # more steps are no worse
-    tried = off[:, judged] - np.asarray(_network(samples, off, half == 0, STEPS // 8)(_some(samples, judged)))
-    if not np.mean(tried**2) <= (1.0 - LEAST_GAIN) ** 2 * np.mean(off[:, judged] ** 2):
+    level = float(np.median((beyond + model).mean((0, 1))))
+    least = np.asarray(max(LEAST_LEVEL * level, 1e-6), np.float32)
+    samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
+    half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves
+    tried = _network(samples, channels, least, np.flatnonzero(half == 0), STEPS // 8)  # more steps are no worse
+    of, off = _parted(samples[np.flatnonzero(half == 2)], channels)
+    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - LEAST_GAIN) ** 2 * jnp.mean(off**2):
         return None
     asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
-    return BetweenLights(everywhere, asked, _network(samples, off, half >= 0, STEPS))
+    return BetweenLights(everywhere, asked, _network(samples, channels, least, np.arange(len(samples)), STEPS))
 
 
 def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenLights | None]:
@@ -160,18 +164,16 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
     if len(leaves) == len(Interpolation._fields):
         return interpolation, None
     toward, neighbours = next(given), taken(Neighbours)
-    weight, bias, weights, biases, middle, scale = given
-    return interpolation, BetweenLights(toward, neighbours, Network((weight, bias), (weights, biases), middle, scale))
+    weight, bias, weights, biases, *numbers = given
+    return interpolation, BetweenLights(toward, neighbours, Network((weight, bias), (weights, biases), *numbers))
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
     """Return directions between some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
-    apart = np.linalg.norm(toward[:, None] - toward, axis=-1) + 4.0 * np.eye(len(toward))
-    once = np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
-    if once.sum() < 2:
+    once = toward[_once(toward)]
+    if len(once) < 2:
         return np.zeros((0, 3))
-    others = apart[np.ix_(once, once)]
-    spacing = float(np.median(np.where(others < LEAST_SPACING, 4.0, others).min(1)))
+    spacing = float(np.median(_apart(once).min(1)))
     count = round(4.0 * np.pi / (SPACING * spacing) ** 2)
     i = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * i / count, np.pi * (3.0 - np.sqrt(5.0)) * i
@@ -179,6 +181,16 @@ def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "n
     sphere = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
     nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
     return sphere[(nearest > APART * spacing) & (nearest < spacing)]
+
+
+def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views views"]:
+    return np.linalg.norm(toward[:, None] - toward, axis=-1) + 4.0 * np.eye(len(toward))
+
+
+def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
+    """Return which lights are no twins of ones before them."""
+    apart = _apart(toward)
+    return np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
 
 
 def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
@@ -242,96 +254,111 @@ def _spline(
 
 
 def _of_each(
-    result: Callable[[Samples, Array, Array, Array], T],
+    result: Callable[..., T],
     of: Neighbours,
     beyond: Float[Array, "views channels texels"],
     model: Float[Array, "views channels texels"],
+    least: Float[Array, ""],
     here: Float[Array, "lights channels texels"],
+    *more: Float[Array, "lights channels texels"],
 ) -> T:
-    """Return for each light the result of what the network is shown of it, what is expected, the model and spread."""
+    """Return for each light the result of its samples, what is expected, its spread, the model there, and more."""
     shown = beyond + model
     grey, grey_model = shown.mean(1), model.mean(1)
     expected = here + jnp.tensordot(of.kriging, beyond, 1)
     spline, mean = jnp.tensordot(of.spline, shown, 1), jnp.tensordot(of.asked, shown, 1)
 
     def under(light: tuple[Array, ...]) -> T:
-        asked, nearest, spread, expected, spline, mean, here = light
+        asked, nearest, spread, expected, spline, mean, here, *more = light
         largest = jnp.max(jnp.where(asked[:, None] > 0.0, grey, -jnp.inf), 0)
-        level = jnp.maximum(mean.mean(0), LEAST_LEVEL)
+        level = jnp.maximum(mean.mean(0), least)
         found = [expected.mean(0), here.mean(0), spline.mean(0), largest, *grey[nearest], *grey_model[nearest]]
         x = jnp.stack([*(one / level for one in found), level])
         others = jnp.stack([jnp.zeros_like(here), here, spline, mean, *shown[nearest]]) - expected[None]
-        return result(Samples(x, others), expected, here, spread)
+        return result(Samples(x, others), expected, spread, here, *more)
 
-    return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here))
+    return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here, *more))
 
 
 @jax.jit
-def _of_left_out(
-    left_out: Neighbours, beyond: Array, model: Array, which: Int[Array, " lights"]
-) -> tuple[Samples, Float[Array, "lights channels texels"]]:
-    """Return the samples for views that are left out, and what they show beyond the expected, in standard errors."""
+def _left_out_samples(
+    left_out: Neighbours, beyond: Array, model: Array, least: Array, which: Int[Array, " lights"]
+) -> Float[Array, "lights texels numbers"]:
+    """Return the samples of views that are left out, and what they show beyond the expected, in standard errors.
 
-    def off(samples: Samples, expected: Array, _: Array, spread: Array) -> tuple[Samples, Array, Array]:
-        return samples, expected, spread
+    A sample's numbers are beside one another, so that drawing some samples is quick.
+    """
 
-    samples, expected, spread = _of_each(off, left_out, beyond, model, model[which])
-    return samples, ((beyond + model)[which] - expected) / spread[:, None, None]
+    def row(samples: Samples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
+        others = samples.others.reshape(-1, samples.x.shape[1])
+        return jnp.concatenate([samples.x, others, (shown - expected) / spread]).T
+
+    return _of_each(row, left_out, beyond, model, least, model[which], (beyond + model)[which])
 
 
-def _some(of: Samples, which: Int[np.ndarray, " some"]) -> Samples:
-    return Samples(of.x[:, which], of.others[..., which])
+def _parted(rows: Float[Array, "samples numbers"], channels: int) -> tuple[Samples, Float[Array, "channels samples"]]:
+    """Return the samples of rows, and what they show beyond the expected."""
+    numbers = rows.T
+    ends = np.cumsum([len(numbers) - (CANDIDATES + 1) * channels, CANDIDATES * channels])
+    x, others, off = jnp.split(numbers, ends)
+    return Samples(x, others.reshape(CANDIDATES, channels, -1)), off
 
 
 def _weighed(
-    layers: Layers, x: Float[Array, "inputs samples"], others: Float[Array, "ways channels samples"]
+    layers: Layers, x: Float[Array, "inputs samples"], others: Float[Array, "candidates channels samples"]
 ) -> Float[Array, "channels samples"]:
-    """Return the others, weighed by what the layers make of the inputs."""
+    """Return the candidates, weighed by what the layers make of the inputs."""
     (weight, bias), (weights, biases) = layers
     each = weights @ jax.nn.relu(weight @ x + bias[:, None]) + biases[:, None]
     return jnp.sum(each[:, None] * others, 0)
 
 
 def _network(
-    samples: Samples, y: Float[np.ndarray, "channels samples"], taken: Bool[np.ndarray, " samples"], steps: int
+    rows: Float[Array, "samples numbers"],
+    channels: int,
+    least: Array,
+    taken: Int[np.ndarray, " taken"],
+    steps: int,
 ) -> Network:
-    """Return the network that was trained on the samples that are taken: the least squares, by Adam."""
+    """Return the network that was trained on the rows that are taken: the least squares, by Adam."""
     rng = np.random.default_rng(0)
-    inputs, ways, taken = len(samples.x), len(samples.others), np.flatnonzero(taken)
+    inputs = rows.shape[1] - (CANDIDATES + 1) * channels
 
     def layer(size: int, inputs: int) -> tuple[np.ndarray, np.ndarray]:
         weight = rng.standard_normal((size, inputs)) * np.sqrt(2.0 / inputs)
         return weight.astype(np.float32), np.zeros(size, np.float32)
 
-    layers = (layer(HIDDEN, inputs), layer(ways, HIDDEN))
-    x = samples.x[:, taken]
-    middle, scale = x.mean(1), np.maximum(x.std(1), 1e-6)
-    size = max(float(np.sqrt(np.mean(y[:, taken] ** 2))), 1e-12)
-    x = (x - middle[:, None]) / scale[:, None]
-    which = rng.integers(0, len(taken), (steps, BATCH))
-    # a sample's numbers beside one another, so that drawing some of them is quick
-    together = np.concatenate([x, samples.others[..., taken].reshape(-1, len(taken)) / size, y[:, taken] / size]).T
-    hidden, output = _descended(layers, np.ascontiguousarray(together), which, len(y))
-    return Network(hidden, output, middle, scale)
+    layers = (layer(HIDDEN, inputs), layer(CANDIDATES, HIDDEN))
+    of_rows = np.asarray(rows)
+    x, off = of_rows[taken, :inputs], of_rows[taken, -channels:]
+    middle, scale = x.mean(0), np.maximum(x.std(0), 1e-6)
+    size = np.float32(max(float(np.sqrt(np.mean(off**2))), 1e-12))
+    which = taken[rng.integers(0, len(taken), (steps, BATCH))]
+    hidden, output = _descended(Network(*layers, middle, scale, least), rows, which, size, channels)
+    return Network(hidden, output, middle, scale, least)
 
 
 @partial(jax.jit, static_argnames="channels")
 def _descended(
-    layers: Layers, samples: Float[Array, "samples _"], which: Int[Array, "steps batch"], channels: int
+    begun: Network,
+    rows: Float[Array, "samples numbers"],
+    which: Int[Array, "steps batch"],
+    size: Float[Array, ""],
+    channels: int,
 ) -> Layers:
-    """Return the layers after steps of Adam with weight decay (Loshchilov and Hutter 2019), shorter as a cosine is.
+    """Return the layers after steps of Adam with weight decay, the rate falling as a cosine (Loshchilov, Hutter 2019).
 
     Args:
-        layers: The layers.
-        samples: The inputs of each, what else may be shown, and what is shown.
+        begun: The network to begin with.
+        rows: The samples, and what is shown of each.
         which: Samples of each step.
+        size: The candidates and what is shown are relative to this.
         channels: Channels of what is shown.
     """
-    inputs, ways = layers[0][0].shape[1], len(layers[1][0])
 
     def cost(layers: Layers, batch: Array) -> Array:
-        x, others, y = jnp.split(samples[batch].T, (inputs, inputs + ways * channels))
-        return jnp.mean((_weighed(layers, x, others.reshape(ways, channels, -1)) - y) ** 2)
+        of, off = _parted(rows[batch], channels)
+        return jnp.mean((begun._replace(hidden=layers[0], output=layers[1])(of) - off) ** 2) / size**2
 
     def step(carry: tuple, item: tuple[Array, Array]) -> tuple[tuple, None]:
         layers, first, second = carry
@@ -346,6 +373,7 @@ def _descended(
 
         return (jax.tree.map(moved, layers, first, second), first, second), None
 
+    layers = (begun.hidden, begun.output)
     still = jax.tree.map(jnp.zeros_like, layers)
     steps = jnp.arange(1, len(which) + 1, dtype=jnp.float32)
     return jax.lax.scan(step, (layers, still, still), (steps, which))[0][0]

@@ -51,5 +51,21 @@ def test_lights_that_lie_beside_one_another_count_once():
     twice = np.concatenate([lights, beside / np.linalg.norm(beside, axis=1, keepdims=True)])
     assert len(lights_between(twice)) == len(lights_between(lights)) > 24
     model, beyond = shadows(lights, 300)
-    lights, beyond, model = (np.concatenate([of, of[:1]]) for of in (lights, beyond, model))
-    assert learned_between(lights, beyond, model, SMOOTHING) is None  # a photograph that is given twice teaches nothing
+    beyond, model = (np.concatenate([of, of[:1]]) for of in (beyond, model))
+    for twin in (lights[:1], beside[:1] / np.linalg.norm(beside[0])):  # given twice, a photograph teaches nothing
+        assert learned_between(np.concatenate([lights, twin]), beyond, model, SMOOTHING) is None
+
+
+def test_what_is_black_stays_dark():
+    """Noise about 0, whose mean is next to nothing, and may be negative."""
+    lights = dome(40, 0.2)
+    model, beyond = shadows(lights, 600)
+    black = np.arange(600) % 20 == 0
+    model, beyond = (np.where(black, 0.0, of).astype(np.float32) for of in (model, beyond))
+    beyond += np.random.default_rng(0).normal(0.0, 1e-3, beyond.shape).astype(np.float32)
+    found = learned_between(lights, beyond, model, SMOOTHING)
+    assert found is not None
+    everywhere = np.concatenate([model, np.broadcast_to(found.toward[40:, 2:, None], (len(found.toward) - 40, 1, 600))])
+    everywhere = np.where(black, 0.0, np.maximum(everywhere, 0.0)).astype(np.float32)
+    shown = everywhere + np.asarray(found.beyond(beyond, everywhere))
+    assert 0.0 <= shown[40:][..., black].min() <= shown[40:][..., black].max() < 0.01
