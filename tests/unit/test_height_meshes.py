@@ -100,6 +100,7 @@ def test_no_triangle_crosses_a_jump():
 def test_fewer_triangles_keep_to_the_tolerance(given):
     _, heights, whole = given
     mesh = ds.height_mesh(heights, tolerance=0.005)
+    # 30 % would do where each corner is the mean of its own pixels: the moved ones follow the normals, bumps and all
     assert len(mesh.face) < 0.4 * len(whole.face)
     assert 0.0 < mesh.largest <= 0.005
     hits = trimesh.Trimesh(mesh.corner, mesh.face, process=False)

@@ -61,7 +61,7 @@ class HeightMesh:
 def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> HeightMesh:
     """Return heights as a mesh of two triangles a pixel, none of them across a jump.
 
-    Its corners are those of the pixels, and all of them are moved until each pixel's two triangles face along its own
+    Its corners are those of the pixels, and all of them are moved so that each pixel's two triangles face along its own
     normal, which triangles between the centres of pixels, of four normals each, do not. Where the normals contradict a
     continuous surface, as at a crease, few pixels miss theirs (Huber's loss); where they are noisier than the surface
     is twisted, they are smoothed.
