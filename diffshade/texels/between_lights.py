@@ -9,8 +9,9 @@ u is interpolated (kriging), and sigma is its standard error, small at a light n
 candidates: zero, the model, a spline through the views (Duchon 1977), their mean, the four nearest views. x holds them,
 the model under the nearest views, and the largest of all, grey and relative to the mean, so that one f serves all
 texels, colours and lights, and many materials teach it. (Kernels are predicted so in Bako et al. 2017; a network that
-has the place of the model is neural RTI's, Dulecha et al. 2020.) What is shown lies between 0 and the largest that the
-views or the model show. The network is kept only if it predicts views and texels from which it has not learned better.
+has the place of the model is neural RTI's, Dulecha et al. 2020.) What is shown lies between 0 and twice the largest
+that the views or the model show. The network is kept only if it predicts views and texels from which it has not learned
+better.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ class BetweenLights(NamedTuple):
 
         def under(samples: Samples, expected: Array, spread: Array, here: Array) -> Array:
             shown = expected + spread * self.network(samples)
-            return jnp.clip(shown, 0.0, jnp.maximum(largest, here)) - here
+            return jnp.clip(shown, 0.0, 2.0 * jnp.maximum(largest, here)) - here
 
         new = _of_each(under, self.neighbours, beyond, seen, self.network.least, here)
         return jnp.concatenate([beyond, new.astype(beyond.dtype)])
