@@ -11,15 +11,16 @@ more than 1); the relative error of photographs that were left out, each as root
 maximum over the photographs, by least squares and by the maps; and seconds. The first run in a process compiles; the
 second is timed.
 
-With `--speed`, texels a second alone: of 24 spread photographs; of 96, which are the object's and, as far as there are
-too few, these again with all numbers times 1.001 (a photograph that is given twice teaches nothing of the lights
-between, so no network is learned there); and of 96 pictures that the maps show under as many different lights.
-"network" says that one was learned.
+With `--speed`, texels a second alone: of 24 spread photographs, where there are as many; of 96, which are the object's
+and, as far as there are too few, these again and again, with all numbers times 1.001, 1.002, ... (a photograph that is
+given twice teaches nothing of the lights between, so no network is learned there); and of 96 pictures that the maps
+show under as many different lights. "network" says that one was learned.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +33,7 @@ from scipy.stats import spearmanr
 
 import diffshade as ds
 from diffshade.inverse.data.relightable import dome
+from diffshade.inverse.data.views import lights_on
 
 FREE = ("k_d", "k_s", "n_s", "normal")
 PUBLISHED = {  # least squares, best classical, a dictionary of BRDFs (HS17), best learned; Shi et al. 2016 and its site
@@ -77,7 +79,10 @@ def directions(given: Object, views: list[ds.View]) -> np.ndarray:
     """Return the light of each view as a vector for each channel, (views, 3, 3): direction times intensity."""
     found = []
     for view in views:
-        light = given.scene.lights[view.lit if isinstance(view.lit, int) else view.lit[0]]
+        k = lights_on(given.scene, view)[0]
+        light = given.scene.lights[k]
+        if not isinstance(light, ds.DirectionalLight):
+            raise SystemExit(f"{given.name}: lights[{k}] must be a DirectionalLight; got a {type(light).__name__}.")
         toward = -np.asarray(light.direction, np.float64)
         toward = toward / np.linalg.norm(toward)
         found.append(np.broadcast_to(np.asarray(light.intensity), (3,))[:, None] * toward)
@@ -168,6 +173,15 @@ def spread_over(views: int, count: int) -> np.ndarray:
     return np.round(np.linspace(0, views - 1, count)).astype(int)
 
 
+def repeated(given: Object, count: int) -> Object:
+    """Return an object with so many photographs: its own, and as far as there are too few these again, brighter."""
+    views = [
+        dataclasses.replace(view, image=np.asarray(view.image) * (1.0 + 0.001 * (k // len(given.views))))
+        for k, view in enumerate(itertools.islice(itertools.cycle(given.views), count))
+    ]
+    return given._replace(views=views)
+
+
 def shown(given: Object, maps: ds.TexelMaps, count: int) -> Object:
     """Return an object whose photographs are what maps show under different lights."""
     lights = [ds.DirectionalLight(tuple(-toward)) for toward in dome(count, LOWEST)]
@@ -189,12 +203,12 @@ def rate(given: Object) -> tuple[str, ds.TexelMaps]:
 
 def speed_line(given: Object) -> list[str]:
     """Return an object's line of the table of speeds."""
-    few = given._replace(views=[given.views[i] for i in spread_over(len(given.views), FEW)])
-    again = [dataclasses.replace(view, image=np.asarray(view.image) * 1.001) for view in given.views]
-    many = given._replace(views=[*given.views, *again][:MANY])
+    count = len(given.views)
+    few = given._replace(views=[given.views[i] for i in spread_over(count, FEW)])
     found, maps = rate(given)
-    others = (few, many, shown(given, maps, MANY))
-    return [given.name, f"{len(given.views)}", found, *(rate(other)[0] for other in others)]
+    fewer = rate(few)[0] if count >= FEW else ""
+    others = (repeated(given, MANY), shown(given, maps, MANY))
+    return [given.name, f"{count}", found, fewer, *(rate(other)[0] for other in others)]
 
 
 @click.command()
@@ -204,6 +218,8 @@ def speed_line(given: Object) -> list[str]:
 @click.option("--speed", is_flag=True, help=f"Texels a second alone, with {FEW} and {MANY} photographs")
 def main(folders: tuple[Path, ...], twelve: bool, light_error: float | None, speed: bool) -> None:
     """Compare normals of the objects in FOLDERS with the truth."""
+    if speed and (twelve or light_error is not None):
+        raise click.UsageError("--speed takes no --twelve or --light-error: it has its own numbers of photographs.")
     table = Table(box=None)
     heads = (
         "object", "views", "LS", "ours mean / median", "known", "published LS, classical, HS17, learned", "68 95",

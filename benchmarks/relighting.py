@@ -16,8 +16,9 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,7 @@ from scipy.interpolate import RBFInterpolator
 import diffshade as ds
 from diffshade.io.rti_files import terms
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
-from browser import chromium
-from maps_stage import Stage
-
+SUPPORT = Path(__file__).parent.parent / "tests" / "support"
 FOLDS = 5
 RING = 0.05  # lights whose z is within so much of the lowest one's are the lowest ring
 
@@ -47,11 +45,34 @@ def by_splines(seen: np.ndarray, images: np.ndarray, others: np.ndarray) -> np.n
     return np.tensordot(weights, images, 1)
 
 
-def by_page(browser: Any, maps: ds.TexelMaps, seen: Sequence[ds.View], left_out: Sequence[ds.View]) -> np.ndarray:
+@contextmanager
+def page_opener() -> Iterator[Callable[[Path], Any]]:
+    """Start Chromium, and give what opens a page of maps in it; only this needs what the tests need."""
+    sys.path.insert(0, str(SUPPORT))
+    import pytest
+    from browser import chromium
+    from maps_stage import Stage
+
+    with tempfile.TemporaryDirectory() as profile, ExitStack() as stack:
+        try:
+            browser = stack.enter_context(chromium(Path(profile)))
+        except pytest.skip.Exception as missing:
+            raise SystemExit(f"{missing}".replace("this test", "--page")) from None
+        yield partial(Stage, browser)
+
+
+def by_page(
+    open_page: Callable[[Path], Any], maps: ds.TexelMaps, seen: Sequence[ds.View], left_out: Sequence[ds.View]
+) -> np.ndarray:
     """Return what the page of maps draws in the light of each photograph that was left out, linear."""
     with tempfile.TemporaryDirectory() as folder:
         ds.write_report(Path(folder) / "maps.html", maps, views=seen, held_out=left_out)
-        stage, mask = Stage(browser, Path(folder) / "maps.html"), np.asarray(left_out[0].mask)
+        stage, mask = open_page(Path(folder) / "maps.html"), np.asarray(left_out[0].mask)
+        if (stage.height, stage.width) != mask.shape:
+            raise SystemExit(
+                f"the page has {stage.height} x {stage.width} texels and the photographs {mask.shape[0]} x "
+                f"{mask.shape[1]} pixels, so they cannot be compared. Give smaller photographs."
+            )
         stops = min(0.0, -float(np.log2(max(view["gain"] for view in stage.told["views"]))))
         drawn = []
         for i in range(len(seen), len(seen) + len(left_out)):
@@ -65,10 +86,13 @@ def psnr(shown: np.ndarray, image: np.ndarray) -> float:
     return float(-10.0 * np.log10(np.mean((np.clip(shown, 0.0, 1.0) - image) ** 2)))
 
 
-def main(folder: Path, srgb: bool, browser: Any) -> None:
-    """Print the ratio for each light and method, and their means; with a browser, that of the page."""
+def main(folder: Path, srgb: bool, open_page: Callable[[Path], Any] | None) -> None:
+    """Print the ratio for each light and method, and their means; with what opens pages, that of the page."""
     scene, views = ds.read_photographs(folder, normals=False, srgb=srgb)
-    toward = np.stack([-np.asarray(light.direction) for light in scene.lights])
+    directions = [light.direction for light in scene.lights if isinstance(light, ds.DirectionalLight)]
+    if len(directions) < len(scene.lights):
+        raise SystemExit(f"{folder} has lamps at places; give photographs under distant lights.")
+    toward = -np.stack([np.asarray(direction) for direction in directions])
     mask = np.asarray(views[0].mask)
     stored = np.stack([np.asarray(view.image)[mask] for view in views])
     found: dict[str, np.ndarray] = {}
@@ -84,8 +108,8 @@ def main(folder: Path, srgb: bool, browser: Any) -> None:
             "HSH 16": by_basis("hsh", 16, seen, images, others),
             "RBF": by_splines(seen, images, others),
         }
-        if browser is not None:
-            shown = {"page": by_page(browser, maps, fitted, left_out), **shown}
+        if open_page is not None:
+            shown = {"page": by_page(open_page, maps, fitted, left_out), **shown}
         for name, pictures in shown.items():
             row = found.setdefault(name, np.zeros(len(views)))
             row[out] = [psnr(picture, image) for picture, image in zip(pictures, stored[out], strict=True)]
@@ -113,6 +137,5 @@ if __name__ == "__main__":
     parser.add_argument("--sRGB", dest="srgb", action="store_true", help="decode the photographs; by default linear")
     parser.add_argument("--page", action="store_true", help="compare what the page draws as well")
     given = parser.parse_args()
-    with ExitStack() as stack:
-        profile = stack.enter_context(tempfile.TemporaryDirectory())
-        main(given.folder, given.srgb, stack.enter_context(chromium(Path(profile))) if given.page else None)
+    with page_opener() if given.page else nullcontext() as open_page:
+        main(given.folder, given.srgb, open_page)

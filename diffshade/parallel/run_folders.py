@@ -113,8 +113,8 @@ class RunFolder:
             ) from None
         if known != problem:
             raise ValueError(
-                f"{self.path} holds the {kind.contents} of another run, whose scene, views or options differ. Give "
-                f"{kind.argument} another folder, or remove this one."
+                f"{self.path} holds the {kind.contents} of another run, whose scene, views, options or version of "
+                f"diffshade differ. Give {kind.argument} another folder, or remove this one."
             )
 
     def _locked(self) -> TextIO | None:

@@ -33,6 +33,7 @@ from .run import TexelRun
 from .tile_runner import TileRunner
 
 _LOGGER = logging.getLogger("diffshade")
+FORMAT = 2  # version of what an unfinished run keeps on disk, such as its network; it enters the fingerprint
 MEMORY = 1 << 28
 SHARED = {"k_d", "k_s", "n_s", "normal"}  # what is free where texels may share a highlight
 MOST_COPLANAR = 0.5  # share of the texels whose lights lie in one plane, beyond which halves of them say nothing
@@ -127,7 +128,8 @@ def fit_texels(
         showing("texels", show=progress) as report_progress,
         in_float64((scene, views)) as (scene, views),
     ):
-        problem = "" if out is None else fingerprint(scene, views, free, region_of, loss, neighbours, light_error)
+        choices = (free, region_of, loss, neighbours, light_error)
+        problem = "" if out is None else fingerprint(FORMAT, scene, views, *choices)
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
             maps = _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)

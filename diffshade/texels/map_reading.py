@@ -66,8 +66,8 @@ def _about(folder: Path) -> dict[str, Any]:
     version = about.get("format")
     if version != FORMAT:
         raise ValueError(
-            f"{path} has the format {version!r}, and this version of diffshade reads {FORMAT}. Write the maps again: "
-            "a finished fit is not repeated."
+            f"{path} has the format {version!r}, and this version of diffshade reads {FORMAT}. Fit the photographs "
+            "again, into a new folder."
         )
     if "numbers" not in about:
         raise ValueError(

@@ -133,7 +133,7 @@ def test_what_is_damaged_is_one_sentence(shared, tmp_path):
         shutil.rmtree(folder)
     about = (whole / "maps.toml").read_text()
     for old, new, words in (
-        ("format = 2", "format = 1", "has the format 1, and this version of diffshade reads 2"),
+        ("format = 2", "format = 1", "has the format 1, and this version of diffshade reads 2. Fit the photographs"),
         ("width = ", "w = ", "maps.toml is damaged: KeyError('width')"),
         ('"k_d",', '"k_a",', "k_a.npy"),
     ):

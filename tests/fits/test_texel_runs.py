@@ -7,6 +7,7 @@ import pytest
 from textured import textured_ball
 
 import diffshade as ds
+from diffshade.texels import fitting
 
 
 def test_only_the_same_run_resumes(tmp_path):
@@ -28,6 +29,21 @@ def test_only_the_same_run_resumes(tmp_path):
     with pytest.raises(ValueError, match=r"mine holds other files.*Give out the name of a new folder"):
         ds.fit_texels(ball.scene, ball.views, out=tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["letter.txt"]
+
+
+def test_a_run_of_another_version_is_refused_and_left_as_it_is(tmp_path, monkeypatch):
+    ball, folder = textured_ball(16), tmp_path / "maps"
+
+    def fit():
+        return ds.fit_texels(ball.scene, ball.views, free="k_d", out=folder)
+
+    with monkeypatch.context() as earlier:
+        earlier.setattr(fitting, "FORMAT", fitting.FORMAT - 1)
+        fit()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(ValueError, match=r"maps of another run, .* version of diffshade differ\. .*remove this one\.$"):
+        fit()
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 SPHERE = ds.Object(ds.Sphere(), ds.Material(k_s=0.0))
