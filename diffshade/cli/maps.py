@@ -121,6 +121,9 @@ def texels(
                 "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
             )
             maps, made = fitted(None)
+    maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
+    maps.describe(out)
+    made = None if made is None else replace(made, result=maps)
     held = [found.views[i] for i in left_out]
     relative = maps.relative_errors(held)
     coverage = None if made is None else made.coverage(held)
@@ -148,7 +151,7 @@ def texels(
         "\n".join(
             [
                 f"{found.encodings}",
-                with_names(f"{maps}", names),
+                f"{maps}",
                 *([] if response is None else [f"{response}"]),
                 *([] if relief is None else [f"{relief}"]),
                 *([] if hold_out is None else [_on_left_out(relative, left_names)]),
@@ -169,7 +172,7 @@ def texels(
             "folder": out,
             "status": status,
             "medians": medians,
-            "notes": [with_names(note, names) for note in maps.notes],
+            "notes": maps.notes,
             "heights": None if relief is None else {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
             "written": written,
         },

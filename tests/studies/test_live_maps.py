@@ -56,6 +56,17 @@ def test_the_picture_is_what_shade_returns_in_each_photographs_light(stage, bump
     assert off(stage.draw(shadows="none"), stage.shown(alone, 5), inside) < 1
 
 
+def test_reset_takes_back_what_was_set(stage):
+    before = {name: stage.value(name) for name in ("azimuth", "elevation", "specular", "exposure")}
+    picture = stage.draw()
+    stage.draw(elevation=20.0, specular=4.0, exposure=1.0, diffuse=False)
+    stage.browser.find_element("name", "reset").click()
+    stage.wait()
+    stage.set("compare", False)
+    assert {name: stage.value(name) for name in before} == pytest.approx(before)
+    np.testing.assert_array_equal(stage.draw(), picture)
+
+
 def test_a_light_moved_by_hand_gives_what_shade_returns_in_it(stage, bumpy):
     maps, _, _ = bumpy
     intensity = maps.scene.lights[2].intensity

@@ -45,9 +45,22 @@ def normals_of_pixels(mesh):
     return across / np.linalg.norm(across, axis=-1, keepdims=True)
 
 
+def test_texels_that_nothing_joins_to_the_others_are_left_out():
+    mask = np.zeros((12, 12), bool)
+    mask[2:10, :6] = mask[5, 9] = True
+    camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
+    heights = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    mesh = ds.height_mesh(heights)
+    assert len(mesh.face) == 2 * (mask.sum() - 1)
+    assert np.isfinite(mesh.errors).all()
+    mask[:, :6] = False  # nothing else is there
+    alone = ds.integrate_normals(np.broadcast_to((0.0, 0.0, 1.0), (12, 12, 3)), camera, mask=mask)
+    assert len(ds.height_mesh(alone).face) == 2
+
+
 def test_pixels_have_their_heights_and_normals(given):
     _, heights, mesh = given
-    inside = heights.mask
+    inside = heights.mask & np.isfinite(heights.errors)
     middle = mesh.corner[mesh.face].reshape(-1, 6, 3)[:, [1, 2]].mean(1)  # bottom left and top right
     off = ((middle - heights.position[inside]) * heights.normal[inside]).sum(-1)
     assert np.abs(off).max() < 0.1 * 2.2 / 48  # of a pixel
@@ -249,4 +262,5 @@ def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     mask = np.linalg.norm(normal, axis=-1) > 0.5
     camera = ds.OrthographicCamera((0, 0, 4), height=2.0, shape=mask.shape, local_viewer=False)
     heights = ds.integrate_normals(normal, camera, mask=mask)
-    assert np.median(angle(normals_of_pixels(ds.height_mesh(heights)), normal[heights.mask])) < most
+    joined = heights.mask & np.isfinite(heights.errors)
+    assert np.median(angle(normals_of_pixels(ds.height_mesh(heights)), normal[joined])) < most

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -64,7 +64,8 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> Height
     Its corners are those of the pixels, and all of them are moved so that each pixel's two triangles face along its own
     normal, which triangles between the centres of pixels, of four normals each, do not. Where the normals contradict a
     continuous surface, as at a crease, few pixels miss theirs (Huber's loss); where they are noisier than the surface
-    is twisted, they are smoothed.
+    is twisted, they are smoothed. Texels whose error is infinite are left out where others are finite: parts of few
+    texels, of which nothing shows how far from the others they are.
 
     With a tolerance, edges are collapsed where the surface changes least (quadric error metrics; Garland and Heckbert
     1997), those of the border excepted, and the fewest triangles are kept whose distance from the mesh of all
@@ -87,6 +88,9 @@ def height_mesh(heights: HeightMap, *, tolerance: float | None = None) -> Height
     check_kind("heights", heights, HeightMap, "integrate_normals(normal, camera)")
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise ValueError(f"tolerance must be above 0 scene units; got {tolerance}. Leave it out to keep all triangles.")
+    floating = heights.mask & np.isinf(heights.errors)
+    if floating.sum() < heights.mask.sum():
+        heights = replace(heights, part=np.where(floating, -1, heights.part))
     corner, errors, of_pixel = corners_of(heights)
     whole = Triangles(corner, of_pixel[:, [[0, 2, 1], [1, 2, 3]]].reshape(-1, 3))
     mesh, largest = (whole, 0.0) if tolerance is None else _fewest(whole, of_pixel, heights, float(tolerance))

@@ -11,7 +11,7 @@
     return;
   }
   const { camera, views } = scene, { dot } = vectors, photographs = new Map();
-  const light = { toward: views[0].toward, view: 0 };
+  const light = {}, first = middling();
   let picture = null, photograph = null;
 
   // The light
@@ -21,6 +21,12 @@
     const z = Math.sqrt(Math.max(1 - x * x - y * y, 0));
     return [0, 1, 2].map((i) => x * camera.right[i] + y * camera.up[i] + z * camera.backward[i]);
   };
+
+  function middling() {  // the first photograph that is not brighter than most: white is that of the median one
+    const brightness = views.map(({ gain, arriving }) => gain * Math.max(...arriving));
+    const median = [...brightness].sort((a, b) => a - b)[views.length >> 1];
+    return brightness.findIndex((of) => of <= median);
+  }
 
   function weights(toward) {  // of the light beyond the model (diffshade.texels.unexplained)
     const of = scene.interpolation;
@@ -123,8 +129,8 @@
     turn();
   });
   control("reset").addEventListener("click", () => {
-    section.querySelector("form").reset();
-    relight(null, 0);
+    HTMLFormElement.prototype.reset.call(section.querySelector("form"));  // its own is hidden by the button of that name
+    relight(null, first);
   });
 
   // The picture
@@ -135,7 +141,7 @@
     picture = mapPicture(canvas, gl, scene, await mapTextures.load(gl, scene));
     section.classList.remove("loading");
     if (!picture) return section.classList.add("without-webgl");
-    relight(null, light.view);
+    relight(null, light.view ?? first);
   }
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", build);

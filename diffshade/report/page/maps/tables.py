@@ -20,10 +20,8 @@ def lead(maps: TexelMaps) -> str:
     inside = int((maps.status != OUTSIDE).sum())
     known, determined = int(maps.known.sum()), int(maps.determined.sum())
     shares = [f"{100 * part / inside:.0f}\u202f%" for part in (known, determined)]
-    return (
-        f"Colour and normal are known at {shares[0]} of its texels, the highlight too at {shares[1]}. Every number has "
-        "an error."
-    )
+    highlight = f", the highlight too at {shares[1]}" if determined else ", the highlight at none"
+    return f"Colour and normal are known at {shares[0]} of its texels{highlight}. Every number has an error."
 
 
 def facts(maps: TexelMaps, fitted: int, left_out: int, off: Float[np.ndarray, " n"]) -> list[tuple[str, str]]:

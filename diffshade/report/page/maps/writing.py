@@ -26,7 +26,7 @@ from ..template import as_script, fill
 from . import tables
 from .layers import Layer, layers_of
 from .numbers import Numbers, numbers_of
-from .overlays import LEVELS_OF_STATUS, gradient, overlays_of
+from .overlays import DARK, LEVELS_OF_STATUS, gradient, overlays_of
 from .photographs import as_jpeg, white_of
 from .stage import Lighting, stage_of
 
@@ -116,6 +116,7 @@ def write_maps_page(
             ("none", "none: the model alone", True),
             ("cast", "cast by the heights", numbers.height is not None),
         ),
+        shiny=bool((numbers.k_s[numbers.inside] > DARK).any()),
         overlays=overlays,
         gradient=["#" + bytes(colour.tolist()).hex() for colour in gradient()],
         remarks=tables.remarks(stage),
