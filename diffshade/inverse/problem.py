@@ -34,7 +34,7 @@ from .forward.losses import Likelihood
 from .forward.rendered import RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
-from .forward.sums import spread, sum_of_squares, view_weights, waves
+from .forward.sums import spread, sum_of_squares, waves, weights_of_views
 from .pixels.blocks import LEAST, Block, Piece, block_size, chunks, observed, pieces, shares
 from .pixels.tiles import Tiles
 from .solve.solvers import FAR, NEAR, Box, Minimum, PriorResiduals, Task, minimise
@@ -146,7 +146,7 @@ class FitProblem:
 
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
-        weights = np.asarray(view_weights(self.model)) if self.noise_known else np.ones(len(self.views))
+        weights = np.asarray(weights_of_views(self.model)) if self.noise_known else np.ones(len(self.views))
         return sum(sum_of_squares(weights, chunk) for chunk in chunks) or 1.0
 
     def priors(self, squares: float) -> PriorResiduals:
