@@ -63,10 +63,7 @@ class ResidualQuantiles(NamedTuple):
             distance: From the light of the samples to those of the fits, degrees.
         """
         ordered = np.sort(predicted, axis=0)
-        below, above = (
-            ordered[(len(ordered) - 1) // 2],
-            ordered[len(ordered) // 2],
-        )  # the median, or those beside it
+        below, above = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]  # of two, one may run away
         predicted = np.clip(predicted, np.minimum(self.floor, above), np.maximum(self.ceiling, below))
         middle = np.median(predicted, axis=0)
         predicted = middle + DISAGREEMENT * (predicted - middle)
