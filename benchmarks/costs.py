@@ -52,6 +52,7 @@ def main() -> None:
 
 def fit_pass() -> tuple[Any, int, int]:
     """Return a pass over one block, its pixels, and the bytes that it reads of each: three fields, three samples."""
+    from diffshade.core.backend import PLAINLY
     from diffshade.inverse.problem import PART
     from diffshade.inverse.solve import solvers
 
@@ -60,7 +61,8 @@ def fit_pass() -> tuple[Any, int, int]:
         block = jax.tree.map(lambda leaf: leaf[:1], fit.chunks(PART)[0])
         task = fit.task(1.0)
         theta = np.array([u.start for u in fit.unknowns])
-        lowered = solvers._summary.lower(task.model_structure, task.model_leaves, theta, block)
+        program = jax.jit(solvers._summarise, static_argnums=0, compiler_options=PLAINLY)  # as solvers compiles it
+        lowered = program.lower(task.model_structure, task.model_leaves, theta, block)
         return lowered, fit.block_size, 6 * 8 + 1
 
 

@@ -82,9 +82,10 @@ def _anew(leaf: Any) -> Any:
 
 
 def jit_quickly(program: Callable, static_argnums: int | None = None, options: dict = QUICKLY) -> Callable:
-    """Return a jitted program of a few numbers, which on the CPU is compiled without optimisation, or with less.
+    """Return a jitted program that the CPU's compiler is quick with, since it optimises less.
 
-    Like every program that is compiled with options of its own, it cannot be a part of another.
+    By default it does not optimise at all, which is for programs of a few numbers; `PLAINLY` and `SOONER` are for those
+    over pixels. Like every program that is compiled with options of its own, it cannot be a part of another.
     """
 
     @functools.cache

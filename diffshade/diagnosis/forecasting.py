@@ -107,7 +107,7 @@ def forecast(
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         chunks = problem.chunks()
         squares = problem.sum_of_squares(chunks)
-        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0)
+        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0, near=False)
         laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
     return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)

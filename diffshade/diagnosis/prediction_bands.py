@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ from jaxtyping import Bool, Float
 from ..core.backend import in_float64
 from ..core.progress import showing
 from ..core.words import count
-from ..inverse.data.recording import developed
+from ..inverse.data.recording import developed, linear
 from ..inverse.data.views import View, is_grey
 from ..inverse.result import Fit, Prediction
 from ..model.cameras import AbstractCamera
@@ -130,14 +129,15 @@ def fit_bands(
     to the texel's median photograph: a highlight may miss by more than a matte sample, and upward by another amount
     than downward. So nothing is assumed of the noise, or of what the model leaves out.
 
-    Half of the groups are spread over all lights, and half are neighbouring lights, a quarter of all as seen from the
-    object, so that every photograph is left out twice: with fitted lights near its own, and far from it. How its
-    residuals grow in between is a power of that distance, for predictions as bright, by which R_i is that of
+    Half of the groups are spread over all lights, and half are neighbouring lights, of 8 groups a quarter of all as
+    seen from the object, so that every photograph is left out twice: with fitted lights near its own, and far from it.
+    How its residuals grow in between is a power of that distance, for predictions as bright, by which R_i is that of
     photographs as far from the fitted lights as the new one. Where few photographs show predictions as bright,
     quantiles are as much wider as Student's t.
 
     The bands hold for further photographs like those fitted. They hold fewer samples where light comes from quite
-    another side than in any of them. It takes `groups` further fits.
+    another side than in any of them. It takes `groups` further fits. Where the fit finds a sensor, that takes the place
+    of the sensors of predicted views.
 
     Args:
         fit: What fits views, and returns a `Fit` or `TexelMaps`, such as
@@ -151,7 +151,8 @@ def fit_bands(
         The fit to all photographs (`result`), and what predicts photographs with bands.
 
     Raises:
-        ValueError: There are too few lights, or several cameras, or `level` or `groups` is out of range.
+        ValueError: There are too few lights, or several cameras, or `level` or `groups` is out of range, or the fit
+            finds a sensor for each photograph.
         TypeError: `fit` returns neither a `Fit` nor `TexelMaps`.
     """
     views = tuple(views)
@@ -228,8 +229,9 @@ def groups_of(
 ) -> tuple[tuple[int, ...], ...]:
     """Return groups of views that are spread over the lights, and as many of neighbouring lights.
 
-    Neighbours are those of one quarter, as seen from the object, so that some lights are far from the others across as
-    well as along a row: residuals grow otherwise in one direction than in the other.
+    Of 8 groups, neighbours are those of one quarter, as seen from the object, so that some lights are far from the
+    others across as well as along a row: residuals grow otherwise in one direction than in the other. Of 4 groups they
+    are halves.
 
     Args:
         toward: Unit vectors to the lights of the views.
@@ -240,19 +242,19 @@ def groups_of(
 
     axes = np.argsort(-np.ptp(each, axis=0), kind="stable")[:2]
 
-    def in_order(which: np.ndarray, turn: int = 0) -> list[int]:
+    def parts(which: np.ndarray, number: int, turn: int = 0) -> list[list[int]]:
         """Halves of halves, by turns along the two axes in which the directions differ most: neighbours follow."""
-        if len(which) < 2:
-            return which.tolist()
-        ordered = which[np.argsort(each[which, axes[turn]], kind="stable")]
-        return in_order(ordered[: len(which) // 2], 1 - turn) + in_order(ordered[len(which) // 2 :], 1 - turn)
+        if number < 2:
+            return [which.tolist()]
+        ordered, half = which[np.argsort(each[which, axes[turn]], kind="stable")], number // 2
+        cut = len(which) * half // number
+        return parts(ordered[:cut], half, 1 - turn) + parts(ordered[cut:], number - half, 1 - turn)
 
-    ordered = in_order(np.arange(len(alike)))
+    every = np.arange(len(alike))
+    ordered = [j for (j,) in parts(every, len(alike))]
     blocks = min(groups, len(alike)) // 2 if groups >= BOTH else 0
     spread = min(groups - blocks, len(alike))
-    of_lights = [ordered[k::spread] for k in range(spread)]
-    ends = np.rint(np.linspace(0, len(ordered), blocks + 1)).astype(int)
-    of_lights += [ordered[start:stop] for start, stop in itertools.pairwise(ends)]
+    of_lights = [ordered[k::spread] for k in range(spread)] + (parts(every, blocks) if blocks else [])
     return tuple(tuple(sorted(i for j in lights for i in alike[j])) for lights in of_lights)
 
 
@@ -284,10 +286,8 @@ def _predicted(result: Fit | TexelMaps, view: View) -> Prediction:
     if _finds_sensor(result):
         view = dataclasses.replace(view, sensor=result.views[0].sensor)
     found = result.predict(view)
-    target, image = (
-        np.asarray(developed(dataclasses.replace(view, image=of)).image) for of in (found.target, found.image)
-    )
-    return dataclasses.replace(found, target=target, image=image)
+    target = np.asarray(developed(dataclasses.replace(view, image=found.target)).image)
+    return dataclasses.replace(found, target=target, image=linear(found.image, view))
 
 
 def _finds_sensor(fit: Fit) -> bool:

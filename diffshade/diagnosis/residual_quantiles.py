@@ -12,7 +12,7 @@ from scipy import stats
 BRIGHTNESS = (0.3, 0.8, 1.5, 2.2, 3.0, 5.0)  # of a prediction, in medians of its texel: the bounds between bins
 SPREAD = 0.8  # which quantile of a texel's absolute residuals scales them
 SHARED = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
-FEWEST = 100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how they grow
+FEWEST = 100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how its own grow
 DISAGREEMENT = 0.4  # how much of the fits' differences from their median counts: residuals of such fits hold them once
 
 QUANTILES = 64  # of the residuals in a bin
@@ -46,7 +46,7 @@ class ResidualQuantiles(NamedTuple):
     floor: float
     """The smallest sample of the photographs, below which no band reaches."""
     ceiling: float
-    """The largest one: a fit that predicts more, since a few photographs mislead it, counts as if it said this."""
+    """The largest one."""
 
     def band(
         self, predicted: Float[np.ndarray, "groups n c"], level: float | int, distance: float
@@ -54,18 +54,21 @@ class ResidualQuantiles(NamedTuple):
         """Return the lower and the upper end of the band of each sample.
 
         As many of the sums of a prediction and a quantile lie below the band as above it, where the predictions are
-        drawn towards their median.
+        drawn towards their median. A fit that leaves the photographs' range without most others, since a few
+        photographs mislead it, counts as if it said the end of that range.
 
         Args:
             predicted: What each fit that left a group out says of the samples.
             level: Share of the sums in the band, from 0 to 1.
             distance: From the light of the samples to those of the fits, degrees.
         """
-        predicted = np.minimum(predicted, self.ceiling)
+        ordered = np.sort(predicted, axis=0)
+        below, above = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]  # of two, one may run away
+        predicted = np.clip(predicted, np.minimum(self.floor, above), np.maximum(self.ceiling, below))
         middle = np.median(predicted, axis=0)
         predicted = middle + DISAGREEMENT * (predicted - middle)
         table = self._at(distance, level)
-        bins = _brightness(predicted.mean(0), self.median).reshape(-1)
+        bins = _brightness(middle, self.median).reshape(-1)
         scale, flat = self.scale.reshape(-1), predicted.reshape(len(predicted), -1)
         count = len(predicted) * QUANTILES
         ranks = [rank := int((1.0 - level) / 2.0 * count), count - 1 - rank]
@@ -116,7 +119,7 @@ def residual_quantiles(
         distance: From its light to those of the fit, degrees.
     """
     floor, ceiling = float(np.nanmin(seen)), float(np.nanmax(seen))
-    predicted = np.minimum(predicted, ceiling)
+    predicted = np.clip(predicted, floor, ceiling)
     residual = seen - predicted
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a sample that no photograph shows is NaN
@@ -136,23 +139,24 @@ def residual_quantiles(
                 tables[k, b] = np.quantile(part, LEVELS)
                 sizes[k, b] = np.abs(part).mean()
     every = counts.sum(1)
-    shared = _growth((sizes * counts).sum(1) / np.maximum(every, 1.0), every, photograph, distance)
-    own = [_growth(sizes[:, b], counts[:, b], photograph, distance) for b in range(counts.shape[1])]
+    shared = _growth((sizes * counts).sum(1) / np.maximum(every, 1.0), every, photograph, distance, least=1)
+    own = [_growth(sizes[:, b], counts[:, b], photograph, distance, least=FEWEST) for b in range(counts.shape[1])]
     growth = np.array([power if power is not None else shared or 0.0 for power in own])
     return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, floor, ceiling)
 
 
 def _growth(
-    size: Numbers, counts: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers
+    size: Numbers, counts: Numbers, photograph: Int[np.ndarray, " residuals"], distance: Numbers, *, least: int
 ) -> float | None:
     """Return the power of the distance with which residuals of one photograph grow, by least squares; None if unknown.
 
-    It is from 0 to 1: a shadow's edge moves in proportion to the light.
+    It is from 0 to 1: a shadow's edge moves in proportion to the light. Photographs with fewer samples than `least`
+    do not count.
     """
     number = np.bincount(photograph)
     fewest = np.full(len(number), np.inf)
     np.minimum.at(fewest, photograph, np.where(size > 0.0, counts, 0.0))
-    weight = np.where(fewest >= FEWEST, fewest, 0.0)[photograph]
+    weight = np.where(fewest >= least, fewest, 0.0)[photograph]
     x, y = np.log(distance), np.log(np.where(size > 0.0, size, 1.0))
     x, y = (z - (np.bincount(photograph, z) / np.maximum(number, 1))[photograph] for z in (x, y))  # from their mean
     spread = (weight * x) @ x

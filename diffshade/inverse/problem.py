@@ -34,7 +34,7 @@ from .forward.losses import Likelihood
 from .forward.rendered import RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
-from .forward.sums import spread, sum_of_squares, view_weights, waves
+from .forward.sums import spread, sum_of_squares, waves, weights_of_views
 from .pixels.blocks import LEAST, Block, Piece, block_size, chunks, observed, pieces, shares
 from .pixels.tiles import Tiles
 from .solve.solvers import FAR, NEAR, Box, Minimum, PriorResiduals, Task, minimise
@@ -146,7 +146,7 @@ class FitProblem:
 
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
-        weights = np.asarray(view_weights(self.model)) if self.noise_known else np.ones(len(self.views))
+        weights = np.asarray(weights_of_views(self.model)) if self.noise_known else np.ones(len(self.views))
         return sum(sum_of_squares(weights, chunk) for chunk in chunks) or 1.0
 
     def priors(self, squares: float) -> PriorResiduals:
@@ -213,23 +213,25 @@ class Start:
     """The steps of the views' files."""
     step_variance: float
     """Mean square of the weighted residuals that rounding alone makes."""
+    near: bool
+    """Whether theta is the minimum over that part, so that the minimum over all pixels is near."""
 
     def to_array(self) -> Float[np.ndarray, " n"]:
         """Return all numbers, for a checkpoint and for other processes."""
-        known = self.sigma, self.squares, self.step_variance
+        known = self.sigma, self.squares, self.step_variance, float(self.near)
         return np.array([*self.theta, *known, *np.asarray(self.rounding.step), *np.asarray(self.rounding.srgb)])
 
     @staticmethod
     def zeros(problem: FitProblem) -> Float[np.ndarray, " n"]:
         """Return zeros of the length of `to_array`, for a process that receives its start from another."""
-        return np.zeros(len(problem.unknowns) + 3 + 2 * len(problem.views))
+        return np.zeros(len(problem.unknowns) + 4 + 2 * len(problem.views))
 
     @staticmethod
     def from_array(numbers: Float[np.ndarray, " n"], views: int) -> Start:
         """Return the start from its array, as made by `to_array`."""
-        theta, known, step, srgb = np.split(numbers, np.cumsum([len(numbers) - 3 - 2 * views, 3, views]))
-        sigma, squares, step_variance = known.tolist()
-        return Start(theta, sigma, squares, Rounding(step, srgb, np.zeros(())), step_variance)
+        theta, known, step, srgb = np.split(numbers, np.cumsum([len(numbers) - 4 - 2 * views, 4, views]))
+        sigma, squares, step_variance, near = known.tolist()
+        return Start(theta, sigma, squares, Rounding(step, srgb, np.zeros(())), step_variance, near > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,15 +249,15 @@ class LaidOutProblem:
         """What is to be minimised."""
         return self.problem.task(self.squares)
 
-    def minimise(self, report_progress: ReportProgress, *, near: bool = False) -> Minimum:
-        """Return the minimum over all pixels; `near` says that the start is the minimum over a part of them."""
+    def minimise(self, report_progress: ReportProgress) -> Minimum:
+        """Return the minimum over all pixels."""
         return minimise(
             self.start.theta,
             self.task,
             self.pixels,
             squares=self.squares,
             max_steps=MAX_STEPS,
-            damping=NEAR if near else FAR,
+            damping=NEAR if self.start.near else FAR,
             report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
 

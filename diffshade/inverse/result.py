@@ -170,7 +170,11 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """A photograph and what a fit says it should be, unclipped: as in `View`, through its `Sensor` where it has one."""
+    """A photograph and what a fit says it should be, unclipped: as in `View`, through its `Sensor` where it has one.
+
+    From `PredictionBands.predict` all of these are linear light instead: of the photograph, the prediction and the band
+    the sensor's response, gains and vignetting are undone, and `difference` and `rmse` are of those.
+    """
 
     target: Float[np.ndarray, "h w c"]
     """The photograph."""

@@ -68,7 +68,7 @@ def solve(
     laid = lay_out_all(
         problem, start, part, memory=memory, checkpoint=kept, device_group=device_group, report_progress=report_progress
     )
-    return laid, laid.minimise(report_progress, near=not from_scene)
+    return laid, laid.minimise(report_progress)
 
 
 def run(

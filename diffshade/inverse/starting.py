@@ -41,14 +41,13 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
     """
     measured = on_all_cores(without_clipped, part) if problem.clips else part
     squares = problem.sum_of_squares(measured)
-    theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
+    theta, near = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns), False
     if not from_scene:
-        theta = by_rising_exponent(
-            _search(problem, measured, squares, report_progress), problem.scene, problem.unknowns
-        )
+        theta, near = _search(problem, measured, squares, report_progress)
+        theta = by_rising_exponent(theta, problem.scene, problem.unknowns)
     has_prior = any(u.prior is not None for u in problem.unknowns)
     if problem.loss != "squares" or not problem.homoscedastic or (not problem.noise_known and has_prior):
-        problem, part, theta = _settle(problem, part, squares, theta)
+        problem, part, theta, near = _settle(problem, part, squares, theta)
     rounding = find_rounding(part, [_levels(view) for view in problem.views])
     step_variance = 0.0
     if rounding.exists:
@@ -56,52 +55,61 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
         count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), part))
         step_variance = float(sum_ / max(count, 1.0))
     sigma = float(problem.model.likelihood.sigma)
-    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance)
+    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance, near)
 
 
 def _levels(view: View) -> float:
     return 0.0 if view.noise is None else float(view.noise.levels)
 
 
-def _search(problem: FitProblem, measured: list[Block], squares: float, report_progress: ReportProgress) -> Theta:
-    """Return the best start; where a cutoff is unknown, as its spot would be seen with a wider edge."""
-    wide = with_wide_edges(problem.scene, problem.unknowns)
+def _search(
+    problem: FitProblem, measured: list[Block], squares: float, report_progress: ReportProgress
+) -> tuple[Theta, bool]:
+    """Return the best start, and whether it is the minimum of the problem over these chunks.
+
+    Where a cutoff is unknown, the search is as its spot would be seen with a wider edge.
+    """
+    near, wide = True, with_wide_edges(problem.scene, problem.unknowns)
     if wide is not problem.scene:
         setting = prepare(wide, problem.views, problem.unknowns)
         model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
-        problem = dataclasses.replace(problem, model=model)
+        problem, near = dataclasses.replace(problem, model=model), False
     if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
-        measured = problem.few()
+        measured, near = problem.few(), False
         squares = problem.sum_of_squares(measured)
-    coarse = problem.few() if is_local(problem.unknowns) else measured
-    return search(problem.unknowns, problem.scene, problem.task(squares), coarse, measured, squares, report_progress)
+    coarse, task = problem.few() if is_local(problem.unknowns) else measured, problem.task(squares)
+    theta, ended = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
+    return theta, ended and near
 
 
 def _settle(
     problem: FitProblem, part: list[Block], squares: float, theta: Theta
-) -> tuple[FitProblem, list[Block], Theta]:
-    """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex."""
+) -> tuple[FitProblem, list[Block], Theta, bool]:
+    """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex.
 
-    def polished(problem: FitProblem, part: list[Block], theta: Theta) -> Theta:
+    Returns also whether the last minimum was reached.
+    """
+
+    def polished(problem: FitProblem, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
         task = problem.task(squares)
         end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=SETTLED, stalled=STALLED)
-        return end.theta
+        return end.theta, not end.message
 
     robust = problem.loss != "squares"
     rms = float(np.sqrt(squares / min(problem.counts.pixels, PART)))
-    sigma = 0.0
+    sigma, near = 0.0, False
     for repeat in range(REPEATS):
         part = problem.reweigh(theta, part)
         new = 1.0 if problem.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
         problem = problem.with_scale(new, "huber" if robust else "squares")
-        theta = polished(problem, part, theta)
+        theta, near = polished(problem, part, theta)
         if abs(new - sigma) <= 0.01 * new and (problem.homoscedastic or repeat > 1):
             break
         sigma = new
     if problem.loss in NOT_CONVEX:
         problem = problem.with_scale(float(problem.model.likelihood.sigma), problem.loss)
-        theta = polished(problem, part, theta)
-    return problem, part, theta
+        theta, near = polished(problem, part, theta)
+    return problem, part, theta, near
 
 
 def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:

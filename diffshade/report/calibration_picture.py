@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 INCH = 4.5
 WHITE = 0.98  # quantile of the brightness that is drawn white
 LABELLED = 40  # lights at most that have their numbers
-AROUND = 1.25  # radii from a ball's middle that are drawn
+MARGIN = 1.25  # radii from a ball's middle that are drawn
 
 
 def draw_calibration(path: str | Path, balls: Sequence[Calibration] | Calibration) -> None:
@@ -59,7 +59,11 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
 
     on_any = [withStroke(linewidth=1.5, foreground="black")]  # readable on a highlight as well as beside it
     mean = np.mean([np.asarray(view.image[:], np.float64).mean(-1) for view in found.views], 0)
-    shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, WHITE)), 1e-12), 0.0, 1.0))
+    centres, radii = np.array([b.middle for b in found.balls]), np.array([[b.radius] for b in found.balls])
+    (left, top), (right, bottom) = (centres - MARGIN * radii).min(0), (centres + MARGIN * radii).max(0)
+    left, top, right, bottom = max(left, 0.0), max(top, 0.0), min(right, mean.shape[1]), min(bottom, mean.shape[0])
+    crop = mean[int(top) : int(np.ceil(bottom)), int(left) : int(np.ceil(right))]
+    shown = np.sqrt(np.clip(mean / max(float(np.quantile(crop, WHITE)), 1e-12), 0.0, 1.0))
     axes.imshow(shown, cmap="gray", extent=(0, mean.shape[1], mean.shape[0], 0))
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     for ball in found.balls:
@@ -72,10 +76,8 @@ def _outline(axes: Any, found: Calibration, which: str) -> None:
             axes.plot(at[:, 0], at[:, 1], "+", color="tab:orange", ms=7, path_effects=on_any)
             for i, (x, y) in enumerate(at[:LABELLED]):
                 _number(axes, i, x, y, color="orange", path_effects=on_any)
-    centres, radii = np.array([b.middle for b in found.balls]), np.array([[b.radius] for b in found.balls])
-    (left, top), (right, bottom) = (centres - AROUND * radii).min(0), (centres + AROUND * radii).max(0)
-    axes.set_xlim(max(left, 0.0), min(right, mean.shape[1]))
-    axes.set_ylim(min(bottom, mean.shape[0]), max(top, 0.0))
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
     axes.set_title(f"{which}: the outline must lie on its edge", fontsize=9)
     axes.set_axis_off()
 

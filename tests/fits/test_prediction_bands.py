@@ -9,6 +9,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis.prediction_bands import groups_of
+from diffshade.inverse.data.recording import record
 
 CAMERA = ds.OrthographicCamera((0, 0, 4), height=2.2, shape=(20, 20))
 
@@ -68,9 +69,14 @@ def test_bands_hold_photographs_that_were_left_out(fitting):
 @pytest.mark.thorough
 def test_bands_are_in_linear_light_through_the_sensor_that_the_fit_found():
     scene, views = problem()
-    coded = [
-        dataclasses.replace(view, image=np.maximum(view.image, 0.0) ** (1 / 1.8), sensor=ds.Sensor()) for view in views
-    ]
+    vignetting = ds.Vignetting(second=-0.3)
+    ends = {"saturation": 1.0, "floor": 0.2}
+    coded = []
+    for view in views:
+        through = dataclasses.replace(view, sensor=ds.Sensor(gamma=1.8, vignetting=vignetting))
+        image = record((np.asarray(view.image) - 0.02) / float(view.exposure), through)
+        told = ds.Sensor(vignetting=vignetting)
+        coded.append(dataclasses.replace(view, image=np.clip(image, 0.2, 1.0), sensor=told, **ends))
     free = ("k_d", "k_s", "n_s", "sensor.gamma")
     bands = ds.fit_bands(lambda some: ds.fit(scene, some, free=free, tied=("sensor",)), coded[:16], groups=4)
     unseen = [dataclasses.replace(view, sensor=None) for view in coded[16:]]
@@ -78,6 +84,12 @@ def test_bands_are_in_linear_light_through_the_sensor_that_the_fit_found():
     found = bands.predict(unseen[0])
     sample = found.counts & (views[16].image > 0.1)
     np.testing.assert_allclose(found.target[sample], views[16].image[sample], rtol=0.1)
+    predicted = np.array([bands.predict(view).image for view in unseen])
+    true = np.array([view.image for view in views[16:]])
+    bright, dark = true > 1.1, np.broadcast_to(bands.inside[..., None], true.shape) & (true < 0.04)
+    assert bright.sum() > 50  # of these the photographs show an end of their range: 1, and 0.2 ** 1.8 = 0.055
+    np.testing.assert_allclose(predicted[bright], true[bright], rtol=0.1)
+    assert np.median(predicted[dark]) < 0.03
     with pytest.raises(ValueError, match=r"one sensor for all photographs.*tied=\('sensor',\)"):
         ds.fit_bands(lambda some: ds.fit(scene, some, free=("k_d", "sensor.gamma")), coded[:16], groups=4)
 
@@ -101,6 +113,15 @@ def test_groups_are_spread_over_the_lights_and_of_neighbours():
     assert shares[0] < 0.1
     assert shares[1] > 0.6
     assert sorted(i for group in groups_of(toward, alike[:3], 3) for i in group) == [0, 1, 2]
+
+
+def test_neighbours_are_quarters_of_any_number_of_lights():
+    """Corners of 3, 4, 3 and 4 lights stay apart."""
+    corners = [np.array([x, y]) for x in (-1.0, 0.9) for y, number in ((-0.8, 3), (0.8, 4)) for _ in range(number)]
+    across = np.array(corners) + 0.1 * np.random.default_rng(0).random((14, 2))
+    toward = np.column_stack([across, 0.1 * np.ones(14)])
+    groups = groups_of(toward, [[i] for i in range(14)], 8)
+    assert set(groups[4:]) == {(0, 1, 2), (3, 4, 5, 6), (7, 8, 9), (10, 11, 12, 13)}
 
 
 def test_what_can_have_no_bands_is_refused():

@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 import pytest
 from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, same_but, standard_fit
-from synthetic import CAMERA, noisy, photographs, seen_by, standard_scene
+from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, standard_scene
 
 import diffshade as ds
+from diffshade.core.progress import silent
+from diffshade.inverse.problem import Start, fit_problem
+from diffshade.inverse.running import samples_for
+from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.start_search import (
     _distinct,
     _lowest,
@@ -17,6 +22,7 @@ from diffshade.inverse.solve.start_search import (
     steepest,
     with_wide_edges,
 )
+from diffshade.inverse.starting import find_start
 from diffshade.inverse.unknowns.parameters import find_unknowns
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 8))
@@ -61,6 +67,23 @@ def test_a_fit_may_begin_at_the_scenes_values():
     far = standard_fit(clean_images(), standard_scene(ds.Material(0.9, 0.9, 0.9, 2.0)), start="scene")
     assert far.costs[0] > 1e3 * clean_fit().costs[0]
     assert far.costs[0] > 1.0
+
+
+@pytest.mark.parametrize(
+    ("sensor", "steps", "near"), [(None, None, True), (None, 1, False), (ds.Sensor(blur=0.5), None, False)]
+)
+def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(sensor, steps, near, monkeypatch):
+    if steps is not None:
+        monkeypatch.setattr(start_search, "SHORT", steps)
+    with jax.enable_x64(True):
+        scene = standard_scene()
+        views = one_light_each(photographs(scene, SMALL), SMALL, sensor=sensor)
+        unknowns = find_unknowns(scene, views, ("k_d", "n_s"))
+        samples, counts = samples_for(scene, views, unknowns, "hinge")
+        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
+        start = find_start(problem, problem.chunks(), from_scene=False, report_progress=silent)
+    assert start.near == near
+    assert Start.from_array(start.to_array(), len(views)).near == near
 
 
 # --- what a search tries

@@ -99,6 +99,8 @@ def test_the_table_is_what_the_program_prints(tmp_path, monkeypatch, capsys):
     rows = dict(re.findall(r"^([\w.]+) +([\d.]+) +[-\d.e]+$", shown, re.MULTILINE))
     assert tuple(rows) == fit.names
     np.testing.assert_array_less(np.abs(fit.values - [float(value) for value in rows.values()]), 0.1 * fit.errors)
+    (steps,) = re.findall(r"steps (\d+)", shown)
+    assert abs(fit.steps - int(steps)) <= 1  # the last one may be within rounding
     alone = ds.fit(names["scene"], names["views"][:1], free=("k_a", "k_d", "k_s", "n_s", "attenuation"))
     undetermined = {name for name, known in zip(alone.names, alone.determined, strict=True) if not known}
     assert undetermined == {"k_d.r", "k_d.g", "k_d.b", "k_s.r", "k_s.g", "k_s.b", "linear", "quadratic"}

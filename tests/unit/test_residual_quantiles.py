@@ -62,6 +62,26 @@ def test_a_fit_that_runs_away_does_not_make_a_band_boundless():
     assert upper.max() < 2.0 * seen.max()
 
 
+def test_a_fit_that_runs_away_downward_leaves_the_upper_ends():
+    seen, predicted, _ = photographs(0)
+    quantiles = quantiles_of(seen, predicted)
+    wild = np.ones((8, 1, 1)) * predicted[0]
+    _, upper = quantiles.band(wild, 0.9, NEAR)
+    wild[3] = -1e6
+    lower, of_wild = quantiles.band(wild, 0.9, NEAR)
+    np.testing.assert_allclose(of_wild, upper, rtol=0.05)
+    assert np.all(lower < predicted[0])
+
+
+def test_a_photograph_brighter_than_all_fitted_has_bands_about_its_prediction():
+    seen, predicted, _ = photographs(0)
+    brighter = 5.0 * np.ones((8, 1, 1)) * predicted[0]
+    brighter[3] *= 1e6
+    lower, upper = quantiles_of(seen, predicted).band(brighter, 0.9, NEAR)
+    assert np.all((lower < 5.0 * predicted[0]) & (5.0 * predicted[0] < upper))
+    assert upper.max() < 8.0 * seen.max()
+
+
 def test_no_band_goes_below_the_darkest_sample():
     seen, predicted, _ = photographs(0)
     lower, _ = quantiles_of(seen, predicted).band(0.0 * predicted[:1], 0.9, NEAR)
@@ -97,6 +117,16 @@ def test_residuals_grow_with_the_distance_to_the_fitted_lights():
     np.testing.assert_allclose(both.growth, 0.5, atol=1e-9)
     widths = [np.subtract(*both.band(predicted[:1], 0.9, d)[::-1]).mean() for d in (NEAR, 4.0 * NEAR)]
     np.testing.assert_allclose(widths[1] / widths[0], 2.0, rtol=0.05)
+
+
+def test_residuals_of_a_small_object_grow_too():
+    """No bin has enough samples of a photograph for a growth of its own: they have that of all samples."""
+    seen, predicted, _ = photographs(0, texels=20)
+    of = np.tile(np.arange(24), 2)
+    distance = np.repeat([NEAR, 4.0 * NEAR], 24)
+    twice = np.concatenate([seen, predicted + 2.0 * (seen - predicted)])
+    both = residual_quantiles(twice, np.concatenate([predicted, predicted]), of, distance)
+    np.testing.assert_allclose(both.growth, 0.5, atol=0.05)
 
 
 def test_bright_samples_may_grow_otherwise_than_dark_ones():

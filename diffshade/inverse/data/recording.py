@@ -34,6 +34,15 @@ def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray
     return np.asarray(sensor.respond(level))
 
 
+def linear(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray, "h w c"]:
+    """Return what a view's camera recorded, unclipped, as linear light: response, gains and vignetting are undone."""
+    if view.sensor is None:
+        return image
+    with in_float64(view) as view:
+        assert view.sensor is not None
+        return _linear_rows(image, view, view.sensor, 0)
+
+
 def developed(view: View) -> View:
     """Return a view with a linear image, and no sensor: response, gains and vignetting are undone, blur is not.
 
@@ -55,8 +64,7 @@ def _developed(view: View, sensor: Sensor) -> View:
 
     def rows(image: Float[np.ndarray, "r w c"], first: int) -> np.ndarray:
         seen = image[..., :-1] if has_alpha(view) else image
-        level = (linear_level(sensor, seen) - float(view.black)) / _gains(view, sensor, first, first + len(seen))
-        level = level + float(view.black)
+        level = _linear_rows(seen, view, sensor, first)
         if top is not None and shown is not None:
             level = np.where(seen >= top, shown, level)
         if bottom is not None and grown is not None:
@@ -72,6 +80,13 @@ def _developed(view: View, sensor: Sensor) -> View:
         developed_image = rows(np.asarray(image, np.float64), 0)
     of = (developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, None, shown, grown)
     return View(*of, bands=view.bands)
+
+
+def _linear_rows(
+    image: Float[np.ndarray, "r w c"], view: View, sensor: Sensor, first: int
+) -> Float[np.ndarray, "r w c"]:
+    light = linear_level(sensor, image) - float(view.black)
+    return light / _gains(view, sensor, first, first + len(image)) + float(view.black)
 
 
 def _top(view: View) -> float | None:

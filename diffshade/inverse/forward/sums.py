@@ -30,7 +30,7 @@ def sum_of_squares(of_view: Float[np.ndarray, " views"], chunk: Block) -> float:
     return float(np.einsum("bcp,bcp,bcp->", target, target, np.asarray(weight)))
 
 
-view_weights = jit_quickly(lambda model: model.view_weights())
+weights_of_views = jit_quickly(lambda model: model.view_weights())
 
 
 @jax.jit

@@ -215,8 +215,10 @@ def search(
     chunks: Sequence[Block],
     squares: float,
     report_progress: ReportProgress,
-) -> Theta:
+) -> tuple[Theta, bool]:
     """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
+
+    Returns the start, and whether it is the minimum over that part, not where the steps ended before.
 
     What the scene says of lights and surfaces is always followed too, with the best material for it and with a plain
     one: where several of these are unknown, judging them one after another can lead astray, and so can a highlight that
@@ -252,9 +254,9 @@ def search(
         box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
         starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
 
-    def follow(theta: Theta, task: Task = task) -> tuple[float, Theta]:
+    def follow(theta: Theta, task: Task = task) -> tuple[float, Theta, bool]:
         end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
-        return float(end.point.total.cost), np.asarray(end.point.theta)
+        return float(end.point.total.cost), np.asarray(end.point.theta), not end.message
 
     ends = []
     for k, start in enumerate(starts):
@@ -266,7 +268,7 @@ def search(
         for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "direction"):
             exchanged = min(tried(group, exchanged), key=lambda pair: pair[0], default=(np.inf, exchanged))[1]
         best = min(best, follow(exchanged), key=lambda end: end[0])
-    return best[1]
+    return best[1], best[2]
 
 
 def _with_exponents_exchanged(
