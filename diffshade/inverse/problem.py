@@ -31,7 +31,7 @@ from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
 from .forward.layout import lay_out, lay_plain, lay_weighed, place, weigh, without_clipped
 from .forward.losses import Likelihood
-from .forward.rendered import RenderedModel, prepare
+from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
 from .forward.sums import spread, sum_of_squares, waves, weights_of_views
@@ -195,7 +195,8 @@ def fit_problem(
         model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=all(map(is_grey, views)))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
     box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
-    size = block_size(samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples])
+    pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
+    size = block_size(pixels, len(AROUND) if setting.blurred else 1)
     model, box = jax.device_put((model, box))
     return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, apart(scene)[0])
 

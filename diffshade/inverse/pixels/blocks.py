@@ -18,7 +18,7 @@ from ..data.views import View
 from ..data.views import channels as channels_of
 
 T = TypeVar("T")
-BLOCK = 2048  # pixels at most; what a block needs stays in a core's cache
+BLOCK = 2048  # places at most, of a blurred pixel several; what a block needs stays in a core's cache
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CHUNK = 16  # blocks at most in one call of a compiled program
 
@@ -68,13 +68,13 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
     return [max(n * at_most // total, min(n, LEAST)) for n in pixels]
 
 
-def block_size(pixels: Sequence[int]) -> int:
+def block_size(pixels: Sequence[int], places: int = 1) -> int:
     """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded.
 
-    Few sizes serve, so that another mask seldom needs another program.
+    `places` is at how many each pixel is rendered. Few sizes serve, so that another mask seldom needs another program.
     """
     mean = sum(pixels) / len(pixels)
-    return min(BLOCK, max(1 << int(np.ceil(np.log2(mean))), 64))
+    return min(BLOCK // places, max(1 << int(np.ceil(np.log2(mean))), 64))
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
