@@ -68,8 +68,8 @@ class Grid(NamedTuple):
 
     def gather(self, edges: Float[np.ndarray, " edges"]) -> Float[np.ndarray, " texels"]:
         """Return what flows into each texel: the transpose of `step`."""
-        size = self.size
-        return np.bincount(self.end, edges, size) - np.bincount(self.start, edges, size)
+        into = np.bincount(self.end, edges, self.size) - np.bincount(self.start, edges, self.size)
+        return into.astype(float)  # NumPy counts in whole numbers where there are no pairs
 
 
 class HeightSystem:
