@@ -204,9 +204,8 @@ def rate(given: Object) -> tuple[str, ds.TexelMaps]:
 def speed_line(given: Object) -> list[str]:
     """Return an object's line of the table of speeds."""
     count = len(given.views)
-    few = given._replace(views=[given.views[i] for i in spread_over(count, FEW)])
     found, maps = rate(given)
-    fewer = rate(few)[0] if count >= FEW else ""
+    fewer = rate(given._replace(views=[given.views[i] for i in spread_over(count, FEW)]))[0] if count >= FEW else ""
     others = (repeated(given, MANY), shown(given, maps, MANY))
     return [given.name, f"{count}", found, fewer, *(rate(other)[0] for other in others)]
 

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from .robust.learning import typical_level
 from .unexplained import LEAST_GAIN, Interpolation, Smoothing
 
 T = TypeVar("T")
@@ -44,7 +45,8 @@ GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
 MOST_SAMPLES = 1 << 19
-LEAST_LEVEL = 0.01  # of the object's median: what a texel shows is relative to its mean, where it is not mere noise
+# Of the object's typical level, to which what a texel shows is relative where its own mean is mere noise.
+LEAST_LEVEL = 0.01
 
 
 class Neighbours(NamedTuple):
@@ -140,7 +142,7 @@ def learned_between(
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     which, every_view = np.concatenate(left_out), np.arange(views)
     others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
-    level = float(np.median((beyond + model).mean((0, 1))))
+    level = typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0))
     least = np.asarray(max(LEAST_LEVEL * level, 1e-6), np.float32)
     samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
     half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves

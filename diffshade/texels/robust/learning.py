@@ -104,11 +104,11 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
     brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
-    numbers = relative, absolute, absolute / _typical(np.asarray(texels.level)), brightest
+    numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
     return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
 
 
-def _typical(level: Float[np.ndarray, " texels"]) -> float:
+def typical_level(level: Float[np.ndarray, " texels"]) -> float:
     """Return the median level of the texels that show anything, so that a black background does not count."""
     return float(np.median(level[level >= NOTHING * np.percentile(level, BRIGHT_PERCENT)]))
 
