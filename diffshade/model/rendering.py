@@ -159,18 +159,25 @@ def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -
     count = min(max(BLOCK // width, 1), height)
     over_pixels, rest = over_pixels_and_rest(scene.objects)
 
-    def add(k: Array, image: Array) -> Array:
-        """Render some rows; the last ones begin early, so that all parts have the same number."""
-        first = jnp.minimum(k * count, height - count)
-        here = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, first, count), over_pixels)
+    def first_row(k: Array) -> Array:
+        """Return where part `k` begins; the last one begins early, so that all have the same number of rows."""
+        return jnp.minimum(k * count, height - count)
+
+    def rows_of(k: Array) -> tuple[Object, ...]:
+        return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, first_row(k), count), over_pixels)
+
+    def add(k: Array, state: tuple[Array, tuple[Object, ...]]) -> tuple[Array, tuple[Object, ...]]:
+        """Render some rows, and take the next ones out: cut and shaded in one step, XLA reads them a number a time."""
+        image, here = state
         part = eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
         row, column = jnp.meshgrid(
-            first + jnp.arange(count, dtype=float), jnp.arange(width, dtype=float), indexing="ij"
+            first_row(k) + jnp.arange(count, dtype=float), jnp.arange(width, dtype=float), indexing="ij"
         )
         rendered = _part(part, projection, projection.rays(row, column))
-        return jax.lax.dynamic_update_slice_in_dim(image, rendered, first, 0)
+        return jax.lax.dynamic_update_slice_in_dim(image, rendered, first_row(k), 0), rows_of(k + 1)
 
-    return jax.lax.fori_loop(0, -(-height // count), add, jnp.zeros((height, width, scene.width)))
+    none_yet = jnp.zeros((height, width, scene.width))
+    return jax.lax.fori_loop(0, -(-height // count), add, (none_yet, rows_of(jnp.zeros((), int))))[0]
 
 
 def _part(scene: StackedScene, projection: Projection, rays: Rays) -> Float[Array, "rows width channels"]:
