@@ -19,6 +19,7 @@ from ...core.fields import Array
 from ...core.progress import ReportProgress
 from ...model.flaps import LIMITS
 from ...model.scenes import Scene
+from ...parallel.threads import on_all_cores
 from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
@@ -232,7 +233,7 @@ def search(
         if unknowns[members[group][0]].parameter.reach:
             rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
-        judged = [judge(candidate, task, coarse) for candidate in within]
+        judged = on_all_cores(lambda candidate: judge(candidate, task, coarse), within)
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
     kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
