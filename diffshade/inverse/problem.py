@@ -350,4 +350,7 @@ def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
 
 def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
     """Return the Gram of the priors and unit vectors, as NumPy arrays."""
+    if not (len(priors.index) or len(priors.units)):
+        p = len(theta)
+        return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
     return jax.tree.map(np.asarray, _prior_gram(theta, priors))

@@ -25,21 +25,15 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-_here = threading.local()  # whether this thread is one of those of `on_all_cores`
-
-
 @functools.cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(
-        cores(), thread_name_prefix="diffshade", initializer=lambda: setattr(_here, "at_work", True)
-    )
+    return ThreadPoolExecutor(cores(), thread_name_prefix="diffshade")
 
 
 def on_all_cores(work: Callable[[S], T], items: Iterable[S]) -> list[T]:
     """Return work(item) for each item, in order, in float64, on one thread a core.
 
-    A scan runs on one core; a compiled program that is called from several threads runs on several cores. Within work
-    that runs on one of the threads, all items are computed there: the others are busy, and waiting would block them.
+    A scan runs on one core; a compiled program that is called from several threads runs on several cores.
     """
 
     def worked(item: S) -> T:
@@ -47,8 +41,7 @@ def on_all_cores(work: Callable[[S], T], items: Iterable[S]) -> list[T]:
             return jax.block_until_ready(work(item))
 
     items = list(items)
-    alone = len(items) < 2 or getattr(_here, "at_work", False)
-    return [worked(item) for item in items] if alone else list(_threads().map(worked, items))
+    return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
 
 
 def in_order(work: Callable[[S], T], items: Iterable[S], *, threads: int, ahead: int) -> Iterator[T]:

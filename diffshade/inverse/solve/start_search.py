@@ -19,7 +19,6 @@ from ...core.fields import Array
 from ...core.progress import ReportProgress
 from ...model.flaps import LIMITS
 from ...model.scenes import Scene
-from ...parallel.threads import on_all_cores
 from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
@@ -226,17 +225,19 @@ def search(
     vanishes at the best k_s because it is out of place.
     """
     begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
-    first = judge(begin, task, coarse)
+    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
+    # candidates of a model that projects are judged alike whatever the linear unknowns were: no need to know the best
+    told = is_local(unknowns) or not kinds or not task.model.projects
+    first = judge(begin, task, coarse) if told else (np.inf, begin)
 
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
         within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
         if unknowns[members[group][0]].parameter.reach:
             rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
-        judged = on_all_cores(lambda candidate: judge(candidate, task, coarse), within)
+        judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
-    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
     found: list[tuple[float, Theta]] = [] if kinds else [first]
     rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
     for k in range(rounds):
