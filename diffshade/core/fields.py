@@ -220,7 +220,7 @@ class Checked(eqx.Module):
             else:
                 over = _OVER_PIXELS.get(field.metadata["converter"], ())
                 _check_field(name, value, kind, field.metadata, over)
-        self.check_together()
+        type(self).check_together(self)  # `self.check_together` would make a module of the bound method
 
     def check_together(self) -> None:
         """Check what no single field can tell, after each field for itself; classes say what."""

@@ -22,7 +22,7 @@ from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
 from ..inverse.unknowns.names import everything
 from ..inverse.unknowns.parameters import find_unknowns
-from ..inverse.unknowns.slots import Slots, slots_of, values_in
+from ..inverse.unknowns.slots import Slots, apart, slots_of, values_in
 from ..inverse.unknowns.unknown import coordinate_slopes, unit_vectors
 from ..parallel.threads import on_all_cores
 
@@ -61,7 +61,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
                 raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a parameter that was known.")
     with in_float64(fit) as fit:
         at = _FitAtMinimum(fit)
-        slots = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, known))
+        slots = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, known))
         phi = values_in(fit.scene, fit.views, known)
         bases = [x.base for u in fit.unknowns for x in u.products]
         along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
@@ -101,7 +101,7 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     with in_float64(fit) as fit:
         at = _FitAtMinimum(fit)
         theta = jnp.asarray(at.theta)
-        empty = jax.tree.map(jnp.asarray, slots_of(fit.scene, fit.views, []))
+        empty = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, []))
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
         second = total(on_all_cores(lambda chunk: _second_derivatives(theta, empty, along, at.model, chunk), at.chunks))
         slopes = on_all_cores(lambda chunk: _by_sample(theta, at.model, chunk), at.chunks)

@@ -155,9 +155,7 @@ class FitProblem:
         index, mean, width = (np.array([row[k] for row in known]) for k in range(3))
         units = np.array(unit_vectors(self.unknowns), int).reshape(-1, 3)
         weight = float(self.model.likelihood.sigma) / width.astype(float)
-        return jax.device_put(
-            PriorResiduals(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(squares)))
-        )
+        return PriorResiduals(index.astype(int), mean.astype(float), weight, units, np.asarray(np.sqrt(squares)))
 
     def task(self, squares: float) -> Task:
         """Return what is to be minimised."""
@@ -189,15 +187,16 @@ def fit_problem(
     """
     setting = prepare(scene, views, unknowns)
     likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
-    model: AbstractForwardModel = RenderedModel(setting, likelihood, steepest(unknowns))
+    model: AbstractForwardModel
     if features_can_serve(scene, views, unknowns) and not rendered:
         shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
         model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=all(map(is_grey, views)))
+    else:
+        model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
     box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
     pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
     size = block_size(pixels, len(AROUND) if setting.blurred else 1)
-    model, box = jax.device_put((model, box))
     return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, apart(scene)[0])
 
 
@@ -351,4 +350,7 @@ def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
 
 def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
     """Return the Gram of the priors and unit vectors, as NumPy arrays."""
+    if not (len(priors.index) or len(priors.units)):
+        p = len(theta)
+        return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
     return jax.tree.map(np.asarray, _prior_gram(theta, priors))

@@ -72,7 +72,7 @@ def _search(
     near, wide = True, with_wide_edges(problem.scene, problem.unknowns)
     if wide is not problem.scene:
         setting = prepare(wide, problem.views, problem.unknowns)
-        model = eqx.tree_at(lambda m: m.setting, problem.model, jax.device_put(setting))
+        model = eqx.tree_at(lambda m: m.setting, problem.model, setting)
         problem, near = dataclasses.replace(problem, model=model), False
     if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
         measured, near = problem.few(), False

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.backend import UNFUSED, check_backend, with_new_arrays
+from ..core.backend import SOONER, UNFUSED, check_backend, jit_quickly, with_new_arrays
 from ..core.fields import Array, check, is_concrete
 from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
@@ -195,11 +195,13 @@ def _takes_long(scene: StackedScene) -> bool:
     return sum(item.material.k_t is not None for item in scene.objects) >= MANY
 
 
-@jax.jit
-def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
+def _silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
     """Return the pixels that show an object."""
     rays = pixel_rays(camera.projection(), camera.shape)
     return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
+
+
+silhouette = jit_quickly(_silhouette, options=SOONER)
 
 
 def silhouette_of_rows(
@@ -236,4 +238,4 @@ def visible_points(
     for hit, seen in zip(hits, nearest(objects, hits), strict=True):
         n = where(seen, hit.n, n)
         p = None if hit.p is None or p is None else where(seen, hit.p, p)
-    return n.stack(), None if p is None else p.stack(), silhouette(objects, camera)
+    return n.stack(), None if p is None else p.stack(), _silhouette(objects, camera)

@@ -6,8 +6,8 @@ from typing import Any
 
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import ndimage
 
 from ...core.backend import in_float64
 from ...io.lazy_images import LazyImage
@@ -29,7 +29,7 @@ def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray
     if sensor is None:
         return float(view.exposure) * image + float(view.black)
     if float(sensor.blur) > 0.0:
-        image = ndimage.gaussian_filter(image, float(sensor.blur), axes=(0, 1), mode="nearest")
+        image = scipy.ndimage.gaussian_filter(image, float(sensor.blur), axes=(0, 1), mode="nearest")
     level = float(view.exposure) * _gains(view, sensor, 0, len(image)) * image + float(view.black)
     return np.asarray(sensor.respond(level))
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from ...core.backend import PLAINLY, jit_quickly
+from ...core.backend import SOONER, jit_quickly
 from ...core.fields import Array
 from ...model.attenuation import NEAREST
 from ...model.lobes import AbstractPowerLobe
@@ -176,5 +176,5 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
 
 
 # The same, compiled
-seen_by_chunk = jit_quickly(points_seen, options=PLAINLY)
-fields_of_chunk = jit_quickly(fields_seen, options=PLAINLY)
+seen_by_chunk = jit_quickly(points_seen, options=SOONER)
+fields_of_chunk = jit_quickly(fields_seen, options=SOONER)

@@ -180,15 +180,16 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
         bool((sensors.blur > 0.0).any())
         or any(path.endswith("sensor.blur") for unknown in unknowns for path, _ in unknown.places)
     )
-    if blurred and jax.tree.leaves(apart(scene)[0]):
+    over_pixels, rest = apart(scene)
+    if blurred and jax.tree.leaves(over_pixels):
         raise ValueError(
             "Sensor.blur needs the surface between the pixels, and the scene has a GBuffer or coefficients over the "
             "pixels. Give blur=0 and leave sensor.blur out of free, or give a surface and materials that are known "
             "everywhere."
         )
     return Setting(
-        Setup(stack_scene(apart(scene)[1]), exposure, black, sensors),
-        slots_of(scene, views, unknowns),
+        Setup(stack_scene(rest), exposure, black, sensors),
+        slots_of(rest, views, unknowns),
         projections_of(views),
         _lit(scene, views),
         np.array([1.0 * is_grey(view) for view in views]),

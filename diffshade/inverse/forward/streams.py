@@ -64,7 +64,9 @@ class StreamingReduction:
         theta = np.asarray(theta)
         if program not in self.shapes:
             self.shapes[program] = jax.eval_shape(
-                lambda chunk: program(theta, model, self.lay(self.weigh_at, model, chunk)), self.gather([], 1)
+                lambda model, chunk: program(theta, model, self.lay(self.weigh_at, model, chunk)),
+                model,
+                self.gather([], 1),
             )
         nothing = zeros(self.shapes[program])
 

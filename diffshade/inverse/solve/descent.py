@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
+from ...core import fields
 from ..forward.gram import Point
 from .elimination import Symmetric
 
@@ -25,9 +26,9 @@ class BoxNewton(optx.AbstractDescent):
     does not depend on the units of an unknown (More 1978).
     """
 
-    lower: Float[Array, " p"]
-    upper: Float[Array, " p"]
-    projected: Bool[Array, " p"]
+    lower: Float[fields.Array, " p"]
+    upper: Float[fields.Array, " p"]
+    projected: Bool[fields.Array, " p"]
     """Unknowns that are at their best for whatever the others are: damping has nothing to hold there."""
 
     def init(self, y: Array, f_info_struct: Any) -> tuple[Array, Array, Symmetric, Array]:

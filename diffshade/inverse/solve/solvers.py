@@ -84,6 +84,7 @@ def point_of(
     unknowns within their bounds instead of theta's own.
     """
 
+    @jax.jit  # traced once for both
     def at(theta: Any) -> Point:
         views = model.gram(theta, summary)
         known = priors.gram(theta, box.arrow)
@@ -178,7 +179,7 @@ def _solver(box: Box, squares: Any, *, projects: bool, rtol: float, damping: flo
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
-        descent=BoxNewton(jnp.asarray(box.lower), jnp.asarray(box.upper), jnp.asarray(linear)),
+        descent=BoxNewton(box.lower, box.upper, linear),
         search=GainRatio(rounding, damping),
         rtol=rtol,
         atol=1e-25 * squares,

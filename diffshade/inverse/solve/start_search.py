@@ -225,7 +225,10 @@ def search(
     vanishes at the best k_s because it is out of place.
     """
     begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
-    first = judge(begin, task, coarse)
+    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
+    # candidates of a model that projects are judged alike whatever the linear unknowns were: no need to know the best
+    told = is_local(unknowns) or not kinds or not task.model.projects
+    first = judge(begin, task, coarse) if told else (np.inf, begin)
 
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
         within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
@@ -235,7 +238,6 @@ def search(
         judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
-    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
     found: list[tuple[float, Theta]] = [] if kinds else [first]
     rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
     for k in range(rounds):

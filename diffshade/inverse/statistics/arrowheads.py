@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import sparse
-from scipy.sparse import csgraph
 
 FEWEST = 64  # unknowns; with fewer, the dense inverse is as fast
 WIDE = 0.25  # an unknown that touches more than this fraction of the others belongs to the border
@@ -39,7 +38,7 @@ def _by_blocks(A: Matrix) -> Matrix | None:
     touches = A != 0.0
     wide = touches.mean(0) > WIDE
     F, G = np.flatnonzero(wide), np.flatnonzero(~wide)
-    _, label = csgraph.connected_components(sparse.csr_array(touches[np.ix_(G, G)]), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_array(touches[np.ix_(G, G)]), directed=False)
     sizes = np.bincount(label, minlength=1)
     if len(F) + sizes.max() > len(A) / 2:
         return None

@@ -56,7 +56,7 @@ class Slots(eqx.Module):
 
 
 def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Slots:
-    """Return the places of the unknowns as a setup of indices."""
+    """Return the places of the unknowns as a setup of indices, in a scene without what comes with the pixels."""
     p = len(unknowns)
     index_of = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
     products = [(j, product) for j, unknown in enumerate(unknowns) for product in unknown.products]
@@ -67,7 +67,7 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
         flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= MOST_BANDS else [-1]
         return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= MOST_BANDS else ()), np.shape(leaf))
 
-    leaves, structure = jax.tree_util.tree_flatten_with_path(apart(scene)[1])
+    leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
     places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]
     stacked = stack_scene(jax.tree.unflatten(structure, places))
 

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float, Int
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from ...core.fields import Array
 from ...model.scenes import Scene
@@ -117,11 +116,13 @@ def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     """Return the unknowns as border and blocks, such as those of each light; None where that would save nothing."""
     shows = views_that_show(scene, views, unknowns)
     p, narrow = len(unknowns), np.flatnonzero(shows.mean(1) <= NARROW)
+    if len(narrow) < FEWEST_BLOCKS:
+        return None
     rows, columns = np.nonzero(shows[narrow])
-    linked = sparse.coo_array(
+    linked = scipy.sparse.coo_array(
         (np.ones(len(rows)), (rows, len(narrow) + columns)), shape=2 * (len(narrow) + len(views),)
     )
-    _, label = csgraph.connected_components(linked, directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(linked, directed=False)
     found = [narrow[label[: len(narrow)] == of] for of in np.unique(label[: len(narrow)])]
     largest = max(map(len, found), default=0)
     if len(found) < FEWEST_BLOCKS or (p - len(narrow)) + largest > p / 2:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
-from scipy import ndimage
 
 from ...core.robust_scale import robust_scale
 from ...core.words import Note
@@ -114,8 +114,8 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
     """
     if not inside.any() or inside.all():
         return None
-    outside = np.asarray(ndimage.distance_transform_edt(~inside))
-    depth = np.asarray(ndimage.distance_transform_edt(inside))
+    outside = np.asarray(scipy.ndimage.distance_transform_edt(~inside))
+    depth = np.asarray(scipy.ndimage.distance_transform_edt(inside))
     bright = float(np.quantile(brightness[inside], 0.9))
     largest = float(depth.max())
     far = outside > max(FAR, 0.25 * largest)
@@ -136,15 +136,15 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
     """Return the border where background reaches into the silhouette, if the object begins right behind it."""
     rim = inside & (depth < 1.5)
     # filled up over single pixels of noise
-    closed: Any = ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1)
+    closed: Any = scipy.ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1)
     like = closed & inside
-    labels = np.asarray(ndimage.label(like, np.ones((3, 3)))[0])  # pyright: ignore[reportIndexIssue]
+    labels = np.asarray(scipy.ndimage.label(like, np.ones((3, 3)))[0])  # pyright: ignore[reportIndexIssue]
     reached = np.unique(labels[rim & like])
     border = np.isin(labels, reached[reached > 0])
     share = float((border & rim).sum() / rim.sum())
     if share < BORDER:
         return None
-    next_to = np.asarray(ndimage.binary_dilation(border, iterations=2)) & inside & ~border
+    next_to = np.asarray(scipy.ndimage.binary_dilation(border, iterations=2)) & inside & ~border
     if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < STEEP:
         return None
     width = _width(depth[border])
@@ -154,13 +154,13 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
 
 def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.ndarray) -> WrongOutline | None:
     """Return the border where the object continues outside the silhouette, nearly as bright as just inside it."""
-    nearest: Any = ndimage.distance_transform_edt(
+    nearest: Any = scipy.ndimage.distance_transform_edt(
         ~(inside & (depth > 1.5)), return_distances=False, return_indices=True
     )
     next_inside = np.maximum(above[nearest[0], nearest[1]], 0.0)
     ring = (outside > 0) & (outside < 1.5)
     shows = (above > OUTSIDE * next_inside) & (next_inside > 0.05 * float(np.quantile(above[inside], 0.9))) & ~inside
-    labels = np.asarray(ndimage.label(shows)[0])  # pyright: ignore[reportIndexIssue]
+    labels = np.asarray(scipy.ndimage.label(shows)[0])  # pyright: ignore[reportIndexIssue]
     reached = np.unique(labels[ring & shows])
     border = np.isin(labels, reached[reached > 0])
     share = float((border & ring).sum() / ring.sum())

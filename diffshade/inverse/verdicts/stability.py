@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
-from scipy import ndimage
 
 from ...core.progress import ReportProgress
 from ...core.words import Note
@@ -72,7 +72,7 @@ def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Ma
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
     if any(end.any() for end in ends):
         for width in widths:
-            masks = [np.logical_not(ndimage.binary_dilation(end, iterations=width)) for end in ends]
+            masks = [np.logical_not(scipy.ndimage.binary_dilation(end, iterations=width)) for end in ends]
             yield f"saturated pixels and {width} px around them", masks
 
 
