@@ -12,7 +12,7 @@ from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
 from .data.samples import Counts, Samples, collect_samples
-from .data.views import View
+from .data.views import View, channels
 from .forward.streams import StreamingReduction
 from .pixels.blocks import Block
 from .pixels.tiles import Tiles
@@ -83,9 +83,10 @@ def _with_lights_elsewhere(laid: LaidOutProblem, end: Minimum, report_progress: 
     lights = places_apart(problem.unknowns, problem.box.arrow)
     if not lights or isinstance(laid.pixels, StreamingReduction):
         return end
+    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)])
     for _ in range(ELSEWHERE):
         report_progress("trying lights at other places")
-        theta = at_better_places(end.theta, lights, problem.unknowns, problem.scene, laid.task, laid.pixels)
+        theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.pixels)
         if theta is None:
             break
         start = dataclasses.replace(laid.start, theta=theta, near=False)

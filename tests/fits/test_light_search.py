@@ -10,6 +10,7 @@ import diffshade as ds
 from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.light_search import at_better_places
+from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.solve.start_search import candidates
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
@@ -77,10 +78,13 @@ def test_only_lights_whose_views_cost_more_elsewhere_are_moved_and_all_of_them_a
         towards = lights_about(12)
         problem, theta, lights = laid_out(towards)
         chunks = problem.chunks()
+        samples = 3.0 * np.array(problem.pixels)
         task = problem.with_scale(0.005, "squares").task(problem.sum_of_squares(chunks))
 
         def better(theta):
-            return at_better_places(theta, lights, problem.unknowns, problem.scene, task, chunks)
+            end = evaluate(theta, task, chunks)  # at the best k_d and k_s
+            found = at_better_places(end, samples, lights, problem.unknowns, problem.scene, task, chunks)
+            return None if found is None else np.where(found == end.theta, theta, found)
 
         assert len(lights) == 12
         assert better(theta) is None

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 from ...core.fields import Array
 from ...model.scenes import Scene
 from ...parallel.threads import on_all_cores
+from ..forward.gram import Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
@@ -70,25 +71,28 @@ def from_broad_highlights(
 
 
 def at_better_places(
-    theta: Theta, lights: Lights, unknowns: Sequence[Unknown], scene: Scene, task: Task, chunks: Sequence[Block]
+    end: Point,
+    samples: Float[np.ndarray, " views"],
+    lights: Lights,
+    unknowns: Sequence[Unknown],
+    scene: Scene,
+    task: Task,
+    chunks: Sequence[Block],
 ) -> Theta | None:
     """Return the unknowns with each costly light where its views cost least; None where none is better elsewhere.
 
     Args:
-        theta: Where a fit ended.
+        end: Where a fit ended.
+        samples: The samples of each view.
         lights: The places.
         unknowns: All that was found.
         scene: The scene.
         task: What was minimised.
         chunks: The pixels.
     """
-    shown = np.asarray(task.model.setting.shown)
+    theta, shown = np.asarray(end.theta), np.asarray(task.model.setting.shown)
     shows = np.array([(shown == of[0]).any(1) for of in lights])
-    samples = np.zeros(len(shown))
-    for chunk in chunks:
-        counts = chunk.points.counts if chunk.observed.weight is None else chunk.observed.weight > 0
-        np.add.at(samples, np.asarray(chunk.view), np.asarray(counts).reshape(len(counts), -1).sum(1))
-    here = _costs(theta, shows, lights, task, chunks)
+    here = shows @ np.asarray(end.views.cost) + _known(theta, lights, task)
     each = here / np.maximum(shows @ samples, 1.0)
     costly = np.flatnonzero(each > COSTLY * np.median(each)).tolist()
     if not costly:
@@ -125,12 +129,18 @@ def _costs(
     theta: Theta, shows: Bool[np.ndarray, "lights views"], lights: Lights, task: Task, chunks: Sequence[Block]
 ) -> Float[np.ndarray, " lights"]:
     """Return what the views of each light cost, and its place by what is known of it beforehand."""
-    of_view, known, priors = np.zeros(shows.shape[1]), np.zeros(len(theta)), task.priors
+    of_view = np.zeros(shows.shape[1])
     for chunk, of_blocks in zip(chunks, on_all_cores(lambda of: _cost(theta, task.model, of), chunks), strict=True):
         np.add.at(of_view, np.asarray(chunk.view), np.asarray(of_blocks))
-    index = np.asarray(priors.index)
-    np.add.at(known, index, 0.5 * (np.asarray(priors.weight) * (theta[index] - np.asarray(priors.mean))) ** 2)
-    return shows @ of_view + np.array([known[list(of)].sum() for of in lights])
+    return shows @ of_view + _known(theta, lights, task)
+
+
+def _known(theta: Theta, lights: Lights, task: Task) -> Float[np.ndarray, " lights"]:
+    """Return what the place of each light costs by the priors."""
+    cost, index = np.zeros(len(theta)), np.asarray(task.priors.index)
+    residuals = np.asarray(task.priors.weight) * (theta[index] - np.asarray(task.priors.mean))
+    np.add.at(cost, index, 0.5 * residuals**2)
+    return np.array([cost[list(of)].sum() for of in lights])
 
 
 @jax.jit
