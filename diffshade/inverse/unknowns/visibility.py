@@ -142,6 +142,6 @@ def places_apart(unknowns: Sequence[Unknown], arrow: Arrow | None) -> list[list[
     for block in [] if arrow is None else np.sort(arrow.blocks, 1).tolist():
         of = [j for j in block if j < len(unknowns)]
         places = [j for j in of if re.fullmatch(r"lights\.\d+\.(direction|position)", unknowns[j].quantity)]
-        if len(places) == 3:
+        if len(places) == 3 and all(unknowns[j].lower < unknowns[j].upper for j in places):  # not held
             found.append(places)
     return found
