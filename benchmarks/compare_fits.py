@@ -38,7 +38,8 @@ def main() -> None:
     parser.add_argument("--one", nargs=2, metavar=("SOLVER", "SIZE"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.one:
-        print(json.dumps(measure(*arguments.one, arguments.repeats)))
+        name, size = arguments.one
+        print(json.dumps(measure(name, size, arguments.repeats)))
         return
     import peers
 
@@ -88,6 +89,7 @@ def measure(name: str, size: str, repeats: int) -> dict:
     made = problem.make(pixels, views)
     data = None if name == "diffshade, fit" or name.startswith("one") else problem.fields(made)
     if name in peers.PEERS:
+        assert data is not None
         solver: Callable = lambda: peers.PEERS[name](data)  # noqa: E731
     elif name == "diffshade, solve":
         solver = _solve(made)

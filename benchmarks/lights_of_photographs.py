@@ -1,4 +1,4 @@
-"""What freeing directions, exposures and a second highlight takes off the residuals of real photographs.
+"""What freeing directions, exposures, intensities and a second highlight takes off the residuals of real photographs.
 
 One material is fitted to every other photograph of a folder in DiLiGenT's layout, and the others are predicted, under
 the lights that the folder states. Relative RMSE is that over the root mean square of the photographs. The directions
@@ -31,6 +31,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "the material": {"free": MATERIAL},
     "and directions": DIRECTIONS,
     "and exposures": {"free": (*MATERIAL, "exposure"), **EXPOSURES},
+    "and intensities": {"free": (*MATERIAL, "intensity"), "intensity_error": RELATIVE},  # of each channel
     "and both": {"free": (*MATERIAL, "direction", "exposure"), "light_error": DEGREES, **EXPOSURES},
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -10,10 +11,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..core.backend import SOONER, in_float64, jit_quickly
 from ..core.fields import Array, check_kind
+from ..inverse.forward.gram import directions_of
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.rendered import costs
 from ..inverse.laid_out_fit import LaidOutFit
@@ -23,7 +25,8 @@ from ..inverse.statistics.uncertainty import inverse
 from ..inverse.unknowns.names import everything
 from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import Slots, apart, slots_of, values_in
-from ..inverse.unknowns.unknown import coordinate_slopes, unit_vectors
+from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, unit_vectors
+from ..inverse.unknowns.visibility import shown_unknowns
 from ..parallel.threads import on_all_cores
 
 
@@ -67,9 +70,11 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
         along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
             len(bases), len(known)
         )
-        z = jnp.asarray(np.concatenate([at.theta, phi]))
-        second = total(on_all_cores(lambda chunk: _second_derivatives(z, slots, along, at.model, chunk), at.chunks))
-        p = len(at.theta)
+        shown = jnp.asarray(_shown(fit, known, followed=bool(np.any(along))))
+        z, p = jnp.asarray(np.concatenate([at.theta, phi])), len(at.theta)
+        second = total(
+            on_all_cores(lambda chunk: _second_derivatives(z, slots, along, shown, at.model, chunk), at.chunks)
+        )
         moves = at.solve(second[:p, :p], second[:p, p:])
     values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
     for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
@@ -100,22 +105,46 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
         )
     with in_float64(fit) as fit:
         at = _FitAtMinimum(fit)
-        theta = jnp.asarray(at.theta)
+        theta, p = jnp.asarray(at.theta), len(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, []))
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
-        second = total(on_all_cores(lambda chunk: _second_derivatives(theta, empty, along, at.model, chunk), at.chunks))
-        slopes = on_all_cores(lambda chunk: _by_sample(theta, at.model, chunk), at.chunks)
-        views = np.concatenate([np.asarray(chunk.view) for chunk in at.chunks])
-        by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, p, channels, pixels)
+        shown = _shown(fit, [], followed=False)
+        second = total(
+            on_all_cores(
+                lambda chunk: _second_derivatives(theta, empty, along, jnp.asarray(shown), at.model, chunk), at.chunks
+            )
+        )
+        some = [chunk for chunk in at.chunks if (np.asarray(chunk.view) == view).any()]
+        slopes = on_all_cores(lambda chunk: _by_sample(theta, jnp.asarray(shown), at.model, chunk), some)
+        views = np.concatenate([np.asarray(chunk.view) for chunk in some])
+        by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, most, channels, pixels)
         samples = at.samples[view]
         _, channels, size = by_block.shape[1:]
         number = -(-len(samples.pixels) // size)
-        flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(at.theta), number * size, channels)
+        flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(shown[view]), number * size, channels)
         used = samples.photograph.shape[2]
-        moves = at.solve(second, flat[:, : len(samples.pixels), :used].reshape(len(at.theta), -1))
+        mixed = np.zeros((p + 1, len(samples.pixels) * used))
+        mixed[shown[view]] = flat[:, : len(samples.pixels), :used].reshape(len(flat), -1)
+        moves = at.solve(second, mixed[:p])
     image = np.zeros((len(moves), samples.inside.size, used))
     image[:, samples.pixels] = moves.reshape(len(moves), -1, used)
     return image.reshape(len(moves), *samples.inside.shape, used)
+
+
+def _shown(fit: Fit, known: Sequence[Unknown], *, followed: bool) -> Int[np.ndarray, "views most"]:
+    """Return which of the unknowns, and of the known numbers after them, each view can show, padded with their number.
+
+    Known numbers that unknowns are multiples of (`followed`) show wherever those do.
+    """
+    p, k = len(fit.unknowns), len(known)
+
+    def of(numbers: Sequence[Unknown], padding: int) -> np.ndarray:
+        found = shown_unknowns(fit.scene, fit.views, numbers)
+        every = np.tile(np.arange(len(numbers)), (len(fit.views), 1)) if found is None else found
+        return np.where(every < len(numbers), every, padding)
+
+    of_known = np.tile(np.arange(k), (len(fit.views), 1)) if followed else of(known, k)
+    return np.concatenate([of(fit.unknowns, p + k), p + of_known], 1)
 
 
 class _FitAtMinimum(LaidOutFit):
@@ -145,13 +174,18 @@ def _prior_hessian(priors: Any, theta: Array) -> Array:
 
 
 @partial(jit_quickly, options=SOONER)
-def _second_derivatives(z: Array, slots: Slots, along: Array, model: AbstractForwardModel, chunk: Block) -> Array:
+def _second_derivatives(
+    z: Array, slots: Slots, along: Array, shown: Array, model: AbstractForwardModel, chunk: Block
+) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
+
+    Of each block by those that its view shows alone: a time linear in the views.
 
     Args:
         z: The unknowns, and the known numbers after them.
         slots: Where the known numbers are in the scene.
         along: 1 where a product of the unknowns (a row) has a known number (a column) as its constant.
+        shown: Which of z each view can show, padded with their number.
         model: The forward model.
         chunk: Blocks of pixels.
     """
@@ -165,18 +199,21 @@ def _second_derivatives(z: Array, slots: Slots, along: Array, model: AbstractFor
         return jnp.sum(jnp.stack([jnp.sum(t.cost) for t in terms]))
 
     def add(sum_: Array, block: Block) -> tuple[Array, None]:
-        return sum_ + jax.jacfwd(jax.grad(cost))(z, block), None
+        index, directions = directions_of(shown, block.view, z.shape[0])
+        nowhere = jnp.zeros(index.shape[0])
+        both = jax.hessian(lambda moved: cost(z + moved @ directions, block))(nowhere)
+        return jnp.asarray(sum_).at[index[:, None], index].add(both, mode="drop"), None
 
     return jax.lax.scan(add, jnp.zeros((z.shape[0], z.shape[0])), chunk)[0]
 
 
 @partial(jit_quickly, options=SOONER)
-def _by_sample(theta: Array, model: AbstractForwardModel, chunk: Block) -> Array:
-    """Return the derivative of the gradient of the cost by each sample: (blocks, p, channels, pixels)."""
+def _by_sample(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Block) -> Array:
+    """Return the derivative of the gradient of the cost by each sample: (blocks, most, channels, pixels)."""
 
     def of_block(block: Block) -> Array:
         m, derivative = jax.linearize(lambda q: jnp.stack(model.predict(q, block)), theta)
-        J = jax.vmap(derivative)(jnp.eye(theta.shape[0]))
+        J = jax.vmap(derivative)(directions_of(shown, block.view, theta.shape[0])[1])
         seen = block.observed
 
         def slope(y: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,15 +12,20 @@ from ..model.scenes import Scene
 from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
 from .data.samples import Counts, Samples, collect_samples
-from .data.views import View
+from .data.views import View, channels
+from .forward.streams import StreamingReduction
 from .pixels.blocks import Block
 from .pixels.tiles import Tiles
 from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_out_all
 from .result import Fit
+from .solve.light_search import at_better_places
 from .solve.solvers import Minimum
 from .starting import find_start
 from .summary import summarise
 from .unknowns.unknown import Unknown
+from .unknowns.visibility import places_apart
+
+ELSEWHERE = 4  # times that lights whose views cost much more than others' are tried at other places
 
 
 def samples_for(
@@ -68,7 +74,27 @@ def solve(
     laid = lay_out_all(
         problem, start, part, memory=memory, checkpoint=kept, device_group=device_group, report_progress=report_progress
     )
-    return laid, laid.minimise(report_progress)
+    return laid, _with_lights_elsewhere(laid, laid.minimise(report_progress), report_progress)
+
+
+def _with_lights_elsewhere(laid: LaidOutProblem, end: Minimum, report_progress: ReportProgress) -> Minimum:
+    """Return the minimum, or a lower one that is reached from better places of the lights; not by tiles."""
+    problem = laid.problem
+    lights = places_apart(problem.unknowns, problem.box.arrow)
+    if not lights or isinstance(laid.pixels, StreamingReduction):
+        return end
+    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)])
+    for _ in range(ELSEWHERE):
+        report_progress("trying lights at other places")
+        theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.pixels)
+        if theta is None:
+            break
+        start = dataclasses.replace(laid.start, theta=theta, near=False)
+        again = dataclasses.replace(laid, start=start).minimise(report_progress)
+        if not again.point.total.cost < end.point.total.cost:
+            break
+        end = again
+    return end
 
 
 def run(

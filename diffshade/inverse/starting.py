@@ -21,9 +21,11 @@ from .forward.sums import residuals, variance_of_steps
 from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.interchangeable import by_rising_exponent
+from .solve.light_search import from_broad_highlights
 from .solve.solvers import minimise
 from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.unknown import coordinates
+from .unknowns.visibility import places_apart
 
 SETTLED = 1e-10  # decrease of the cost that a step promises, relative, below which the scale is no longer followed
 STALLED = 1e-8  # ... and that several steps together must keep
@@ -78,7 +80,12 @@ def _search(
         measured, near = problem.few(), False
         squares = problem.sum_of_squares(measured)
     coarse, task = problem.few() if is_local(problem.unknowns) else measured, problem.task(squares)
-    theta, ended = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
+    end = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
+    if lights := places_apart(problem.unknowns, problem.box.arrow):
+        if not problem.noise_known:  # else priors of a scale of 1 would hold the lights
+            task = problem.with_scale(_scale(problem, measured, end[1], robust=False), "squares").task(squares)
+        end = from_broad_highlights(end[1], lights, problem.unknowns, problem.scene, task, measured, squares)
+    _, theta, ended = end
     return theta, ended and near
 
 

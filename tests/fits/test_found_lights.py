@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.texels.lights.found import notes_on
 from diffshade.texels.lights.joint import Responses, light_equations
 from diffshade.texels.lights.uncalibrated import factorize, of_lengths
 from tests.support.textured import angle, facing_us, lights_about, textured_ball
@@ -108,6 +109,39 @@ def test_lights_of_which_nothing_is_known_are_found_but_for_what_is_said(matte):
     maps = ds.fit_texels(found.scene, matte.views, loss="cauchy", free=("k_d", "k_s", "n_s", "normal"))
     off = angle(maps.values["normal"], matte.truth["normal"])[matte.mask]
     assert np.median(off) < 4.0
+
+
+@pytest.mark.thorough
+def test_with_unknown_intensities_too_the_lights_are_found_but_for_a_linear_map(matte, unequal):
+    """Of which the normals of a surface leave the generalised bas-relief."""
+    true = lights_about(COUNT)
+    nothing = told(facing_us(matte), np.tile([0.0, 0.0, 1.0], (COUNT, 1)), unequal)
+    found = ds.find_lights(nothing, matte.views, intensity_error=None)
+    vectors = found.directions * (found.intensities * unequal)[:, None]
+    linear = unit(vectors @ np.linalg.lstsq(vectors, true, rcond=None)[0])
+    assert angle(linear, true).mean() < 1.5
+    assert angle(found.directions, true).mean() > angle(linear, true).mean()
+    assert np.isinf(found.errors).all()
+    assert "generalised bas-relief (3 numbers: depth and two tilts)" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("stated", "exact", "said", "not_said"),
+    [
+        (True, True, ["an orthogonal map (3 numbers)", "taken from the stated directions"], "bas-relief"),
+        (True, False, ["a linear map (9 numbers)", "taken from the stated directions", "k_d scale"], "bas-relief"),
+        (False, True, ["an orthogonal map (3 numbers)", "bulges or is hollow"], "bas-relief"),
+        (False, False, ["a linear map (9 numbers)", "generalised bas-relief (3 numbers", "k_d scale"], "bulges"),
+    ],
+)
+def test_what_remains_is_named_by_what_is_known(stated, exact, said, not_said):
+    """Hayakawa 1994; Woodham, Iwahori and Barman 1991; Belhumeur, Kriegman and Yuille 1999."""
+    text = " ".join(
+        notes_on(stated=stated, exact_directions=False, exact_intensities=exact, shared=0.5, settled=True, spread=0.05)
+    )
+    for words in said:
+        assert words in text
+    assert not_said not in text
 
 
 @pytest.mark.slow

@@ -16,10 +16,10 @@ from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.start_search import (
     _distinct,
     _lowest,
-    _turned,
     candidates,
     is_local,
     steepest,
+    turned,
     with_wide_edges,
 )
 from diffshade.inverse.starting import find_start
@@ -107,10 +107,10 @@ def angles(vectors: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 def test_directions_are_tried_on_rings_around_the_scenes():
     axis = np.array([0.3, -2.0, 1.0])
-    turned = _turned(axis, (20.0, 70.0))
-    np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), 1.0)
-    np.testing.assert_allclose(angles(turned, axis), [0.0] + [20.0] * 6 + [70.0] * 6, atol=1e-5)
-    for ring in (turned[1:7], turned[7:]):  # evenly spread
+    around = turned(axis, (20.0, 70.0))
+    np.testing.assert_allclose(np.linalg.norm(around, axis=-1), 1.0)
+    np.testing.assert_allclose(angles(around, axis), [0.0] + [20.0] * 6 + [70.0] * 6, atol=1e-5)
+    for ring in (around[1:7], around[7:]):  # evenly spread
         np.testing.assert_allclose(ring.mean(0), axis * (ring.mean(0) @ axis) / (axis @ axis), atol=1e-12)
         np.testing.assert_allclose(np.diff(angles(ring[1:], ring[0])[:3]), np.diff(angles(ring[1:], ring[0])[:1:-1]))
 

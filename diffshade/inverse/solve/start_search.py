@@ -23,6 +23,7 @@ from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
 from ..unknowns.unknown import Unknown, coordinates
+from ..unknowns.visibility import Arrow, places_apart
 from .descent import box_step
 from .solvers import Box, Task, evaluate, linear_step, minimise
 
@@ -37,12 +38,16 @@ SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
 
 Theta = Float[np.ndarray, " p"]
+End = tuple[float, Theta, bool]
+"""Where steps ended: the cost, the point, and whether it is the minimum, not where the steps ended before."""
 
 
-def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[Float[np.ndarray, "n p"]]:
+def candidates(
+    unknowns: Sequence[Unknown], scene: Scene, theta: Theta, arrow: Arrow | None = None
+) -> list[Float[np.ndarray, "n p"]]:
     """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
     found = []
-    for (_, quantity), members in _groups(unknowns).items():
+    for (_, quantity), members in _groups(unknowns, arrow).items():
         values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
         if "/" in quantity:
             tried = _each_of(FACTORS, values)
@@ -54,11 +59,15 @@ def candidates(unknowns: Sequence[Unknown], scene: Scene, theta: Theta) -> list[
     return found
 
 
-def _groups(unknowns: Sequence[Unknown]) -> dict[tuple[str, str], list[int]]:
-    """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say."""
+def _groups(unknowns: Sequence[Unknown], arrow: Arrow | None = None) -> dict[tuple[str, str], list[int]]:
+    """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say.
+
+    Lights that show apart from each other are left to `light_search`, which tries all of them at once.
+    """
     groups: dict[tuple[str, str], list[int]] = {}
+    apart = {j for of in places_apart(unknowns, arrow) for j in of}
     for j, unknown in enumerate(unknowns):
-        if _is_searched(unknown):
+        if _is_searched(unknown) and j not in apart:
             groups.setdefault((unknown.kind, unknown.quantity), []).append(j)
     return groups
 
@@ -89,7 +98,7 @@ def _scaled(values: np.ndarray, factors: Sequence[float]) -> np.ndarray:
     return np.asarray(factors)[:, None] * values
 
 
-def _turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
+def turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
     """Return directions at these angles (degrees) off an axis, six around it for each."""
     axis = axis / np.linalg.norm(axis)
     u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
@@ -114,8 +123,8 @@ def _positions(position: np.ndarray, scene: Scene) -> np.ndarray:
     far = np.linalg.norm(offset)
     if far == 0:  # told to stand in the middle of the object: in front of it, seen along -z, is as good a guess as any
         offset, far = np.array([0.0, 0.0, 1.0]), 3.0 * _size(scene)
-    turned = _turned(offset, (20.0, 40.0, 70.0))
-    return np.concatenate([position[None], *(middle + far * factor * turned for factor in (0.6, 1.0, 1.6))])
+    around = turned(offset, (20.0, 40.0, 70.0))
+    return np.concatenate([position[None], *(middle + far * factor * around for factor in (0.6, 1.0, 1.6))])
 
 
 def _centers(center: np.ndarray, scene: Scene) -> np.ndarray:
@@ -134,7 +143,7 @@ _MOVES = {
     "exponent": lambda values, scene: np.concatenate([values[None], _each_of((0.0, 1.0, 4.0, 16.0, 64.0), values)]),
     "cutoff": lambda values, scene: np.concatenate([values[None], _each_of((10, 20, 30, 40, 50, 60, 75), values)]),
     "radius": lambda values, scene: _scaled(values, (1.0, 0.85, 1.2)),
-    "direction": lambda values, scene: values[None] if len(values) != 3 else _turned(values, (20.0, 45.0, 80.0)),
+    "direction": lambda values, scene: values[None] if len(values) != 3 else turned(values, (20.0, 45.0, 80.0)),
     "position": _positions,
     "center": _centers,
     **dict.fromkeys(LIMITS, _limits),
@@ -215,23 +224,24 @@ def search(
     chunks: Sequence[Block],
     squares: float,
     report_progress: ReportProgress,
-) -> tuple[Theta, bool]:
+) -> End:
     """Find the best start: candidates are judged on a few pixels, the lowest followed most of the way on a part of all.
-
-    Returns the start, and whether it is the minimum over that part, not where the steps ended before.
 
     What the scene says of lights and surfaces is always followed too, with the best material for it and with a plain
     one: where several of these are unknown, judging them one after another can lead astray, and so can a highlight that
     vanishes at the best k_s because it is out of place.
     """
     begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
-    kinds, members = [kind for kind, _ in _groups(unknowns)], list(_groups(unknowns).values())
+    groups = _groups(unknowns, task.box.arrow)
+    kinds, members = [kind for kind, _ in groups], list(groups.values())
     # candidates of a model that projects are judged alike whatever the linear unknowns were: no need to know the best
     told = is_local(unknowns) or not kinds or not task.model.projects
     first = judge(begin, task, coarse) if told else (np.inf, begin)
 
     def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
-        within = list(np.clip(candidates(unknowns, scene, theta)[group], task.box.lower, task.box.upper))
+        within = list(
+            np.clip(candidates(unknowns, scene, theta, task.box.arrow)[group], task.box.lower, task.box.upper)
+        )
         if unknowns[members[group][0]].parameter.reach:
             rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
@@ -256,21 +266,23 @@ def search(
         box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
         starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
 
-    def follow(theta: Theta, task: Task = task) -> tuple[float, Theta, bool]:
-        end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
-        return float(end.point.total.cost), np.asarray(end.point.theta), not end.message
-
     ends = []
     for k, start in enumerate(starts):
         report_progress(SEARCHING, 0.5 + 0.5 * k / len(starts))
-        ends.append(follow(*start))
+        ends.append(follow(*start, chunks, squares))
     best = min(ends, key=lambda end: end[0])
     for exchanged in _with_exponents_exchanged(best[1], unknowns, members):
         # a highlight that is wide across its direction looks much like one that is wide along it, turned by 90 degrees
         for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "direction"):
             exchanged = min(tried(group, exchanged), key=lambda pair: pair[0], default=(np.inf, exchanged))[1]
-        best = min(best, follow(exchanged), key=lambda end: end[0])
-    return best[1], best[2]
+        best = min(best, follow(exchanged, task, chunks, squares), key=lambda end: end[0])
+    return best
+
+
+def follow(theta: Theta, task: Task, chunks: Sequence[Block], squares: float) -> End:
+    """Return where a few steps from a point end."""
+    end = minimise(theta, task, chunks, squares=squares, max_steps=SHORT, rtol=1e-6)
+    return float(end.point.total.cost), np.asarray(end.point.theta), not end.message
 
 
 def _with_exponents_exchanged(

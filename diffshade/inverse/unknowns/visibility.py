@@ -6,6 +6,7 @@ views then have the shape of an arrow: a border that all views share, and a smal
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -131,3 +132,17 @@ def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     for row, of in zip(blocks, found, strict=True):
         row[: len(of)] = of
     return Arrow(np.setdiff1d(np.arange(p), narrow), blocks)
+
+
+def places_apart(unknowns: Sequence[Unknown], arrow: Arrow | None) -> list[list[int]]:
+    """Return the x, y and z of each light's free place, for the lights that show in no view with another.
+
+    A spot of which both position and direction are free has two places, which only a search one by one tells apart.
+    """
+    found = []
+    for block in [] if arrow is None else np.sort(arrow.blocks, 1).tolist():
+        of = [j for j in block if j < len(unknowns)]
+        places = [j for j in of if re.fullmatch(r"lights\.\d+\.(direction|position)", unknowns[j].quantity)]
+        if len(places) == 3 and all(unknowns[j].lower < unknowns[j].upper for j in places):  # not held
+            found.append(places)
+    return found

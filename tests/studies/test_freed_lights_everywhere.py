@@ -1,0 +1,100 @@
+"""Fits of all lights' directions beside the same fits with dense matrices, and by tiles and over devices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from jax.sharding import Mesh
+
+import diffshade as ds
+from diffshade.diagnosis import sensitivity as sensitivities
+from diffshade.inverse import problem
+from diffshade.inverse.forward import rendered
+from diffshade.inverse.problem import laid_bytes
+from tests.support.textured import lights_about
+
+pytestmark = pytest.mark.thorough
+FREE = ("k_d", "k_s", "n_s", "direction")
+CAMERA = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(32, 32), height=2.2, local_viewer=False)
+SHOTS = [ds.Shot(light=ds.DirectionalLight((0.2, -0.5, -1.0))), ds.Shot(exposure=0.5)]
+COUNT = 10
+
+
+def given() -> tuple[ds.Scene, list[ds.View]]:
+    """A ball under lights stated 2 degrees off."""
+    random, towards = np.random.default_rng(0), lights_about(COUNT)
+    ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
+    true = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
+    images = [np.asarray(ds.render(true, CAMERA, lit=i)) for i in range(COUNT)]
+    views = [ds.View(i + 0.02 * random.standard_normal(i.shape), CAMERA, lit=k) for k, i in enumerate(images)]
+    stated = towards + np.deg2rad(2.0) * random.standard_normal(towards.shape)
+    return ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated]), views
+
+
+def fitted(**options: Any) -> ds.Fit:
+    return ds.fit(*given(), free=FREE, light_error=2.0, **options)
+
+
+def same(one: Any, other: Any, rtol: float) -> None:
+    one, other = np.asarray(one), np.asarray(other)
+    np.testing.assert_allclose(one, other, rtol=rtol, atol=rtol * np.abs(other).max())
+
+
+@pytest.fixture(scope="module")
+def by_blocks() -> ds.Fit:
+    return fitted()
+
+
+@pytest.fixture(scope="module")
+def dense(by_blocks):
+    """The same fit, and derivatives of the one by blocks, where each view may show all unknowns: one dense matrix."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(problem, "arrow_of", lambda *_: None)
+        patch.setattr(rendered, "shown_unknowns", lambda *_: None)
+        patch.setattr(sensitivities, "shown_unknowns", lambda *_: None)
+        fit = fitted()
+        yield (
+            fit,
+            {
+                "ambient": ds.sensitivity(by_blocks, "ambient"),
+                "intensity": ds.sensitivity(by_blocks, "intensity"),
+                "image": ds.image_sensitivity(by_blocks, 3),
+                "plan": ds.plan(fit, SHOTS),
+                "examine": ds.examine(fit),
+            },
+        )
+
+
+def test_values_and_errors_are_those_of_dense_matrices(by_blocks, dense):
+    whole = dense[0]
+    assert by_blocks.evidence.shown is not None
+    assert whole.evidence.shown is None
+    for name in ("values", "plain_errors", "errors"):
+        same(getattr(by_blocks, name), getattr(whole, name), 1e-9)
+    same(by_blocks.evidence.clustered_errors(), whole.evidence.clustered_errors(), 1e-9)
+    assert by_blocks.notes == whole.notes
+
+
+def test_sensitivities_are_those_of_dense_matrices(by_blocks, dense):
+    for name in ("ambient", "intensity"):
+        same(ds.sensitivity(by_blocks, name), dense[1][name], 1e-9)
+    same(ds.image_sensitivity(by_blocks, 3), dense[1]["image"], 1e-9)
+
+
+def test_plans_and_intervals_are_those_of_dense_matrices(by_blocks, dense):
+    assert str(ds.plan(by_blocks, SHOTS)) == str(dense[1]["plan"])
+    found, whole = ds.examine(by_blocks), dense[1]["examine"]
+    same(found.interval_95, whole.interval_95, 1e-6)
+    assert found.notes == whole.notes
+
+
+@pytest.mark.parametrize("road", ["tiles", "devices"])
+def test_by_tiles_and_over_devices_the_fit_is_that_in_memory(by_blocks, road):
+    options = {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
+    found = fitted(**options)
+    assert laid_bytes(found.scene, found.views) > 4e5  # so that less memory makes tiles
+    for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
+        same(getattr(found, name), getattr(by_blocks, name), rtol)
