@@ -15,7 +15,7 @@ def test_what_was_made_first_is_kept(tmp_path):
 
     def make():
         made.append(len(made))
-        return [np.full(2, float(len(made))), np.float64(7.0)]
+        return [np.full(2, float(len(made))), np.array(7.0)]
 
     first = store(tmp_path / "run")
     before = first.kept("basis", make)
