@@ -72,7 +72,7 @@ def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
     unknowns = find_unknowns(true, views, ("k_d", "k_s", "n_s", "lights.0.position"))
     problem = fit_problem(true, views, unknowns, *samples_for(true, views, unknowns, "hinge"), "huber", "hinge")
     limits = None if steepest is None else np.full(len(unknowns), steepest)
-    model = dataclasses.replace(problem.model, steepest=limits)
+    model = jax.tree.map(jnp.asarray, dataclasses.replace(problem.model, steepest=limits))
     dense = eqx.tree_at(lambda m: m.setting.of_bands, model, None)
     theta = coordinates(np.array([u.start for u in unknowns]), unknowns)
     few, all_of_them = (of.summary(jnp.asarray(theta), problem.chunks()[0]) for of in (model, dense))
