@@ -70,7 +70,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
         along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
             len(bases), len(known)
         )
-        shown = jnp.asarray(_shown(fit, known, followed=bool(np.any(along))))
+        shown = _shown(fit, known, followed=bool(np.any(along)))
         z, p = jnp.asarray(np.concatenate([at.theta, phi])), len(at.theta)
         second = total(
             on_all_cores(lambda chunk: _second_derivatives(z, slots, along, shown, at.model, chunk), at.chunks)
@@ -110,12 +110,10 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
         shown = _shown(fit, [], followed=False)
         second = total(
-            on_all_cores(
-                lambda chunk: _second_derivatives(theta, empty, along, jnp.asarray(shown), at.model, chunk), at.chunks
-            )
+            on_all_cores(lambda chunk: _second_derivatives(theta, empty, along, shown, at.model, chunk), at.chunks)
         )
         some = [chunk for chunk in at.chunks if (np.asarray(chunk.view) == view).any()]
-        slopes = on_all_cores(lambda chunk: _by_sample(theta, jnp.asarray(shown), at.model, chunk), some)
+        slopes = on_all_cores(lambda chunk: _by_sample(theta, shown, at.model, chunk), some)
         views = np.concatenate([np.asarray(chunk.view) for chunk in some])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, most, channels, pixels)
         samples = at.samples[view]
@@ -179,7 +177,7 @@ def _second_derivatives(
 ) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
 
-    Of each block by those that its view shows alone: a time linear in the views.
+    Each block has derivatives by what its view shows, and by nothing else, so that the time is linear in the views.
 
     Args:
         z: The unknowns, and the known numbers after them.

@@ -68,8 +68,9 @@ def fit(
     Levenberg-Marquardt on J^T J (Marquardt 1963) within bounds, in float64 whatever the global flag. It needs no start
     values: k_a, k_d and k_s are solved for exactly, n_s (as log n_s) is searched for, and attenuation begins at none;
     the scene's values of these are ignored. Geometry (a light's position or direction, a spot's shape, a sphere) is
-    searched for near the scene's values. Eight or more lights, each with views of its own, are tried around where the
-    scene has them all at once, and those whose views cost twice as much as the others' again at the end.
+    searched for near the scene's values. Lights that each have views of their own, from eight on, are searched for all
+    at once: they begin where the scene has them, and at the end a light whose views cost twice as much as the others'
+    is tried at places all around.
 
     A fit checks itself. Where the views disagree, or samples are clipped, it is repeated without the saturated
     pixels and without the brightest half of the highlight. A number that then moves by 30 % or three errors, and

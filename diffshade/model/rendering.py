@@ -167,7 +167,10 @@ def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -
         return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, first_row(k), count), over_pixels)
 
     def add(k: Array, state: tuple[Array, tuple[Object, ...]]) -> tuple[Array, tuple[Object, ...]]:
-        """Render some rows, and take the next ones out: cut and shaded in one step, XLA reads them a number a time."""
+        """Render some rows, and cut out the next ones.
+
+        Rows that are cut and shaded in the same step are one loop to XLA, which then reads a single number at a time.
+        """
         image, here = state
         part = eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
         row, column = jnp.meshgrid(
