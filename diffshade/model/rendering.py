@@ -15,7 +15,7 @@ from ..core.fields import Array, check, is_concrete
 from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
 from .gbuffers import GBuffer
-from .lights import AbstractLight
+from .lights import AbstractEmitter, AbstractLight
 from .scenes import (
     Object,
     Scene,
@@ -33,6 +33,7 @@ from .vectors import Vec3, where
 MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
 BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies between them and the image in its cache
 FEW = 2 * BLOCK  # up to so many, all are rendered at once
+GIVEN = 16 * BLOCK  # the same for points that are given and have one light, which leaves little in between
 MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
@@ -78,7 +79,8 @@ def render(
     stacked = stack_scene(scene)
     alone = jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((stacked, camera)))
     program = _render_unfused if alone and _takes_long(stacked) else _render
-    return program(*with_new_arrays((stacked, camera)), by_rows=alone and pixels > FEW)
+    most = GIVEN if _is_brief(scene) else FEW
+    return program(*with_new_arrays((stacked, camera)), by_rows=alone and pixels > most)
 
 
 def shade(scene: Scene, gbuffer: GBuffer, camera: AbstractCamera) -> Float[Array, "height width channels"]:
@@ -196,6 +198,12 @@ _render_unfused = jax.jit(_image, static_argnames="by_rows", compiler_options=UN
 def _takes_long(scene: StackedScene) -> bool:
     """Whether to compile without fusion; within a program of the caller's, that choice is the caller's."""
     return sum(item.material.k_t is not None for item in scene.objects) >= MANY
+
+
+def _is_brief(scene: Scene) -> bool:
+    """Whether cutting rows out of what is given takes as long as shading them."""
+    given = all(isinstance(item.surface, GBuffer) for item in scene.objects)
+    return given and len(scene.lights) == 1 and isinstance(scene.lights[0], AbstractEmitter)
 
 
 def _silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
