@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.fields import Array
 from ...model.scenes import Object
-from ..pixels.blocks import Block, Piece
+from ..pixels.blocks import Block, Observed, Piece
 from .interface import AbstractForwardModel, Pixels
 
 
@@ -38,10 +38,10 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
     Without theta the level is the photograph's.
     """
     seen = gathered.observed
-    points = model.fields(gathered.points, gathered.view, seen.weight[:, 0] > 0)
-    if model.projects:
-        seen = eqx.tree_at(lambda o: o.weight, seen, None)
-    chunk = jax.device_put(Block(gathered.view, points, seen))
+    assert seen.weight is not None
+    points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
+    weight = None if model.projects else jnp.asarray(seen.weight, float)
+    chunk = jax.device_put(Block(gathered.view, points, Observed(seen.target, weight, seen.clipped)))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 

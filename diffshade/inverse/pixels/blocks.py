@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float, Int, Int8
+from jaxtyping import Bool, Float, Int, Int8
 
 from ...core.fields import Array
 from ..data.samples import Samples
@@ -27,8 +27,9 @@ class Observed(eqx.Module):
     """The samples of a block. A block of blocks, a chunk, has a leading axis."""
 
     target: Float[Array, "... channels pixels"]
-    weight: Float[Array, "... channels pixels"]
-    """1 or 1/variance; 0 where a sample does not count."""
+    weight: Float[Array, "... channels pixels"] | Bool[Array, "... channels pixels"] | None
+    """1 or 1/variance; 0 where a sample does not count. Before a chunk is laid out, whether a sample counts; None after
+    it where all that count weigh the same."""
     clipped: Int8[Array, "... channels pixels"] | None
     """See `Samples.clipped`; None where no sample of the fit is."""
 
@@ -41,10 +42,10 @@ class Block(eqx.Module):
     observed: Observed
 
 
-class Piece(eqx.Module):
+class Piece(NamedTuple):
     """The pixels of a view that a block holds, before it is laid out."""
 
-    view: int = eqx.field(static=True)
+    view: int
     samples: Samples
     pixels: Int[np.ndarray, " n"]
 
@@ -102,7 +103,7 @@ def observed(
 ) -> tuple[Observed, Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
     """Lay a chunk's samples out in blocks, and beside them the row and the column of each pixel."""
     length = length or padded_length(len(parts))
-    target, weight = (np.zeros((length, channels, size)) for _ in range(2))
+    target, counts = np.zeros((length, channels, size)), np.zeros((length, channels, size), bool)
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
     row, column = np.zeros((length, size)), np.zeros((length, size))
     b = 0
@@ -119,11 +120,11 @@ def observed(
             of = slice(start, start + n)
             row[b, :n], column[b, :n] = rows[of], columns[of]
             target[b, :used, :n] = values[of].T
-            weight[b, :used, :n] = 1.0
+            counts[b, :used, :n] = True
             if clipped is not None and ends is not None:
                 clipped[b, :used, :n] = ends[of].T
             b, start = b + 1, start + n
-    return Observed(target, weight, clipped), row, column
+    return Observed(target, counts, clipped), row, column
 
 
 def total(parts: Sequence[Any]) -> Any:

@@ -95,16 +95,17 @@ class Arrowhead(eqx.Module):
         None of the small ones may have unknowns of two blocks.
         """
         F, G = self.arrow.border, self.arrow.blocks
-        f, (blocks, g) = len(F), G.shape
-        in_border, block, slot = (jnp.full(self.p + 1, nowhere) for nowhere in (f, blocks, g))
-        in_border = in_border.at[F].set(jnp.arange(f))[index]
-        block = block.at[G].set(jnp.arange(blocks)[:, None]).at[self.p].set(blocks)[index]
-        slot = slot.at[G].set(jnp.arange(g)[None]).at[self.p].set(g)[index]
-        row, column = (Ellipsis, slice(None), None), (Ellipsis, None, slice(None))
+        block = jnp.full(self.p + 1, len(G)).at[G].set(jnp.arange(len(G))[:, None]).at[self.p].set(len(G))
+        of = block[index].min(1)  # the block of each small one; len(G) where it has none
+        # products with zeros and ones: XLA's CPU backend scatters a number at a time, which takes ten times as long
+        among_F = jnp.where(index[..., None] == F, 1.0, 0.0)
+        members = G.at[of].get(mode="fill", fill_value=self.p)[:, None]
+        among_G = jnp.where((index[..., None] == members) & (members < self.p), 1.0, 0.0)
+        by_F, by_G = parts @ among_F, parts @ among_G
         return self._with(
-            self.border.at[in_border[row], in_border[column]].add(parts, mode="drop"),
-            self.side.at[block[row], slot[row], in_border[column]].add(parts, mode="drop"),
-            self.blocks.at[block[row], slot[row], slot[column]].add(parts, mode="drop"),
+            self.border + jnp.einsum("kmf,kmh->fh", among_F, by_F),
+            self.side.at[of].add(jnp.einsum("kmg,kmf->kgf", among_G, by_F), mode="drop"),
+            self.blocks.at[of].add(jnp.einsum("kmg,kmh->kgh", among_G, by_G), mode="drop"),
         )
 
     def plus(self, diagonal: Float[Array, " p"]) -> Arrowhead:
