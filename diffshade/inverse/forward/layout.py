@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.fields import Array
 from ...model.scenes import Object
-from ..pixels.blocks import Block, Observed, Piece
+from ..pixels.blocks import Block, Piece
 from .interface import AbstractForwardModel, Pixels
 
 
@@ -38,10 +38,9 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
     Without theta the level is the photograph's.
     """
     seen = gathered.observed
-    assert seen.weight is not None
     points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
     weight = None if model.projects else jnp.asarray(seen.weight, float)
-    chunk = jax.device_put(Block(gathered.view, points, Observed(seen.target, weight, seen.clipped)))
+    chunk = jax.device_put(Block(gathered.view, points, eqx.tree_at(lambda o: o.weight, seen, weight)))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 

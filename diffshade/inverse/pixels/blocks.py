@@ -27,9 +27,8 @@ class Observed(eqx.Module):
     """The samples of a block. A block of blocks, a chunk, has a leading axis."""
 
     target: Float[Array, "... channels pixels"]
-    weight: Float[Array, "... channels pixels"] | Bool[Array, "... channels pixels"] | None
-    """1 or 1/variance; 0 where a sample does not count. Before a chunk is laid out, whether a sample counts; None after
-    it where all that count weigh the same."""
+    weight: Float[Array, "... channels pixels"] | Bool[Array, "... channels pixels"]
+    """1 or 1/variance; 0 where a sample does not count. Before a chunk is laid out, whether a sample counts."""
     clipped: Int8[Array, "... channels pixels"] | None
     """See `Samples.clipped`; None where no sample of the fit is."""
 

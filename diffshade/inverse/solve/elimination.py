@@ -94,7 +94,7 @@ class Arrowhead(eqx.Module):
 
         None of the small ones may have unknowns of two blocks.
         """
-        F, G = self.arrow.border, self.arrow.blocks
+        F, G = self.arrow.border, jnp.asarray(self.arrow.blocks)
         block = jnp.full(self.p + 1, len(G)).at[G].set(jnp.arange(len(G))[:, None]).at[self.p].set(len(G))
         of = block[index].min(1)  # the block of each small one; len(G) where it has none
         # products with zeros and ones: XLA's CPU backend scatters a number at a time, which takes ten times as long
