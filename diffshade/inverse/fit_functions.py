@@ -310,7 +310,7 @@ def _index(gathered: Block, shapes: Sequence[tuple[int, ...]]) -> Int[np.ndarray
     pixel = (gathered.points.row * width[:, None] + gathered.points.column).astype(int)
     channel = np.minimum(np.arange(gathered.observed.target.shape[1]), channels[:, None] - 1)
     at = first[:, None, None] + pixel[:, None] * channels[:, None, None] + channel[:, :, None]
-    return np.where(gathered.observed.weight > 0, at, -1)
+    return np.where(gathered.observed.weight, at, -1)
 
 
 def _groups(unknowns: Sequence[Unknown], scene: Scene) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

@@ -33,7 +33,7 @@ from .vectors import Vec3, where
 MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
 BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies between them and the image in its cache
 FEW = 2 * BLOCK  # up to so many, all are rendered at once
-GIVEN = 16 * BLOCK  # the same for points that are given and have one light, which leaves little in between
+GIVEN = 16 * BLOCK  # the same for a G-buffer under one light: little lies between it and the image
 MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
@@ -152,8 +152,8 @@ def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
 def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -> Float[Array, "height width channels"]:
     """Render all pixels at once, or some rows after others, which gives the same bits.
 
-    At once, what lies between the pixels and the image fills the memory: above a million pixels, half of the time goes
-    into pages that the system has to clear.
+    At once, what lies between the pixels and the image fills the memory: of most scenes above a million pixels, half of
+    the time goes into pages that the system has to clear.
     """
     projection, (height, width) = camera.projection(), camera.shape
     if not by_rows:
@@ -201,9 +201,10 @@ def _takes_long(scene: StackedScene) -> bool:
 
 
 def _is_brief(scene: Scene) -> bool:
-    """Whether cutting rows out of what is given takes as long as shading them."""
-    given = all(isinstance(item.surface, GBuffer) for item in scene.objects)
-    return given and len(scene.lights) == 1 and isinstance(scene.lights[0], AbstractEmitter)
+    """Whether it is one opaque G-buffer under one light: to cut out its rows takes nearly as long as to shade them."""
+    item, light = scene.objects[0], scene.lights[0] if len(scene.lights) == 1 else None
+    opaque = len(scene.objects) == 1 and item.material.k_t is None
+    return opaque and isinstance(item.surface, GBuffer) and isinstance(light, AbstractEmitter) and not scene.bands
 
 
 def _silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:

@@ -140,6 +140,18 @@ def test_a_block_of_fewer_unknowns_than_others_is_padded():
         np.testing.assert_allclose(A.times(jnp.ones(p)), whole.sum(1), rtol=1e-12)
 
 
+def test_small_matrices_are_added_where_the_dense_matrix_adds_them():
+    arrow, p = Arrow(jnp.array([2, 7]), jnp.array([[0, 1, 9], [3, 4, 8], [5, 6, 9]])), 9  # 9 is nowhere
+    rows = [2, 0, 1, 9], [7, 1, 9, 9], [2, 7, 9, 9], [9, 9, 9, 9], [8, 3, 2, 7], [0, 0, 1, 2], [5, 6, 7, 9]
+    with jax.enable_x64(True):
+        parts = np.random.default_rng(0).standard_normal((len(rows), 4, 4))
+        parts = jnp.asarray(parts + parts.transpose(0, 2, 1))
+        ends = [nothing(p, of).added(jnp.array(rows), parts) for of in (arrow, None)]
+        np.testing.assert_allclose(ends[0].as_matrix(), ends[1].as_matrix(), rtol=1e-13, atol=1e-14)
+        assert isinstance(ends[0], Arrowhead)
+        np.testing.assert_array_equal(ends[0].blocks[0, 2], 0.0)
+
+
 def test_a_fit_by_elimination_ends_where_the_dense_one_does():
     with jax.enable_x64(True):
         problem = problem_of(12)

@@ -203,7 +203,8 @@ def pictured(shape):
 
 
 @pytest.mark.parametrize(
-    "kind", ["pictured", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("ball", "glass", "bands"))]
+    "kind",
+    ["pictured", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("ball", "brief", "glass", "bands"))],
 )
 def test_an_image_by_rows_is_the_same_to_the_bit(clear, monkeypatch, kind):
     camera = ds.Camera((0, 0, 4), shape=(9, 11))
@@ -212,13 +213,33 @@ def test_an_image_by_rows_is_the_same_to_the_bit(clear, monkeypatch, kind):
         "ball": ds.Scene(BALL, lights(2)),
         "glass": clear,
         "pictured": pictured(camera.shape),
+        "brief": eqx.tree_at(lambda s: s.lights, pictured(camera.shape), tuple(lights(1))),
         "bands": ds.Scene(ds.Object(ds.Sphere(), bands), ds.PointLight((2, 3, 4)), bands=5),
     }[kind]
     expected = ds.render(scene, camera)
-    monkeypatch.setattr(rendering, "BLOCK", 40)
-    monkeypatch.setattr(rendering, "FEW", 40)
+    for size in ("BLOCK", "FEW", "GIVEN"):
+        monkeypatch.setattr(rendering, size, 40)
     np.testing.assert_array_equal(ds.render(scene, camera), expected)
     assert np.ptp(expected) > 0.1
+
+
+def test_only_one_opaque_g_buffer_under_one_light_is_shaded_at_once(monkeypatch):
+    camera, lamp = ds.Camera((0, 0, 4), shape=(9, 11)), ds.PointLight((2, 3, 4))
+    seen = ds.intersect(ds.Scene(BALL), camera)
+    asked = []
+    monkeypatch.setattr(rendering, "FEW", 40)
+    monkeypatch.setattr(rendering, "_render", lambda scene, camera, by_rows: asked.append(by_rows))
+    item, clear = ds.Object(seen, ds.Material(k_d=0.5)), ds.Object(seen, ds.Material(k_d=0.5, k_t=0.5))
+    for objects, lamps in (
+        ([item], [lamp]),
+        ([clear], [lamp]),
+        ([item, item], [lamp]),
+        ([BALL], [lamp]),
+        ([item], [lamp, lamp]),
+        ([item], []),
+    ):
+        ds.render(ds.Scene(objects, lamps), camera)
+    assert asked == [False, True, True, True, True, True]
 
 
 @pytest.mark.thorough

@@ -28,7 +28,8 @@ class Observed(eqx.Module):
 
     target: Float[Array, "... channels pixels"]
     weight: Float[Array, "... channels pixels"] | Bool[Array, "... channels pixels"]
-    """1 or 1/variance; 0 where a sample does not count. Before a chunk is laid out, whether a sample counts."""
+    """1 or 1/variance, 0 where a sample does not count; None where the model projects. Before a chunk is laid out,
+    whether a sample counts."""
     clipped: Int8[Array, "... channels pixels"] | None
     """See `Samples.clipped`; None where no sample of the fit is."""
 

@@ -92,7 +92,7 @@ class Arrowhead(eqx.Module):
     def added(self, index: Int[Array, "k m"], parts: Float[Array, "k m m"]) -> Arrowhead:
         """Return the matrix with small ones added, each at the rows and columns of its indices; p is nowhere.
 
-        None of the small ones may have unknowns of two blocks.
+        None of the small ones may have unknowns of two blocks, and all their numbers must be finite.
         """
         F, G = self.arrow.border, jnp.asarray(self.arrow.blocks)
         block = jnp.full(self.p + 1, len(G)).at[G].set(jnp.arange(len(G))[:, None]).at[self.p].set(len(G))
