@@ -97,7 +97,7 @@ class Arrowhead(eqx.Module):
         F, G = self.arrow.border, jnp.asarray(self.arrow.blocks)
         block = jnp.full(self.p + 1, len(G)).at[G].set(jnp.arange(len(G))[:, None]).at[self.p].set(len(G))
         of = block[index].min(1)  # the block of each small one; len(G) where it has none
-        # products with zeros and ones: XLA's CPU backend scatters a number at a time, which takes ten times as long
+        # products with zeros and ones: XLA's CPU backend scatters a number at a time (7 ms a step at 96 views, not 4)
         among_F = jnp.where(index[:, :, None] == F[None, None], 1.0, 0.0)
         members = G.at[of].get(mode="fill", fill_value=self.p)[:, None]
         among_G = jnp.where((index[:, :, None] == members) & (members < self.p), 1.0, 0.0)
