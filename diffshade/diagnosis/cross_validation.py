@@ -16,7 +16,7 @@ from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
 from ..inverse.laid_out_fit import LaidOutFit
-from ..inverse.pixels.blocks import BLOCK, CHUNK, Block, Piece
+from ..inverse.pixels.blocks import BLOCK, Block, Piece, chunk_length
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
 from .patches import cut_in_patches, patch_width, residual_images
@@ -97,9 +97,10 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
     problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
     chunks = problem.lay_out(folds.pieces, folds.size)  # weights by the photograph, the same for every model
     weighed = problem.reweigh(laid.theta, chunks)
-    none = [Piece(p.view, p.samples, p.pixels[:0]) for p in folds.pieces[:CHUNK]]
+    length = chunk_length(len(folds.pieces))
+    none = [Piece(p.view, p.samples, p.pixels[:0]) for p in folds.pieces[:length]]
     (empty,) = laid.lay_out(none, folds.size)
-    of_block = [folds.fold[at : at + CHUNK] for at in range(0, len(folds.fold), CHUNK)]
+    of_block = [folds.fold[at : at + length] for at in range(0, len(folds.fold), length)]
     # Without its view, a view's own exposure is unknown.
     single_view = single_views(evaluate(laid.theta, laid.task, weighed).views.seen(len(laid.theta)))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)

@@ -103,7 +103,7 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> ShotInformation:
     clipped = 1.0 - float(measured.mean())
     if not measured.any():
         return ShotInformation(np.zeros((len(placed.unknowns),) * 2), clipped)
-    samples = eqx.tree_at(lambda s: s.pixels, samples, samples.pixels[measured])
+    samples = dataclasses.replace(samples, pixels=samples.pixels[measured])
     return ShotInformation(_gram_of_view(fit, placed, view, samples), clipped)
 
 

@@ -134,7 +134,7 @@ def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Coun
     if keep is None:
         return samples, counts
     samples = [
-        s if kept is None else eqx.tree_at(lambda x: x.pixels, s, s.pixels[kept.reshape(-1)[s.pixels]])
+        s if kept is None else dataclasses.replace(s, pixels=s.pixels[kept.reshape(-1)[s.pixels]])
         for s, kept in zip(samples, keep, strict=True)
     ]
     return samples, counts.of(samples)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -25,17 +26,17 @@ from ..parallel.checkpoints import Checkpoint
 from ..parallel.devices import DeviceGroup
 from ..parallel.threads import on_all_cores
 from .data.samples import Counts, Samples
-from .data.views import View, channels, is_grey, lights_on
+from .data.views import View, camera_key, channels, is_grey, lights_on
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
-from .forward.layout import lay_out, lay_plain, lay_weighed, place, weigh, without_clipped
+from .forward.layout import lay_plain, lay_weighed, place, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
 from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
 from .forward.sums import spread, sum_of_squares, waves, weights_of_views
-from .pixels.blocks import LEAST, Block, Piece, block_size, chunks, observed, pieces, shares
+from .pixels.blocks import LEAST, Block, Observed, Piece, block_size, chunks, observed, pieces, shares, views_of
 from .pixels.tiles import Tiles
 from .solve.solvers import FAR, NEAR, Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
@@ -69,6 +70,8 @@ class FitProblem:
     block_size: int
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
+    alike: tuple[int, ...]
+    """For each view the first one of its camera, and of its lights where the model has them in its fields."""
 
     @property
     def noise_known(self) -> bool:
@@ -118,20 +121,38 @@ class FitProblem:
         return self.lay_out(pieces(self.samples, size, at_most), size)
 
     def lay_out(self, parts: Sequence[Piece], size: int) -> list[Block]:
-        """Return the chunks of pieces of at most so many pixels, a block a piece."""
+        """Return the chunks of pieces of at most so many pixels, a block a piece.
 
-        def chunk(parts: list) -> Block:
-            return lay_out(None, self.model, self.gather(parts, size), noise_known=self.noise_known)
+        Chunks that show the same points share them: those that a camera sees under a hundred lights are found once.
+        """
+        found = chunks(parts)
+        shows = [tuple((self.alike[part.view], id(part.pixels)) for part in of) for of in found]
+        first = dict(zip(shows, found, strict=True))
 
-        return on_all_cores(chunk, chunks(parts))
+        def points(parts: list) -> Any:
+            where, view = place(parts, self.views, size, self.over_pixels), views_of(parts)
+            counts = np.arange(size) < np.array([len(part.pixels) for part in parts])[:, None]
+            padded = np.pad(counts, ((0, len(view) - len(parts)), (0, 0)))
+            return jax.device_put(self.model.fields(where, view, padded))
+
+        shown = dict(zip(first, on_all_cores(points, first.values()), strict=True))
+
+        def chunk(of: tuple[list, tuple]) -> Block:
+            parts, key = of
+            laid = Block(views_of(parts), shown[key], self.observed(parts, size))
+            return with_weights(None, self.model, laid, noise_known=self.noise_known)
+
+        return on_all_cores(chunk, zip(found, shows, strict=True))
+
+    def observed(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Observed:
+        """Return the samples of a chunk as NumPy arrays."""
+        most = 1 if self.grey else len(self.scene.channels)
+        return observed(parts, self.views, size, most, clipping=self.clips, length=length)
 
     def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
         """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
-        most = 1 if self.grey else len(self.scene.channels)
-        seen, row, column = observed(parts, self.views, size, most, clipping=self.clips, length=length)
-        view = np.zeros(len(row), np.int64)
-        view[: len(parts)] = [part.view for part in parts]
-        return Block(view, place(parts, row, column, self.over_pixels), seen)
+        where = place(parts, self.views, size, self.over_pixels, length)
+        return Block(views_of(parts, length), where, self.observed(parts, size, length))
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
@@ -197,7 +218,17 @@ def fit_problem(
     box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
     pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
     size = block_size(pixels, len(AROUND) if setting.blurred else 1)
-    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, apart(scene)[0])
+    over_pixels, _ = apart(scene)
+    alike = _alike(scene, views, lit=model.knows_lights)
+    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, over_pixels, alike)
+
+
+def _alike(scene: Scene, views: Sequence[View], *, lit: bool) -> tuple[int, ...]:
+    first: dict[Any, int] = {}
+    return tuple(
+        first.setdefault((camera_key(view.camera), tuple(lights_on(scene, view)) if lit else ()), v)
+        for v, view in enumerate(views)
+    )
 
 
 @dataclass(frozen=True, eq=False)

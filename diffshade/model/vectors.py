@@ -109,6 +109,14 @@ def halfway(l: Vec3, v: Vec3) -> Vec3:
     return h * jnp.where(apart, 1.0 / jnp.sqrt(jnp.where(apart, squared, 1.0)), 0.0)
 
 
+def tangents_of(n: Vec3) -> tuple[Vec3, Vec3]:
+    """Return two unit vectors orthogonal to n and to each other, continuous except at n = -z (Duff et al. 2017)."""
+    sign = jnp.where(n.z >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + n.z)
+    b = n.x * n.y * a
+    return Vec3(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3(b, sign + n.y * n.y * a, -n.y)
+
+
 def refract(v: Vec3, n: Vec3, ratio: Float[Array, "..."]) -> tuple[Vec3, Bool[Array, "..."]]:
     """Refracted direction T = (ratio cos t_i - cos t_r) n - ratio v, and whether there is one (E12; Snell).
 

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
 from ..model.lobes import EXPONENT_RANGE
-from ..model.vectors import Vec3, normalize
+from ..model.vectors import Vec3, normalize, tangents_of
 from .linear_systems import solve
-from .normal_equations import NormalEquations, cost_at, eliminate_coefficients, evaluate, tangents_of
+from .normal_equations import NormalEquations, cost_at, eliminate_coefficients, evaluate
 from .prediction import TexelProblem, first_weights
 
 T = TypeVar("T")

@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from ..core.fields import Array
 from ..inverse.forward.losses import LOSSES
-from ..model.vectors import Vec3
+from ..model.vectors import Vec3, tangents_of
 from .linear_systems import cholesky, forward, nonnegative
 from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, sample_variance, view_slices
 
@@ -53,14 +53,6 @@ class NormalEquations(eqx.Module):
     """Derivative of the cost by the other unknowns."""
     weight: Float[Array, "views _ texels"] | None
     """The weights at this prediction; None where they never change."""
-
-
-def tangents_of(n: Vec3) -> tuple[Vec3, Vec3]:
-    """Return two unit vectors orthogonal to n and to each other, continuous except at n = -z (Duff et al. 2017)."""
-    sign = jnp.where(n.z >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + n.z)
-    b = n.x * n.y * a
-    return Vec3(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3(b, sign + n.y * n.y * a, -n.y)
 
 
 class Sums(NamedTuple):

@@ -23,6 +23,7 @@ from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
+from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.parallel.threads import on_all_cores
@@ -320,6 +321,43 @@ def test_a_block_is_a_power_of_two_that_holds_a_small_view_and_is_never_too_larg
     scene = ds.Scene(ds.Object(ds.GBuffer(normal)), [ds.DirectionalLight((0, 0, -1))])
     samples = find_samples(scene, ds.View(np.full((count, 1), 0.5), camera, mask=h))
     assert block_size([len(samples.pixels)] * 3) == size
+
+
+@pytest.mark.parametrize(("pixels", "size"), [(2660, 2816), (3100, 1664), (1000, 1024), (70, 72), (9000, 2048)])
+def test_the_blocks_of_many_views_are_hardly_padded(pixels, size):
+    views = 100_000 // pixels + 1
+    assert block_size([pixels] * views) == size
+    assert -(-pixels // size) * size <= 1.14 * pixels
+
+
+def test_views_that_show_the_same_points_share_them():
+    """Those of one camera and mask, whatever light is on, if the lights move; else those of one light too."""
+    lights = [ds.DirectionalLight((0.1 * k, 0.2, -1)) for k in range(40)]
+    scene = ds.Scene(ds.Object(ds.Sphere()), lights)
+    left, right = (ds.Camera(eye=(x, 0, 4), fov=32, shape=(16, 16)) for x in (-1, 1))
+    half = np.arange(16)[:, None] * np.ones(16) < 9
+    random, shown = np.random.default_rng(0), [(left, None)] * 32 + [(right, None)] * 4 + [(left, half)] * 4
+    views = [ds.View(random.random((16, 16, 3)), camera, mask=mask, lit=k) for k, (camera, mask) in enumerate(shown)]
+
+    def laid(free: str) -> tuple:
+        with jax.enable_x64(True):
+            unknowns = find_unknowns(scene, views, (free,))
+            samples, counts = samples_for(scene, views, unknowns, "hinge")
+            problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
+            size = problem.block_size
+            parts = pieces(samples, size)
+            alone = [problem.lay_out([part], size)[0] for part in parts]
+            return problem.chunks(), alone
+
+    for free, shared in (("direction", True), ("k_d", False)):
+        chunks, alone = laid(free)
+        assert len(chunks) == 3
+        assert len(alone) == 40
+        assert (chunks[0].points is chunks[1].points) is shared
+        assert chunks[2].points is not chunks[0].points
+        for k, one in enumerate(alone):
+            blocks = jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k % 16], chunks[k // 16])
+            jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, np.asarray(b)[0]), blocks, one)
 
 
 def test_work_on_all_cores_keeps_the_order_and_float64():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.inverse.forward import rounding
 from diffshade.inverse.forward.interface import AbstractForwardModel
 from diffshade.inverse.forward.losses import Likelihood
 from diffshade.inverse.forward.rounding import Rounding, find_rounding, find_steps, no_rounding
@@ -76,6 +77,32 @@ def test_steps_are_those_of_the_samples_that_count():
     assert not no_rounding(2).exists
 
 
+def test_values_without_steps_are_refused_by_a_few_of_them(monkeypatch):
+    """And every view has the steps that all of its values have."""
+    random, ramp = np.random.default_rng(1), radiance(1500)
+    eighth, scaled, noisy = (
+        np.rint(255 * ramp) / 255,
+        np.rint(255 * ramp) / 255 * 1.37 - 0.01,
+        random.uniform(size=2000),
+    )
+    coarse = np.where(np.arange(2000) < 1990, eighth, noisy)  # steps in most of the values, but not in all
+    views = [eighth, ds.srgb_decode(eighth), scaled, noisy, ramp, coarse, np.rint(99 * ramp) / 99, np.full(2000, 0.5)]
+    levels = [0.0] * 6 + [99.0, 0.0]
+    looked_at = []
+
+    def counted(values, levels=0.0):
+        looked_at.append(values)
+        return find_steps(values, levels)
+
+    monkeypatch.setattr(rounding, "find_steps", counted)
+    values = np.stack(views)[:, None]
+    found = find_rounding([Block(np.arange(8), None, Observed(values, np.ones(values.shape), None))], levels)
+    alone = [find_steps(of, known) for of, known in zip(views, levels, strict=True)]
+    np.testing.assert_array_equal(np.stack([found.step, found.srgb], -1), alone)
+    assert (found.step > 0).tolist() == [True, True, True, False, False, False, True, False]
+    assert not any(np.array_equal(of, np.sort(noisy)) for of in looked_at)
+
+
 # --- what they do
 
 
@@ -99,6 +126,10 @@ class Linear(AbstractForwardModel):
 
     @property
     def transparent(self) -> bool:
+        return False
+
+    @property
+    def knows_lights(self) -> bool:
         return False
 
     def fields(self, pixels: Any, view: Any, counts: Any) -> Any:

@@ -128,7 +128,7 @@ def _thinned(samples: Sequence[Samples]) -> list[Samples]:
 
     def thin(s: Samples) -> Samples:
         count = min(max(len(s.pixels) * PIXELS // total, 64), len(s.pixels))
-        return eqx.tree_at(lambda x: x.pixels, s, s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
+        return dataclasses.replace(s, pixels=s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
 
     return [thin(s) for s in samples]
 

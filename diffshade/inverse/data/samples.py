@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -19,13 +21,14 @@ from .views import Image, View, camera_key, channels, colours, find_repeats, has
 Outline = Bool[np.ndarray, "h w"]
 
 
-class Samples(eqx.Module):
+@dataclass(frozen=True, eq=False)
+class Samples:
     """The samples of one view that count: a sample is one channel of a pixel."""
 
     inside: Bool[np.ndarray, "h w"]
     """Pixels that show an object."""
     pixels: Int[np.ndarray, " n"]
-    """Where those pixels are in the flattened image."""
+    """Where those pixels are in the flattened image. Views of one camera that show the same ones share the array."""
     photograph: Image
     """The photograph without alpha, not copied."""
     floor: float
@@ -96,6 +99,7 @@ def collect_samples(
     """
     samples, clipping, again = [], 0, {} if forecast else find_repeats(scene, views)
     outlines: dict[Any, Outline] = {}
+    shown: dict[Any, list[Int[np.ndarray, " n"]]] = {}
 
     def outline(camera: AbstractCamera) -> Outline:  # rendered once for the views of one camera
         key = camera_key(camera)
@@ -109,11 +113,17 @@ def collect_samples(
         except ValueError as error:
             raise ValueError(f"views[{i}]: {error}") from None
         if i in again:  # the same numbers tell nothing more
-            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[:0])
+            found = dataclasses.replace(found, pixels=found.pixels[:0])
         ends = found.ends()
         clipping += int(np.abs(ends).sum())
         if clipped == "exclude" and ends.any():
-            found = eqx.tree_at(lambda s: s.pixels, found, found.pixels[~ends.any(-1)])
+            found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
+        of_camera = shown.setdefault(camera_key(view.camera), [])
+        same = next((pixels for pixels in of_camera if np.array_equal(pixels, found.pixels)), None)
+        if same is None:
+            of_camera.append(found.pixels)
+        else:
+            found = dataclasses.replace(found, pixels=same)
         samples.append(found)
     kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)
     counts = count_samples(views, again, [len(s.pixels) for s in samples], kept, left)

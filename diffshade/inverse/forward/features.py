@@ -26,6 +26,7 @@ from ...core.fields import Array, is_concrete
 from ...model.fresnel import NoFresnel
 from ...model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ...model.scenes import Scene, light_kinds
+from ...model.vectors import Vec3, dot, normalize, tangents_of
 from ..data.views import View, lights_on
 from ..pixels.blocks import Block
 from ..unknowns.unknown import Unknown
@@ -80,12 +81,17 @@ class FeatureModel(AbstractForwardModel):
         """Whether light passes through an object: no."""
         return False
 
+    @property
+    def knows_lights(self) -> bool:
+        """Whether `fields` holds what the lights of a view do at its pixels: where none moves."""
+        return not any(self.placed)
+
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return the fields of a chunk's pixels, or the points they show where a light moves; dark where padded."""
         if is_concrete(view):
-            of_chunk = seen_by_chunk if any(self.placed) else fields_of_chunk
+            of_chunk = fields_of_chunk if self.knows_lights else seen_by_chunk
         else:  # a part of a program, which has options of its own
-            of_chunk = points_seen if any(self.placed) else fields_seen
+            of_chunk = fields_seen if self.knows_lights else points_seen
         return of_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:
@@ -133,9 +139,12 @@ class FeatureModel(AbstractForwardModel):
         if not places:
             return lit_by(lamp, lobe, seen), []
         _, derivative, lit = jax.linearize(features, places, has_aux=True)
-        at = jnp.eye(3 * len(places))
-        along = [tuple(axis[3 * i : 3 * i + 3] for i in range(len(places))) for axis in at]
-        return lit, [slope for axis in along for slope in derivative(axis)]
+        slopes = []
+        for i, (name, place) in enumerate(zip(names, places, strict=True)):
+            for axis in axes_of(name, Vec3.of(place)):
+                moves = [jnp.stack([axis.x, axis.y, axis.z]) if k == i else jnp.zeros(3) for k in range(len(names))]
+                slopes += derivative(tuple(moves))
+        return lit, slopes
 
     def coefficients(self, theta: Float[Array, " p"]) -> tuple[Array, Array]:
         """Return the coefficients of F in each view and channel: of the prediction, and a function with its Jacobian.
@@ -159,8 +168,8 @@ class FeatureModel(AbstractForwardModel):
                 slopes.append(held(c_v) * jnp.log(material.n_s))
             moving = [lamps.fade[:, light, power] for power in self.with_fade]
             for name in self.placed[kind]:
-                place = getattr(scene.lights[kind], name)[setting.lit[kind][0][:, k]]
-                moving += [place[:, c] for c in range(3)]
+                place = Vec3.of(getattr(scene.lights[kind], name)[setting.lit[kind][0][:, k]])
+                moving += [dot(place, axis) for axis in axes_of(name, place)]
             slopes += [held(c) * of[:, None] for of in moving for c in (c_u, c_v)]
         none = [jnp.zeros_like(constant)] * len(slopes)
         return self._channels(predicted + none), self._channels(predicted + slopes)
@@ -262,6 +271,14 @@ class FeatureModel(AbstractForwardModel):
             scale[:, None, None] * jnp.einsum("vcfp,vfg,vcgq->vpq", S, FF, S),
         )
         return ViewGrams(of_view, shown)
+
+
+def axes_of(name: str, place: Vec3) -> Sequence[Vec3]:
+    """Return the axes along which a light's place is felt: a direction only across itself, since its length is not."""
+    if name == "position":
+        one, zero = jnp.ones_like(place.x), jnp.zeros_like(place.x)
+        return Vec3(one, zero, zero), Vec3(zero, one, zero), Vec3(zero, zero, one)
+    return tangents_of(jax.lax.stop_gradient(normalize(place)))
 
 
 def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:

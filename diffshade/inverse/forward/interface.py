@@ -74,6 +74,11 @@ class AbstractForwardModel(eqx.Module):
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
 
+    @property
+    @abstractmethod
+    def knows_lights(self) -> bool:
+        """Whether `fields` holds what the lights of a view do at its pixels."""
+
     @abstractmethod
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
         """Return what `predict` needs to know of a chunk's pixels: `Block.points`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,15 +12,19 @@ import numpy as np
 
 from ...core.fields import Array
 from ...model.scenes import Object
-from ..pixels.blocks import Block, Piece
+from ..data.views import View
+from ..pixels.blocks import Block, Observed, Piece, rows_and_columns
 from .interface import AbstractForwardModel, Pixels
 
 
-def place(parts: Sequence[Piece], row: np.ndarray, column: np.ndarray, over_pixels: tuple[Object, ...]) -> Pixels:
+def place(
+    parts: Sequence[Piece], views: Sequence[View], size: int, over_pixels: tuple[Object, ...], length: int | None = None
+) -> Pixels:
     """Return where the pixels of a chunk are, with what of the objects comes with them (`slots.apart`).
 
     A padded pixel has zeros: of a G-buffer a zero normal, outside the mask.
     """
+    row, column = rows_and_columns(parts, views, size, length)
 
     def gather(leaf: Array) -> np.ndarray:
         leaf = np.asarray(leaf)
@@ -39,8 +44,15 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
     """
     seen = gathered.observed
     points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
-    weight = None if model.projects else jnp.asarray(seen.weight, float)
-    chunk = jax.device_put(Block(gathered.view, points, eqx.tree_at(lambda o: o.weight, seen, weight)))
+    return with_weights(theta, model, Block(gathered.view, jax.device_put(points), seen), noise_known=noise_known)
+
+
+def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
+    """Return a chunk with weights, as `lay_out` does, for which samples count."""
+    seen = chunk.observed
+    weight: Any = None if model.projects else jnp.asarray(seen.weight, float)
+    view, seen = jax.device_put((chunk.view, Observed(seen.target, weight, seen.clipped)))
+    chunk = Block(view, chunk.points, seen)
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 

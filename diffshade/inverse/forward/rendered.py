@@ -59,6 +59,11 @@ class RenderedModel(AbstractForwardModel):
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
         return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
+    @property
+    def knows_lights(self) -> bool:
+        """Whether `fields` holds what the lights of a view do at its pixels: no."""
+        return False
+
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
         """Return what the predictions need to know of the pixels of a chunk."""
         return pixels

@@ -26,7 +26,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...io.images import srgb_encode
@@ -128,9 +128,39 @@ def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
         measured = counts if seen.clipped is None else counts & (np.asarray(seen.clipped) == 0)
         for view, values, which in zip(np.asarray(chunk.view), target, measured, strict=True):
             samples[int(view)].append(values[np.broadcast_to(which, values.shape)])
-    found = [find_steps(np.concatenate(of), known) for of, known in zip(samples, levels, strict=True)]
+    values = [np.sort(np.concatenate(of)) for of in samples]
+    found = [
+        find_steps(of, known) if may_have else (0.0, False)
+        for of, known, may_have in zip(values, levels, _may_have_steps(values, levels), strict=True)
+    ]
     step, srgb = (np.array(of, float) for of in zip(*found, strict=True))
     return Rounding(step, srgb, np.zeros(()))
+
+
+def _may_have_steps(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[float]) -> Bool[np.ndarray, " views"]:
+    """Return for which views `find_steps` may find some: a few of the sorted values refuse nearly all that have none.
+
+    It finds none where those few are whole numbers of no steps, and two neighbours are nearer than the finest step.
+    """
+    if any(len(of) < 4 * FEWEST for of in values):
+        return np.ones(len(values), bool)
+    few = np.stack([of[np.arange(64) * len(of) // 64] for of in values])
+    gaps = [np.diff(of) for of in values]
+    least = [0.01 * FINEST * np.abs(of[[0, -1]]).max() for of in values]  # nearer ones may be one value, rounded
+    nearest = [1 + int(np.argmin(np.where(of[1:] > l, of[1:], np.inf))) for of, l in zip(gaps, least, strict=True)]
+    pairs = np.stack([of[[at - 1, at, at + 1, 0, -1]] for of, at in zip(values, nearest, strict=True)])
+    known = np.broadcast_to(2.0 ** np.array(BITS) - 1.0, (len(values), len(BITS)))
+    counts = np.column_stack([levels, known])[:, :, None]
+    may_have = np.zeros(len(values), bool)
+    for curve in (np.asarray, srgb_encode):
+        counted = counts * curve(few)[:, None]
+        off = np.abs(counted - np.rint(counted)).max(-1)
+        may_have |= ((off < TOLERANCE) & (counts[:, :, 0] > 0.0)).any(-1)
+        near = curve(pairs)
+        finest = FINEST * np.abs(near[:, 3:]).max(-1)
+        before, gap = np.diff(near[:, :3]).T
+        may_have |= ~((before > 1e-3 * finest) & (gap > 1e-3 * finest) & (gap < finest))
+    return may_have
 
 
 def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:

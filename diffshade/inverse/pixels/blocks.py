@@ -19,6 +19,7 @@ from ..data.views import channels as channels_of
 
 T = TypeVar("T")
 BLOCK = 2048  # places at most, of a blurred pixel several; what a block needs stays in a core's cache
+MANY = 1 << 15  # pixels of all views, from which on a pass is worth a program of its own
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CHUNK = 16  # blocks at most in one call of a compiled program
 
@@ -52,12 +53,15 @@ class Piece(NamedTuple):
 
 def pieces(samples: Sequence[Samples], size: int, at_most: int | None = None) -> list[Piece]:
     """Cut the pixels of each view into blocks of `size`; with `at_most`, of so many pixels, evenly spread over all."""
-    found = []
+    found: list[Piece] = []
+    cut: dict[tuple[int, int], list[Int[np.ndarray, " n"]]] = {}  # views that share their pixels share the pieces
     for view, (s, count) in enumerate(zip(samples, shares([len(s.pixels) for s in samples], at_most), strict=True)):
-        pixels = s.pixels
-        if count < len(pixels):
-            pixels = pixels[np.arange(count) * len(pixels) // count]
-        found += [Piece(view, s, pixels[start : start + size]) for start in range(0, len(pixels), size)]
+        if (key := (id(s.pixels), count)) not in cut:
+            pixels = s.pixels
+            if count < len(pixels):
+                pixels = pixels[np.arange(count) * len(pixels) // count]
+            cut[key] = [pixels[start : start + size] for start in range(0, len(pixels), size)]
+        found += [Piece(view, s, pixels) for pixels in cut[key]]
     return found
 
 
@@ -72,17 +76,32 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
     """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded.
 
-    `places` is at how many each pixel is rendered. Few sizes serve, so that another mask seldom needs another program.
+    `places` is at how many each pixel is rendered. Few sizes serve, so that another mask seldom needs another program:
+    `BLOCK`, and powers of two below it. Many views of medium size have blocks that fit more closely.
     """
-    mean = sum(pixels) / len(pixels)
-    return min(BLOCK // places, max(1 << int(np.ceil(np.log2(mean))), 64))
+    mean, most = sum(pixels) / len(pixels), BLOCK // places
+    if mean > 4 * most:
+        return most
+    if sum(pixels) <= MANY:
+        return min(most, max(1 << int(np.ceil(np.log2(mean))), 64))
+    of_view = mean / max(round(mean / most), 1)
+    step = 1 << max(int(np.log2(of_view)) - 3, 0)
+    return step * int(np.ceil(of_view / step))
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
     """Gather blocks into chunks; of several the last is filled up with empty ones, so that one program serves all."""
-    empty = -len(parts) % CHUNK if len(parts) > CHUNK else 0
+    length = chunk_length(len(parts))
+    empty = -len(parts) % length
     parts = [*parts, *(Piece(part.view, part.samples, part.pixels[:0]) for part in parts[:empty])]
-    return [parts[start : start + CHUNK] for start in range(0, len(parts), CHUNK)]
+    return [parts[start : start + length] for start in range(0, len(parts), length)]
+
+
+def chunk_length(count: int) -> int:
+    """Return how many blocks each chunk has where there are so many: about as many in the last as in the others."""
+    if count <= CHUNK:
+        return max(count, 1)
+    return padded_length(-(-count // -(-count // CHUNK)))
 
 
 def padded_length(count: int) -> int:
@@ -90,6 +109,13 @@ def padded_length(count: int) -> int:
     if count > CHUNK:
         return -(-count // CHUNK) * CHUNK
     return next(length for length in (1, 2, 3, 4, 6, 8, 12, CHUNK) if length >= count)
+
+
+def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarray, " blocks"]:
+    """Return the view of each block of a chunk; 0 where it is padded."""
+    view = np.zeros(length or padded_length(len(parts)), np.int64)
+    view[: len(parts)] = [part.view for part in parts]
+    return view
 
 
 def observed(
@@ -100,31 +126,39 @@ def observed(
     *,
     clipping: bool,
     length: int | None = None,
-) -> tuple[Observed, Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
-    """Lay a chunk's samples out in blocks, and beside them the row and the column of each pixel."""
+) -> Observed:
+    """Lay a chunk's samples out in blocks."""
     length = length or padded_length(len(parts))
     target, counts = np.zeros((length, channels, size)), np.zeros((length, channels, size), bool)
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
-    row, column = np.zeros((length, size)), np.zeros((length, size))
     b = 0
     for _, of_view in itertools.groupby(parts, key=lambda part: id(part.samples)):
         run = [part.pixels for part in of_view]
         pixels, samples = np.concatenate(run), parts[b].samples
         values, used = samples.values(pixels), channels_of(views[parts[b].view])
-        rows = pixels // samples.photograph.shape[1]
-        columns = pixels - rows * samples.photograph.shape[1]
         ends = None if clipped is None else samples.clipped(values)
         start = 0
         for piece in run:
             n = len(piece)
             of = slice(start, start + n)
-            row[b, :n], column[b, :n] = rows[of], columns[of]
             target[b, :used, :n] = values[of].T
             counts[b, :used, :n] = True
             if clipped is not None and ends is not None:
                 clipped[b, :used, :n] = ends[of].T
             b, start = b + 1, start + n
-    return Observed(target, counts, clipped), row, column
+    return Observed(target, counts, clipped)
+
+
+def rows_and_columns(
+    parts: Sequence[Piece], views: Sequence[View], size: int, length: int | None = None
+) -> tuple[Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
+    """Return the row and the column of each pixel of a chunk; 0 where it is padded."""
+    row, column = (np.zeros((length or padded_length(len(parts)), size)) for _ in range(2))
+    for b, (view, _, pixels) in enumerate(parts):
+        n, width = len(pixels), views[view].image.shape[1]
+        row[b, :n] = pixels // width
+        column[b, :n] = pixels - width * row[b, :n]
+    return row, column
 
 
 def total(parts: Sequence[Any]) -> Any:

@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
-from ...model.vectors import Vec3
-from ..normal_equations import tangents_of
+from ...model.vectors import Vec3, tangents_of
 from .highlight_shape import HighlightShape
 from .observations import Lights, Observed
 

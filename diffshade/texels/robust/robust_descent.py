@@ -14,9 +14,8 @@ from jaxtyping import Float
 
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
-from ...model.vectors import Vec3, normalize
+from ...model.vectors import Vec3, normalize, tangents_of
 from ..linear_systems import solve
-from ..normal_equations import tangents_of
 from .candidates import weighted_coefficients
 from .highlight_shape import HighlightShape
 from .observations import Observed
