@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import equinox as eqx
@@ -78,7 +79,7 @@ class FitProblem:
         """Whether the noise of the views is given; it is given for all or for none."""
         return self.views[0].noise is not None
 
-    @property
+    @cached_property
     def homoscedastic(self) -> bool:
         """Whether the noise is the same at every level of a view."""
         return _homoscedastic(self.views)
@@ -211,11 +212,15 @@ def fit_problem(
     model: AbstractForwardModel
     if features_can_serve(scene, views, unknowns) and not rendered:
         shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
-        model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=all(map(is_grey, views)))
+        sorts = {is_grey(view) for view in views}
+        grey = None if len(sorts) > 1 else sorts.pop()
+        model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=grey)
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    box = Box(lower, upper, np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns))
+    linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns)
+    in_border = arrow is not None and not np.setdiff1d(np.flatnonzero(linear), arrow.border).size
+    box = Box(lower, upper, linear, arrow, in_border)
     pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
     size = block_size(pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
@@ -275,7 +280,7 @@ class LaidOutProblem:
     squares: float
     """Sum of squares of the images, weighted."""
 
-    @property
+    @cached_property
     def task(self) -> Task:
         """What is to be minimised."""
         return self.problem.task(self.squares)

@@ -68,8 +68,8 @@ class FeatureModel(AbstractForwardModel):
     """For each kind of light, which of `PLACES` a fit moves."""
     shared: bool = eqx.field(static=True)
     """Whether all samples weigh the same, so that one Gram of the features serves all channels and coefficients."""
-    grey: bool = eqx.field(static=True)
-    """Whether all views are grey."""
+    grey: bool | None = eqx.field(static=True)
+    """Whether the views are grey; None where some are."""
 
     @property
     def projects(self) -> bool:
@@ -177,6 +177,8 @@ class FeatureModel(AbstractForwardModel):
     def _channels(self, coefficients: Sequence[Array]) -> Array:
         """Stack coefficients (views, c) as (views, c, features); a grey view has their mean, in channel 0."""
         stacked = jnp.stack(coefficients, -1)
+        if self.grey is False:
+            return stacked
         mean = stacked.mean(1, keepdims=True)
         if self.grey:
             return mean
@@ -241,6 +243,8 @@ class FeatureModel(AbstractForwardModel):
             return jax.jacfwd(moving)(theta)
         seeds, of_view = self.setting.seeds
         along = jax.vmap(lambda seed: jax.jvp(moving, (theta,), (seed,))[1], out_axes=-1)(seeds)
+        if of_view is None:
+            return along
         S = jnp.take_along_axis(along, of_view[:, None, None, :], -1)
         return jnp.where((self.setting.shown < len(theta))[:, None, None, :], S, 0.0)
 
@@ -312,7 +316,7 @@ def feature_model(
     unknowns: Sequence[Unknown],
     *,
     shared: bool,
-    grey: bool,
+    grey: bool | None,
 ) -> FeatureModel:
     """Return the model with the features that these unknowns need."""
     names = _kinds(unknowns)

@@ -124,8 +124,19 @@ def lit_by(light: Any, lobe: AbstractPowerLobe, seen: Seen) -> Lit:
     lit = (n_l > 0) & seen.counts
     shines = lit & (cosine > 0)
     diffuse = n_l if f_ang is None else n_l * f_ang
-    log = jnp.where(shines, jnp.log(jnp.where(shines, cosine, 1.0)), DARK)
+    log = jnp.where(shines, _log(jnp.where(shines, cosine, 1.0)), DARK)
     return Lit(jnp.where(lit, diffuse, 0.0), log, None if d is None else jnp.where(d > NEAREST, d, NEAREST), f_ang)
+
+
+@jax.custom_jvp
+def _log(x: Array) -> Array:
+    """The logarithm, which divides once for the derivatives along all axes that a light moves."""
+    return jnp.log(x)
+
+
+@_log.defjvp
+def _(primals: tuple, tangents: tuple) -> tuple:
+    return jnp.log(primals[0]), tangents[0] * (1.0 / primals[0])
 
 
 def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:

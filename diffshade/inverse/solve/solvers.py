@@ -22,7 +22,7 @@ from ..forward.streams import AllPixels, StreamingReduction
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
-from .elimination import Symmetric, nothing
+from .elimination import Arrowhead, Dense, Symmetric, nothing
 
 PATIENCE = 6  # steps, rejected ones too
 FAR, NEAR = 1e-3, 1e-8  # the damping of the first step: from anywhere, and from what is nearly the minimum already
@@ -61,6 +61,8 @@ class Box(eqx.Module):
     upper: Float[fields.Array, " p"]
     linear: Bool[fields.Array, " p"]
     arrow: Arrow | None
+    in_border: bool = eqx.field(static=True, default=False)
+    """Whether all that the prediction is linear in belongs to the arrow's border."""
 
 
 class Task:
@@ -105,9 +107,14 @@ def _with_views(hessian: Symmetric, views: ViewGrams) -> Symmetric:
 
 def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
     """Return the step of the linear unknowns alone to their optimum within bounds."""
+    H, g = point.total.hessian, point.total.gradient
     low = jnp.where(box.linear, box.lower - point.theta, 0.0)
     high = jnp.where(box.linear, box.upper - point.theta, 0.0)
-    return box_step(point.total.hessian, point.total.gradient, jnp.full_like(low, TINY), low, high)
+    if box.in_border and isinstance(H, Arrowhead):  # nothing else moves
+        F = H.arrow.border
+        step = box_step(Dense(H.border), g[F], jnp.full(len(F), TINY), low[F], high[F])
+        return jnp.zeros_like(g).at[F].set(step)
+    return box_step(H, g, jnp.full_like(low, TINY), low, high)
 
 
 class Minimum(eqx.Module):

@@ -70,11 +70,11 @@ def shown_unknowns(
 
 def seeds_of(
     shown: Int[np.ndarray, "views most"] | None, p: int
-) -> tuple[Float[np.ndarray, "seeds p"], Int[np.ndarray, "views most"]] | None:
+) -> tuple[Float[np.ndarray, "seeds p"], Int[np.ndarray, "views most"] | None] | None:
     """Return directions that each take several unknowns together, no two of which any view shows; None without `shown`.
 
     Derivatives along them, few as they are, are those of every view by its own unknowns (Curtis, Powell and Reid 1974).
-    Beside them comes which of the directions has each unknown of a view.
+    Beside them comes which of the directions has each unknown of a view; None where each view has all, in order.
     """
     if shown is None:
         return None
@@ -89,7 +89,9 @@ def seeds_of(
         seed[j] = next(k for k in range(p) if k not in used)
         for v in views_of[j]:
             taken[v].add(int(seed[j]))
-    return np.eye(int(seed.max()) + 1)[:, seed[:p]], seed[shown]
+    seeds = np.eye(int(seed.max()) + 1)[:, seed[:p]]
+    in_order = (shown < p).all() and np.array_equal(seed[shown], np.broadcast_to(np.arange(len(seeds)), shown.shape))
+    return seeds, None if in_order else seed[shown]
 
 
 def seeds_of_bands(
