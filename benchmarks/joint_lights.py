@@ -2,9 +2,10 @@
 
 A ball of 64 x 64 pixels under one distant light in each view, stated 2 degrees off about each axis, noise of .5 %.
 Ceres (through pyceres) minimises the same sum of squares by `DENSE_SCHUR`, its solver for such problems, with the
-residuals and the exact Jacobian of each view by a loop that numba compiles, on all cores; it is given the normals of
-every pixel and a start, and gives no error bars. `ds.fit` is the whole call, from photographs to error bars; the solver
-alone is timed beside it, from the photographs' samples to the minimum, with laying out, from the same start.
+residuals and the exact Jacobian of each view once by a loop that numba compiles, on all cores, and once in NumPy, as a
+user may write them; it is given the normals of every pixel and a start, and gives no error bars. `ds.fit` is the whole
+call, from photographs to error bars; the solver alone is timed beside it, from the photographs' samples to the minimum,
+with laying out, from the same start.
 """
 
 from __future__ import annotations
@@ -79,7 +80,28 @@ def of_view(material, toward, image, n, r, by_material, by_light):
                 by_light[row, x] = (by_light[row, x] - along * l[x]) / length
 
 
-def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray]:
+def of_view_in_numpy(material, toward, image, n, r, by_material, by_light):
+    """Do what `of_view` does, a statement for all pixels."""
+    length = np.sqrt(toward @ toward)
+    l, n_s, pixels, channels = toward / length, np.exp(material[6]), len(n), np.arange(3)
+    n_l = n @ l
+    cosine, lit = 2.0 * n_l * n[:, 2] - l[2], n_l > 0
+    shines = lit & (cosine > 0)
+    safe = np.where(shines, cosine, 1.0)
+    log, diffuse = np.log(safe), np.where(lit, n_l, 0.0)
+    highlight = np.where(shines, np.exp(n_s * log), 0.0)
+    r[:] = (np.outer(diffuse, material[:3]) + np.outer(highlight, material[3:6]) - image).reshape(-1)
+    J = by_material.reshape(pixels, 3, 7)
+    J[:] = 0.0
+    J[:, channels, channels], J[:, channels, 3 + channels] = diffuse[:, None], highlight[:, None]
+    J[:, :, 6] = np.outer(highlight * n_s * log, material[3:6])
+    steep = np.outer(n_s * highlight / safe, material[3:6])
+    along = (np.outer(lit, material[:3]) + 2.0 * steep * n[:, 2:])[:, :, None] * n[:, None]
+    along[:, :, 2] -= steep
+    by_light.reshape(pixels, 3, 3)[:] = (along - (along @ l)[:, :, None] * l) / length
+
+
+def ceres(scene: ds.Scene, views: list[ds.View], of_view: Callable = of_view) -> tuple[np.ndarray, np.ndarray]:
     """Return the material and the directions to the lights by Ceres' `DENSE_SCHUR`."""
     import pyceres
 
@@ -137,9 +159,11 @@ def ceres(scene: ds.Scene, views: list[ds.View]) -> tuple[np.ndarray, np.ndarray
 def seconds_of_solver(scene: ds.Scene, views: list[ds.View], rounds: int, clock: Callable[[], float]) -> float:
     """Return the seconds of `ds.fit` from photographs laid out to the minimum, from the start that Ceres is given.
 
-    Reading, checks and error bars, which Ceres does not have, are left out.
+    Reading, checks and error bars, which Ceres does not have, are left out; so are the steps of the files, which only
+    error bars need, and the places where lights are tried once more.
     """
-    from diffshade.inverse import running
+    from diffshade.inverse import running, starting
+    from diffshade.inverse.forward.rounding import no_rounding
 
     def begun(s: ds.Scene) -> tuple:
         material = s.objects[0].material
@@ -147,7 +171,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], rounds: int, clock:
 
     given = eqx.tree_at(begun, scene, (START[:3], START[3:6], np.exp(START[6])))
     stated = [dataclasses.replace(view, noise=NOISE) for view in views]  # which Ceres is given too
-    whole, taken = running.solve, []
+    whole, rounding, elsewhere, taken = running.solve, starting.find_rounding, running._with_lights_elsewhere, []
 
     def timed(*of: Any, **options: Any) -> Any:
         began = clock()
@@ -157,10 +181,13 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], rounds: int, clock:
 
     for _ in range(1 + rounds):
         running.solve = timed  # pyright: ignore[reportPrivateImportUsage]
+        starting.find_rounding = lambda chunks, levels: no_rounding(len(levels))
+        running._with_lights_elsewhere = lambda laid, end, report_progress: end
         try:
             ds.fit(given, stated, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")
         finally:
             running.solve = whole  # pyright: ignore[reportPrivateImportUsage]
+            starting.find_rounding, running._with_lights_elsewhere = rounding, elsewhere
     return float(np.median(taken[1:]))
 
 
@@ -179,6 +206,7 @@ def main() -> None:
         "free / known",
         "Ceres / free",
         "Ceres / solver",
+        "Ceres in NumPy / solver",
         "off, degrees",
         "off Ceres'",
     )
@@ -196,6 +224,7 @@ def main() -> None:
             "known": lambda k=known: k().values,
             "free": lambda f=free: f().values,
             "Ceres": lambda s=scene, v=views: ceres(s, v)[0],
+            "in NumPy": lambda s=scene, v=views: ceres(s, v, of_view_in_numpy)[0],
         }
         seconds = take_turns(made, arguments.rounds, clock=clock)
         found = medians(seconds)
@@ -203,14 +232,16 @@ def main() -> None:
         ours = np.array([-np.asarray(light.direction) for light in fit.scene.lights])  # pyright: ignore
         off, apart = (np.rad2deg(np.arccos(np.clip((ours * of).sum(-1), -1, 1))) for of in (towards, by_ceres))
         assert np.allclose(fit.values[:6], material[:6], rtol=1e-3), "the two end at different materials"
+        assert np.allclose(ceres(scene, views, of_view_in_numpy)[0], material, rtol=1e-6), "Ceres' two differ"
         times.append((count, found["free"]))
+        of_solver = seconds_of_solver(scene, views, arguments.rounds, clock)
         table.add_row(
             str(count),
             f"{found['known']:.2f}",
             f"{found['free']:.2f}",
             f"{found['free'] / found['known']:.1f}",
             f"{of_ceres / found['free']:.1f}",
-            f"{of_ceres / seconds_of_solver(scene, views, arguments.rounds, clock):.1f}",
+            *(f"{of / of_solver:.1f}" for of in (of_ceres, found["in NumPy"])),
             f"{off.max():.3f}",
             f"{apart.max():.1e}",
         )
