@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -154,18 +155,17 @@ def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:
 
 
 def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
-    """Return the points that a chunk's pixels show, one block after another."""
-    return jax.lax.map(lambda block: seen_by(setting, *block), (pixels, view, counts))
+    """Return the points that a chunk's pixels show."""
+    return jax.vmap(partial(seen_by, setting))(pixels, view, counts)
 
 
 def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
-    """Compute the fields of a chunk's pixels, one block after another."""
+    """Compute the fields of a chunk's pixels."""
     scene = setting.setup.scene
     lobe: Any = scene.objects[0].material.lobe
 
-    def of_block(block: tuple) -> Fields:
-        view, counts = block[1:]
-        seen = seen_by(setting, *block)
+    def of_block(pixels: Pixels, view: Array, counts: Array) -> Fields:
+        seen = seen_by(setting, pixels, view, counts)
         one = jnp.ones_like(seen.n.x)
         rows: list[Lit] = []
         for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
@@ -179,7 +179,7 @@ def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) ->
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
         return Fields(counts, diffuse, log, d if local else None, f_ang if angular else None)
 
-    return jax.lax.map(of_block, (pixels, view, counts))
+    return jax.vmap(of_block)(pixels, view, counts)
 
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
