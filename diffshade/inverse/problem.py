@@ -8,6 +8,7 @@ all pixels with their weights, and is minimised.
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -72,7 +73,7 @@ class FitProblem:
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
     alike: tuple[int, ...]
-    """For each view the first one of its camera, and of its lights where the model has them in its fields."""
+    """For each view the first one with the same camera, and the same lights if `model.knows_lights`."""
 
     @property
     def noise_known(self) -> bool:
@@ -84,7 +85,7 @@ class FitProblem:
         """Whether the noise is the same at every level of a view."""
         return _homoscedastic(self.views)
 
-    @property
+    @cached_property
     def grey(self) -> bool:
         """Whether all views are grey."""
         return all(is_grey(view) for view in self.views)
@@ -128,7 +129,8 @@ class FitProblem:
         """
         found = chunks(parts)
         shows = [tuple((self.alike[part.view], id(part.pixels)) for part in of) for of in found]
-        first = dict(zip(shows, found, strict=True))
+        times = Counter(shows)
+        shared = {key: parts for key, parts in zip(shows, found, strict=True) if times[key] > 1}
 
         def points(parts: list) -> Any:
             where, view = place(parts, self.views, size, self.over_pixels), views_of(parts)
@@ -136,11 +138,12 @@ class FitProblem:
             padded = np.pad(counts, ((0, len(view) - len(parts)), (0, 0)))
             return jax.device_put(self.model.fields(where, view, padded))
 
-        shown = dict(zip(first, on_all_cores(points, first.values()), strict=True))
+        shown = dict(zip(shared, on_all_cores(points, shared.values()), strict=True))
 
         def chunk(of: tuple[list, tuple]) -> Block:
             parts, key = of
-            laid = Block(views_of(parts), shown[key], self.observed(parts, size))
+            here = shown[key] if key in shown else points(parts)
+            laid = Block(views_of(parts), here, self.observed(parts, size))
             return with_weights(None, self.model, laid, noise_known=self.noise_known)
 
         return on_all_cores(chunk, zip(found, shows, strict=True))
@@ -212,15 +215,15 @@ def fit_problem(
     model: AbstractForwardModel
     if features_can_serve(scene, views, unknowns) and not rendered:
         shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
-        sorts = {is_grey(view) for view in views}
-        grey = None if len(sorts) > 1 else sorts.pop()
+        kinds = {is_grey(view) for view in views}
+        grey = None if len(kinds) > 1 else kinds.pop()
         model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=grey)
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
     linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns)
-    in_border = arrow is not None and not np.setdiff1d(np.flatnonzero(linear), arrow.border).size
-    box = Box(lower, upper, linear, arrow, in_border)
+    in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
+    box = Box(lower, upper, linear, arrow, bool(in_border))
     pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
     size = block_size(pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)

@@ -74,7 +74,10 @@ class AbstractLight(Checked):
 
     @property
     def placement(self) -> tuple[str, ...]:
-        """The names of the fields that say where the light is, first, and where it points; none if nothing is known."""
+        """The names of the fields that say where the light is, first, and where it points; none if nothing is known.
+
+        Only where a `direction` points may matter, not its length.
+        """
         return ()
 
     @abc.abstractmethod

@@ -110,7 +110,7 @@ def halfway(l: Vec3, v: Vec3) -> Vec3:
 
 
 def tangents_of(n: Vec3) -> tuple[Vec3, Vec3]:
-    """Return two unit vectors orthogonal to n and to each other, continuous except at n = -z (Duff et al. 2017)."""
+    """Return two unit vectors orthogonal to n and to each other, continuous but at z = 0 (Duff et al. 2017)."""
     sign = jnp.where(n.z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + n.z)
     b = n.x * n.y * a

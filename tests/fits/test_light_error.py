@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,7 @@ from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve.descent import box_step
 from diffshade.inverse.solve.elimination import Arrowhead, Dense, nothing
-from diffshade.inverse.solve.solvers import evaluate, minimise
+from diffshade.inverse.solve.solvers import evaluate, linear_step, minimise
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
@@ -164,6 +165,26 @@ def test_a_fit_by_elimination_ends_where_the_dense_one_does():
         np.testing.assert_allclose(ends[0].theta, ends[1].theta, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("bounded", [False, True])
+def test_the_step_of_the_material_alone_is_that_of_all_with_the_rest_held(bounded):
+    with jax.enable_x64(True):
+        problem = problem_of(12)
+        chunks = problem.chunks()
+        theta = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
+        point = evaluate(theta, problem.task(problem.sum_of_squares(chunks)), chunks)
+        slope = np.random.default_rng(0).standard_normal(len(theta)) * np.asarray(point.total.hessian.diagonal())
+        point = eqx.tree_at(lambda at: at.total.gradient, point, jnp.asarray(0.01 * slope))
+        box = problem.box
+        assert box.in_border
+        if bounded:
+            box = dataclasses.replace(box, upper=np.where(box.linear, point.theta + 0.003, box.upper))
+        alone = linear_step(point, box)
+        held = linear_step(point, dataclasses.replace(box, in_border=False))
+        np.testing.assert_allclose(alone, held, rtol=1e-9, atol=1e-12)
+        assert not np.asarray(alone)[~box.linear].any()
+        assert bool((np.abs(np.asarray(alone) - 0.003) < 1e-12).any()) is bounded
+
+
 def test_seeds_take_unknowns_together_that_no_view_shows_both_of():
     scene, views, _ = photographed(10)
     unknowns = find_unknowns(scene, views, (*FREE, "exposure"))
@@ -171,12 +192,47 @@ def test_seeds_take_unknowns_together_that_no_view_shows_both_of():
     assert shown is not None
     seeds, of_view = seeds_of(shown, len(unknowns)) or (None, None)
     assert seeds is not None
-    assert of_view is not None
+    assert of_view is None
     assert len(seeds) == shown.shape[1] == 7 + 4
     np.testing.assert_array_equal(seeds.sum(0), 1.0)
-    for row, seed in zip(shown, of_view, strict=True):
-        assert len(set(seed)) == len(row)
-        assert (seeds[seed, row] == 1.0).all()
+    for row in shown:
+        assert (seeds[np.arange(11), row] == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("p", "shown", "of_view"),
+    [
+        (4, [[0, 1, 2], [0, 1, 3]], None),  # each view has all of the directions, in order
+        (3, [[0, 1, 2], [0, 1, 3]], [[0, 1, 2], [0, 1, 0]]),  # padded
+        (3, [[0, 1], [1, 2], [0, 2]], [[0, 1], [1, 2], [0, 2]]),  # more directions than any view shows unknowns
+    ],
+)
+def test_seeds_say_which_unknown_has_each_unless_all_are_in_order(p, shown, of_view):
+    seeds, found = seeds_of(np.array(shown), p) or (None, None)
+    assert seeds is not None
+    if of_view is None:
+        assert found is None
+    else:
+        np.testing.assert_array_equal(found, of_view)
+
+
+def test_lights_that_share_views_pairwise_are_fitted():
+    camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
+    ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=0.5, k_s=0.3, n_s=20.0))
+    true = ds.Scene(ball, [ds.DirectionalLight((x, 0.2, -1), 0.5 + 0.1 * k) for k, x in enumerate((-0.5, 0.0, 0.6))])
+    lit = ((0, 1), (1, 2), (0, 2))
+    views = [ds.View(np.asarray(ds.render(true, camera, lit=of)), camera, lit=of) for of in lit]
+    scene = ds.Scene(ball, [ds.DirectionalLight(light.direction) for light in true.lights])
+    fit = ds.fit(scene, views, free="intensity")
+    np.testing.assert_allclose(fit.values, np.repeat([0.5, 0.6, 0.7], 3), rtol=1e-5)
+
+
+def test_directions_alone_are_fitted():
+    """Then nothing is linear, and nothing is shared by the views."""
+    scene, views, towards = photographed(10)
+    fit = ds.fit(scene, views, free="direction", light_error=2.0)
+    found = np.array([-np.asarray(light.direction) for light in fit.scene.lights])
+    assert np.rad2deg(np.arccos(np.clip((found * towards).sum(-1), -1, 1))).max() < 0.2
 
 
 @pytest.mark.thorough

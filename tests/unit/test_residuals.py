@@ -323,41 +323,61 @@ def test_a_block_is_a_power_of_two_that_holds_a_small_view_and_is_never_too_larg
     assert block_size([len(samples.pixels)] * 3) == size
 
 
-@pytest.mark.parametrize(("pixels", "size"), [(2660, 2816), (3100, 1664), (1000, 1024), (70, 72), (9000, 2048)])
-def test_the_blocks_of_many_views_are_hardly_padded(pixels, size):
-    views = 100_000 // pixels + 1
-    assert block_size([pixels] * views) == size
-    assert -(-pixels // size) * size <= 1.14 * pixels
+def test_the_blocks_of_many_views_are_hardly_padded():
+    assert [block_size([n] * (100_000 // n)) for n in (70, 1000, 2660, 3100, 20_000)] == [72, 1024, 2816, 1664, 2048]
+    assert [block_size([n] * 200, places=16) for n in (200, 5000)] == [104, 128]
+    for n in range(180, 30_000, 7):
+        size = block_size([n] * 200)
+        assert -(-n // size) * size <= 1.14 * n, n
+        assert size <= 1.5 * blocks.BLOCK
 
 
-def test_views_that_show_the_same_points_share_them():
-    """Those of one camera and mask, whatever light is on, if the lights move; else those of one light too."""
-    lights = [ds.DirectionalLight((0.1 * k, 0.2, -1)) for k in range(40)]
-    scene = ds.Scene(ds.Object(ds.Sphere()), lights)
-    left, right = (ds.Camera(eye=(x, 0, 4), fov=32, shape=(16, 16)) for x in (-1, 1))
-    half = np.arange(16)[:, None] * np.ones(16) < 9
-    random, shown = np.random.default_rng(0), [(left, None)] * 32 + [(right, None)] * 4 + [(left, half)] * 4
-    views = [ds.View(random.random((16, 16, 3)), camera, mask=mask, lit=k) for k, (camera, mask) in enumerate(shown)]
+def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
+    """Return a problem of views of a ball, and its samples."""
+    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((0.1 * k, 0.2, -1)) for k in range(lights)])
+    unknowns = find_unknowns(scene, views, (free,))
+    samples, counts = samples_for(scene, views, unknowns, "hinge")
+    return fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", **options), samples
 
-    def laid(free: str) -> tuple:
-        with jax.enable_x64(True):
-            unknowns = find_unknowns(scene, views, (free,))
-            samples, counts = samples_for(scene, views, unknowns, "hinge")
-            problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
-            size = problem.block_size
-            parts = pieces(samples, size)
-            alone = [problem.lay_out([part], size)[0] for part in parts]
-            return problem.chunks(), alone
 
-    for free, shared in (("direction", True), ("k_d", False)):
-        chunks, alone = laid(free)
-        assert len(chunks) == 3
-        assert len(alone) == 40
-        assert (chunks[0].points is chunks[1].points) is shared
-        assert chunks[2].points is not chunks[0].points
-        for k, one in enumerate(alone):
-            blocks = jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k % 16], chunks[k // 16])
-            jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, np.asarray(b)[0]), blocks, one)
+@pytest.mark.parametrize(
+    ("free", "options", "noise", "shared"),
+    [
+        ("direction", {}, None, True),
+        ("direction", {}, ds.Noise(0.01, 0.1), True),
+        ("k_d", {}, None, False),  # the points know the lights
+        ("k_d", {"rendered": True}, None, True),
+    ],
+)
+def test_views_that_show_the_same_points_share_them(free, options, noise, shared):
+    """Those of one camera and mask; where the points know the lights, those of one light too."""
+    left, right = (ds.Camera(eye=(x, 0, 4), fov=32, shape=shape) for x, shape in ((-1, (16, 16)), (1, (18, 15))))
+    half, random = np.arange(16)[:, None] * np.ones(16) < 9, np.random.default_rng(0)
+    shown = [(left, None)] * 32 + [(right, None)] * 4 + [(left, half)] * 4
+    views = [
+        ds.View(random.random((*camera.shape, 3)), camera, mask=mask, lit=k, noise=noise)
+        for k, (camera, mask) in enumerate(shown)
+    ]
+    with jax.enable_x64(True):
+        problem, samples = shared_problem(views, 40, free, **options)
+        chunks, size = problem.chunks(), problem.block_size
+        alone = [problem.lay_out([part], size)[0] for part in pieces(samples, size)]
+    first, second, third = ([id(leaf) for leaf in jax.tree.leaves(chunk.points)] for chunk in chunks)
+    assert (first == second) is shared
+    assert not set(first) & set(third)
+    assert len(alone) == 40
+    for k, one in enumerate(alone):
+        block = jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k % 16], chunks[k // 16])
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, np.asarray(b)[0], rtol=1e-13), block, one)
+
+
+def test_views_under_the_same_known_lights_share_their_fields():
+    camera, random = ds.Camera(eye=(0, 0, 4), fov=32, shape=(16, 16)), np.random.default_rng(0)
+    views = [ds.View(random.random((16, 16, 3)), camera, lit=k % 2) for k in range(32)]
+    with jax.enable_x64(True):
+        problem, _ = shared_problem(views, 2, "k_d")
+        first, second = problem.chunks()
+    assert first.points is second.points
 
 
 def test_work_on_all_cores_keeps_the_order_and_float64():

@@ -99,7 +99,7 @@ def collect_samples(
     """
     samples, clipping, again = [], 0, {} if forecast else find_repeats(scene, views)
     outlines: dict[Any, Outline] = {}
-    shown: dict[Any, list[Int[np.ndarray, " n"]]] = {}
+    shown: dict[Any, Int[np.ndarray, " n"]] = {}
 
     def outline(camera: AbstractCamera) -> Outline:  # rendered once for the views of one camera
         key = camera_key(camera)
@@ -118,13 +118,8 @@ def collect_samples(
         clipping += int(np.abs(ends).sum())
         if clipped == "exclude" and ends.any():
             found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
-        of_camera = shown.setdefault(camera_key(view.camera), [])
-        same = next((pixels for pixels in of_camera if np.array_equal(pixels, found.pixels)), None)
-        if same is None:
-            of_camera.append(found.pixels)
-        else:
-            found = dataclasses.replace(found, pixels=same)
-        samples.append(found)
+        same = shown.setdefault((camera_key(view.camera), found.pixels.tobytes()), found.pixels)
+        samples.append(dataclasses.replace(found, pixels=same))
     kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)
     counts = count_samples(views, again, [len(s.pixels) for s in samples], kept, left)
     check_enough(counts, unknowns, [s.brightest for s in samples])

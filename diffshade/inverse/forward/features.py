@@ -69,7 +69,7 @@ class FeatureModel(AbstractForwardModel):
     shared: bool = eqx.field(static=True)
     """Whether all samples weigh the same, so that one Gram of the features serves all channels and coefficients."""
     grey: bool | None = eqx.field(static=True)
-    """Whether the views are grey; None where some are."""
+    """Whether the views are grey; None if some are and some are not."""
 
     @property
     def projects(self) -> bool:
@@ -278,7 +278,7 @@ class FeatureModel(AbstractForwardModel):
 
 
 def axes_of(name: str, place: Vec3) -> Sequence[Vec3]:
-    """Return the axes along which a light's place is felt: a direction only across itself, since its length is not."""
+    """Return the axes along which moving a light changes what it does; the length of a direction changes nothing."""
     if name == "position":
         one, zero = jnp.ones_like(place.x), jnp.zeros_like(place.x)
         return Vec3(one, zero, zero), Vec3(zero, one, zero), Vec3(zero, zero, one)

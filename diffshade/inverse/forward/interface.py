@@ -47,7 +47,7 @@ class Setting(eqx.Module):
     shown: Int[Array, "views most"] | None
     """The unknowns that each view can show, padded with their number; None where every view shows all."""
     seeds: tuple[Float[Array, "seeds p"], Int[Array, "views most"] | None] | None
-    """Directions for derivatives by all of these, and which of them has each (`visibility.seeds_of`)."""
+    """Directions for derivatives by all of these, and which of them has each; see `visibility.seeds_of`."""
     of_bands: tuple[Float[Array, "seeds p"], Int[Array, "bands seeds"]] | None
     """The same for the bands of a scene (`visibility.seeds_of_bands`); None where its channels are three."""
     blurred: bool = eqx.field(static=True, default=False)

@@ -48,7 +48,7 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
 
 
 def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
-    """Return a chunk with weights, as `lay_out` does, for which samples count."""
+    """Replace which samples of a chunk count by weights, as `lay_out` does."""
     seen = chunk.observed
     weight: Any = None if model.projects else jnp.asarray(seen.weight, float)
     view, seen = jax.device_put((chunk.view, Observed(seen.target, weight, seen.clipped)))
@@ -66,21 +66,30 @@ def lay_weighed(theta: Array | None, model: AbstractForwardModel, gathered: Bloc
     return lay_out(theta, model, gathered, noise_known=True)
 
 
-@jax.jit
 def weigh(theta: Array | None, model: AbstractForwardModel, chunk: Block) -> Block:
     """Return a chunk with weights by the noise at the level of the prediction; without theta, of the photograph."""
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, _weights(theta, model, chunk))
 
+
+def without_clipped(chunk: Block) -> Block:
+    """Return a chunk in which no clipped sample counts."""
+    return eqx.tree_at(lambda c: c.observed.weight, chunk, _measured(chunk.observed))
+
+
+# Only weights leave the programs: points would be copied there, which chunks share.
+
+
+@jax.jit
+def _weights(theta: Array | None, model: AbstractForwardModel, chunk: Block) -> Array:
     def weight(block: Block) -> Array:
         seen = block.observed
         level = seen.target if theta is None else jnp.stack(model.predict(theta, block))
         noise = jax.tree.map(lambda leaf: leaf[block.view], model.setting.noise)
         return jnp.where(seen.weight > 0, 1.0 / noise.variance(level), 0.0)
 
-    return eqx.tree_at(lambda c: c.observed.weight, chunk, jax.lax.map(weight, chunk))
+    return jax.lax.map(weight, chunk)
 
 
 @jax.jit
-def without_clipped(chunk: Block) -> Block:
-    """Return a chunk in which no clipped sample counts."""
-    weight = jnp.where(chunk.observed.clipped == 0, chunk.observed.weight, 0.0)
-    return eqx.tree_at(lambda c: c.observed.weight, chunk, weight)
+def _measured(seen: Observed) -> Array:
+    return jnp.where(seen.clipped == 0, seen.weight, 0.0)

@@ -131,7 +131,7 @@ def lit_by(light: Any, lobe: AbstractPowerLobe, seen: Seen) -> Lit:
 
 @jax.custom_jvp
 def _log(x: Array) -> Array:
-    """The logarithm, which divides once for the derivatives along all axes that a light moves."""
+    """Return log x, with a derivative that divides once for all axes along which a light moves."""
     return jnp.log(x)
 
 

@@ -140,26 +140,31 @@ def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
 def _may_have_steps(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[float]) -> Bool[np.ndarray, " views"]:
     """Return for which views `find_steps` may find some: a few of the sorted values refuse nearly all that have none.
 
-    It finds none where those few are whole numbers of no steps, and two neighbours are nearer than the finest step.
+    `find_steps` finds none where some of these few are not whole numbers of any known step, and two neighbours are
+    nearer than the finest step that it accepts.
     """
-    if any(len(of) < 4 * FEWEST for of in values):
-        return np.ones(len(values), bool)
+    may_have = np.ones(len(values), bool)
+    long = [view for view, of in enumerate(values) if len(of) >= 4 * FEWEST]
+    if not long:
+        return may_have
+    values = [values[view] for view in long]
     few = np.stack([of[np.arange(64) * len(of) // 64] for of in values])
     gaps = [np.diff(of) for of in values]
     least = [0.01 * FINEST * np.abs(of[[0, -1]]).max() for of in values]  # nearer ones may be one value, rounded
-    nearest = [1 + int(np.argmin(np.where(of[1:] > l, of[1:], np.inf))) for of, l in zip(gaps, least, strict=True)]
+    nearest = [1 + int(np.argmin(np.where(of[1:] > far, of[1:], np.inf))) for of, far in zip(gaps, least, strict=True)]
     pairs = np.stack([of[[at - 1, at, at + 1, 0, -1]] for of, at in zip(values, nearest, strict=True)])
     known = np.broadcast_to(2.0 ** np.array(BITS) - 1.0, (len(values), len(BITS)))
-    counts = np.column_stack([levels, known])[:, :, None]
-    may_have = np.zeros(len(values), bool)
+    counts = np.column_stack([np.asarray(levels)[long], known])[:, :, None]
+    found = np.zeros(len(values), bool)
     for curve in (np.asarray, srgb_encode):
         counted = counts * curve(few)[:, None]
         off = np.abs(counted - np.rint(counted)).max(-1)
-        may_have |= ((off < TOLERANCE) & (counts[:, :, 0] > 0.0)).any(-1)
+        found |= ((off < TOLERANCE) & (counts[:, :, 0] > 0.0)).any(-1)
         near = curve(pairs)
         finest = FINEST * np.abs(near[:, 3:]).max(-1)
         before, gap = np.diff(near[:, :3]).T
-        may_have |= ~((before > 1e-3 * finest) & (gap > 1e-3 * finest) & (gap < finest))
+        found |= ~((before > 1e-3 * finest) & (gap > 1e-3 * finest) & (gap < finest))
+    may_have[long] = found
     return may_have
 
 

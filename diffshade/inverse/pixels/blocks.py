@@ -18,8 +18,9 @@ from ..data.views import View
 from ..data.views import channels as channels_of
 
 T = TypeVar("T")
-BLOCK = 2048  # places at most, of a blurred pixel several; what a block needs stays in a core's cache
-MANY = 1 << 15  # pixels of all views, from which on a pass is worth a program of its own
+BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
+LARGE = 8  # blocks: a view of more has a little of one of them padded at most
+MANY = 1 << 15  # pixels of all views: passes over more are worth compiling for their own size of block
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CHUNK = 16  # blocks at most in one call of a compiled program
 
@@ -74,19 +75,20 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
 
 
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
-    """Return how many pixels a block holds, given those of each view: fewer where these are few and would be padded.
+    """Return how many pixels a block holds, given those of each view; `places` is at how many each is rendered.
 
-    `places` is at how many each pixel is rendered. Few sizes serve, so that another mask seldom needs another program:
-    `BLOCK`, and powers of two below it. Many views of medium size have blocks that fit more closely.
+    It is `BLOCK` where views are large, and a power of two where all of them together are small: few sizes serve, so
+    that another mask seldom needs another program. Between these a block is chosen by the size of a view, up to half as
+    large again, so that little of it is padded.
     """
     mean, most = sum(pixels) / len(pixels), BLOCK // places
-    if mean > 4 * most:
+    if mean > LARGE * most:
         return most
     if sum(pixels) <= MANY:
         return min(most, max(1 << int(np.ceil(np.log2(mean))), 64))
     of_view = mean / max(round(mean / most), 1)
     step = 1 << max(int(np.log2(of_view)) - 3, 0)
-    return step * int(np.ceil(of_view / step))
+    return max(step * int(np.ceil(of_view / step)), 64)
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
@@ -98,7 +100,7 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
 
 
 def chunk_length(count: int) -> int:
-    """Return how many blocks each chunk has where there are so many: about as many in the last as in the others."""
+    """Return how many blocks each chunk of so many has: no more than an equal share of them needs."""
     if count <= CHUNK:
         return max(count, 1)
     return padded_length(-(-count // -(-count // CHUNK)))

@@ -62,7 +62,7 @@ class Box(eqx.Module):
     linear: Bool[fields.Array, " p"]
     arrow: Arrow | None
     in_border: bool = eqx.field(static=True, default=False)
-    """Whether all that the prediction is linear in belongs to the arrow's border."""
+    """Whether the prediction is linear in some unknowns, all of which are in the arrow's border."""
 
 
 class Task:

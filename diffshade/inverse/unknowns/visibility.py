@@ -90,7 +90,7 @@ def seeds_of(
         for v in views_of[j]:
             taken[v].add(int(seed[j]))
     seeds = np.eye(int(seed.max()) + 1)[:, seed[:p]]
-    in_order = (shown < p).all() and np.array_equal(seed[shown], np.broadcast_to(np.arange(len(seeds)), shown.shape))
+    in_order = shown.shape[1] == len(seeds) and (shown < p).all() and (seed[shown] == np.arange(len(seeds))).all()
     return seeds, None if in_order else seed[shown]
 
 
