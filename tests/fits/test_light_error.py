@@ -219,10 +219,11 @@ def test_seeds_say_which_unknown_has_each_unless_all_are_in_order(p, shown, of_v
 def test_lights_that_share_views_pairwise_are_fitted():
     camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
     ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=0.5, k_s=0.3, n_s=20.0))
-    true = ds.Scene(ball, [ds.DirectionalLight((x, 0.2, -1), 0.5 + 0.1 * k) for k, x in enumerate((-0.5, 0.0, 0.6))])
+    towards = (-0.5, 0.2, -1), (0.0, 0.2, -1), (0.6, 0.2, -1)
+    true = ds.Scene(ball, [ds.DirectionalLight(l, 0.5 + 0.1 * k) for k, l in enumerate(towards)])
     lit = ((0, 1), (1, 2), (0, 2))
     views = [ds.View(np.asarray(ds.render(true, camera, lit=of)), camera, lit=of) for of in lit]
-    scene = ds.Scene(ball, [ds.DirectionalLight(light.direction) for light in true.lights])
+    scene = ds.Scene(ball, [ds.DirectionalLight(l) for l in towards])
     fit = ds.fit(scene, views, free="intensity")
     np.testing.assert_allclose(fit.values, np.repeat([0.5, 0.6, 0.7], 3), rtol=1e-5)
 
@@ -231,8 +232,7 @@ def test_directions_alone_are_fitted():
     """Then nothing is linear, and nothing is shared by the views."""
     scene, views, towards = photographed(10)
     fit = ds.fit(scene, views, free="direction", light_error=2.0)
-    found = np.array([-np.asarray(light.direction) for light in fit.scene.lights])
-    assert np.rad2deg(np.arccos(np.clip((found * towards).sum(-1), -1, 1))).max() < 0.2
+    assert angles_to(fit.scene, towards).max() < 0.2
 
 
 @pytest.mark.thorough
