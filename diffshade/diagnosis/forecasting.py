@@ -18,7 +18,7 @@ from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
 from ..inverse.problem import LaidOutProblem, Start, fit_problem
 from ..inverse.running import samples_for
-from ..inverse.solve.solvers import Minimum, evaluate
+from ..inverse.solve.solvers import FAR, Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.summary import summarise
 from ..inverse.unknowns.constraints import Grey, Proportional
@@ -107,7 +107,7 @@ def forecast(
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         chunks = problem.chunks()
         squares = problem.sum_of_squares(chunks)
-        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0, near=False)
+        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0, FAR)
         laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
     return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)

@@ -40,7 +40,7 @@ from .forward.streams import AllPixels, StreamingReduction, sum_over
 from .forward.sums import spread, sum_of_squares, waves, weights_of_views
 from .pixels.blocks import LEAST, Block, Observed, Piece, block_size, chunks, observed, pieces, shares, views_of
 from .pixels.tiles import Tiles
-from .solve.solvers import FAR, NEAR, Box, Minimum, PriorResiduals, Task, minimise
+from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
 from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, unit_vectors
@@ -252,12 +252,12 @@ class Start:
     """The steps of the views' files."""
     step_variance: float
     """Mean square of the weighted residuals that rounding alone makes."""
-    near: bool
-    """Whether theta is the minimum over that part, so that the minimum over all pixels is near."""
+    damping: float
+    """Of the first step from theta: `NEAR` if that is the minimum over that part, so that the one over all is near."""
 
     def to_array(self) -> Float[np.ndarray, " n"]:
         """Return all numbers, for a checkpoint and for other processes."""
-        known = self.sigma, self.squares, self.step_variance, float(self.near)
+        known = self.sigma, self.squares, self.step_variance, self.damping
         return np.array([*self.theta, *known, *np.asarray(self.rounding.step), *np.asarray(self.rounding.srgb)])
 
     @staticmethod
@@ -269,8 +269,8 @@ class Start:
     def from_array(numbers: Float[np.ndarray, " n"], views: int) -> Start:
         """Return the start from its array, as made by `to_array`."""
         theta, known, step, srgb = np.split(numbers, np.cumsum([len(numbers) - 4 - 2 * views, 4, views]))
-        sigma, squares, step_variance, near = known.tolist()
-        return Start(theta, sigma, squares, Rounding(step, srgb, np.zeros(())), step_variance, near > 0)
+        sigma, squares, step_variance, damping = known.tolist()
+        return Start(theta, sigma, squares, Rounding(step, srgb, np.zeros(())), step_variance, damping)
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +296,7 @@ class LaidOutProblem:
             self.pixels,
             squares=self.squares,
             max_steps=MAX_STEPS,
-            damping=NEAR if self.start.near else FAR,
+            damping=self.start.damping,
             report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
 

@@ -19,7 +19,7 @@ from .pixels.tiles import Tiles
 from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_out_all
 from .result import Fit
 from .solve.light_search import at_better_places
-from .solve.solvers import Minimum
+from .solve.solvers import FAR, Minimum
 from .starting import find_start
 from .summary import summarise
 from .unknowns.unknown import Unknown
@@ -89,7 +89,7 @@ def _with_lights_elsewhere(laid: LaidOutProblem, end: Minimum, report_progress: 
         theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.pixels)
         if theta is None:
             break
-        start = dataclasses.replace(laid.start, theta=theta, near=False)
+        start = dataclasses.replace(laid.start, theta=theta, damping=FAR)
         again = dataclasses.replace(laid, start=start).minimise(report_progress)
         if not again.point.total.cost < end.point.total.cost:
             break

@@ -22,7 +22,7 @@ from .pixels.blocks import Block, total
 from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import from_broad_highlights
-from .solve.solvers import minimise
+from .solve.solvers import FAR, NEAR, STATED, minimise
 from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.unknown import coordinates
 from .unknowns.visibility import places_apart
@@ -57,7 +57,8 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
         count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), part))
         step_variance = float(sum_ / max(count, 1.0))
     sigma = float(problem.model.likelihood.sigma)
-    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance, near)
+    damping = NEAR if near else STATED if from_scene else FAR
+    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance, damping)
 
 
 def _levels(view: View) -> float:

@@ -21,7 +21,7 @@ from .run_folders import fingerprint
 
 T = TypeVar("T")
 LANE = "lane"
-FORMAT = 3  # version of a checkpoint's contents; it enters the fingerprint
+FORMAT = 4  # version of a checkpoint's contents; it enters the fingerprint
 
 
 class LostProcess(RuntimeError):

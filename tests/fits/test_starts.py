@@ -13,6 +13,7 @@ from diffshade.core.progress import silent
 from diffshade.inverse.problem import Start, fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve import start_search
+from diffshade.inverse.solve.solvers import FAR, NEAR
 from diffshade.inverse.solve.start_search import (
     _distinct,
     _lowest,
@@ -82,8 +83,8 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         samples, counts = samples_for(scene, views, unknowns, "hinge")
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
         start = find_start(problem, problem.chunks(), from_scene=False, report_progress=silent)
-    assert start.near == near
-    assert Start.from_array(start.to_array(), len(views)).near == near
+    assert start.damping == (NEAR if near else FAR)
+    assert Start.from_array(start.to_array(), len(views)).damping == start.damping
 
 
 # --- what a search tries

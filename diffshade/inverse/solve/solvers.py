@@ -25,7 +25,9 @@ from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, 
 from .elimination import Arrowhead, Dense, Symmetric, nothing
 
 PATIENCE = 6  # steps, rejected ones too
-FAR, NEAR = 1e-3, 1e-8  # the damping of the first step: from anywhere, and from what is nearly the minimum already
+# The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
+# from what is nearly the minimum already.
+FAR, STATED, NEAR = 1e-3, 1e-4, 1e-8
 
 
 class PriorResiduals(eqx.Module):
