@@ -76,7 +76,7 @@ def without_clipped(chunk: Block) -> Block:
     return eqx.tree_at(lambda c: c.observed.weight, chunk, _measured(chunk.observed))
 
 
-# Only weights leave the programs: points would be copied there, which chunks share.
+# Compiled programs return the weights alone: they would copy the points, which chunks share.
 
 
 @jax.jit

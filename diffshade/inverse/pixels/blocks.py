@@ -100,7 +100,7 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
 
 
 def chunk_length(count: int) -> int:
-    """Return how many blocks each chunk of so many has: no more than an equal share of them needs."""
+    """Return the number of blocks in each of the chunks that hold `count` of them: equal shares."""
     if count <= CHUNK:
         return max(count, 1)
     return padded_length(-(-count // -(-count // CHUNK)))
