@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -49,10 +48,9 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
 
 def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
     """Replace which samples of a chunk count by weights, as `lay_out` does."""
-    seen = chunk.observed
-    weight: Any = None if model.projects else jnp.asarray(seen.weight, float)
-    view, seen = jax.device_put((chunk.view, Observed(seen.target, weight, seen.clipped)))
-    chunk = Block(view, chunk.points, seen)
+    weight = None if model.projects else jnp.asarray(chunk.observed.weight, float)
+    observed = eqx.tree_at(lambda o: o.weight, chunk.observed, weight)
+    chunk = Block(jax.device_put(chunk.view), chunk.points, jax.device_put(observed))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 
