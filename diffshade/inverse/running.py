@@ -83,7 +83,7 @@ def _with_lights_elsewhere(laid: LaidOutProblem, end: Minimum, report_progress: 
     lights = places_apart(problem.unknowns, problem.box.arrow)
     if not lights or isinstance(laid.pixels, StreamingReduction):
         return end
-    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)])
+    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)], float)
     for _ in range(ELSEWHERE):
         report_progress("trying lights at other places")
         theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.pixels)
