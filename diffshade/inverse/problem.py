@@ -134,9 +134,9 @@ class FitProblem:
 
         def points(parts: list) -> Any:
             where, view = place(parts, self.views, size, self.over_pixels), views_of(parts)
-            counts = np.arange(size) < np.array([len(part.pixels) for part in parts])[:, None]
-            padded = np.pad(counts, ((0, len(view) - len(parts)), (0, 0)))
-            return jax.device_put(self.model.fields(where, view, padded))
+            used = np.zeros((len(view), 1))
+            used[: len(parts), 0] = [len(part.pixels) for part in parts]
+            return jax.device_put(self.model.fields(where, view, np.arange(size) < used))
 
         shown = dict(zip(shared, on_all_cores(points, shared.values()), strict=True))
 

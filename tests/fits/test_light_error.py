@@ -214,6 +214,8 @@ def test_seeds_say_which_unknown_has_each_unless_all_are_in_order(p, shown, of_v
         assert found is None
     else:
         np.testing.assert_array_equal(found, of_view)
+    for row, seed in zip(shown, of_view or [range(len(seeds))] * len(shown), strict=True):
+        assert all(seeds[k, j] == 1.0 for k, j in zip(seed, row, strict=True) if j < p)
 
 
 def test_lights_that_share_views_pairwise_are_fitted():
