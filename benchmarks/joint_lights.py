@@ -180,7 +180,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
         return found
 
     running.solve = timed  # pyright: ignore[reportPrivateImportUsage]
-    starting.find_rounding = lambda chunks, levels: no_rounding(len(levels))
+    starting.find_rounding = lambda values, levels: no_rounding(len(levels))
     running._with_lights_elsewhere = lambda laid, end, report_progress: end
     try:
         ds.fit(given, stated, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")

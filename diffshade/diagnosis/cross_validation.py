@@ -16,7 +16,8 @@ from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
 from ..inverse.laid_out_fit import LaidOutFit
-from ..inverse.pixels.blocks import BLOCK, Block, Piece, chunk_length
+from ..inverse.pixels.blocks import BLOCK, Block, Piece
+from ..inverse.pixels.blocks import chunks as in_chunks
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
 from .patches import cut_in_patches, patch_width, residual_images
@@ -97,10 +98,9 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
     problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
     chunks = problem.lay_out(folds.pieces, folds.size)  # weights by the photograph, the same for every model
     weighed = problem.reweigh(laid.theta, chunks)
-    length = chunk_length(len(folds.pieces))
-    none = [Piece(p.view, p.samples, p.pixels[:0]) for p in folds.pieces[:length]]
-    (empty,) = laid.lay_out(none, folds.size)
-    of_block = [folds.fold[at : at + length] for at in range(0, len(folds.fold), length)]
+    gathered, fold = in_chunks(folds.pieces), {id(p): k for p, k in zip(folds.pieces, folds.fold, strict=True)}
+    of_block = [np.array([fold.get(id(p), -1) for p in of]) for of in gathered]  # -1 where a chunk is filled up
+    empty = laid.lay_out([p._replace(pixels=p.pixels[:0]) for p in gathered[0]], folds.size)[0]
     # Without its view, a view's own exposure is unknown.
     single_view = single_views(evaluate(laid.theta, laid.task, weighed).views.seen(len(laid.theta)))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
@@ -134,10 +134,8 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
 
 def _without(chunk: Block, empty: Block, out: Bool[np.ndarray, " blocks"]) -> Block:
     """Return a chunk with some blocks emptied; its shape stays the same, so that nothing is compiled again."""
-    padded = np.zeros(len(chunk.view), bool)
-    padded[: len(out)] = out
     return jax.tree.map(
-        lambda leaf, none: jnp.where(padded.reshape(-1, *[1] * (leaf.ndim - 1)), none[:1], leaf), chunk, empty
+        lambda leaf, none: jnp.where(out.reshape(-1, *[1] * (leaf.ndim - 1)), none[:1], leaf), chunk, empty
     )
 
 

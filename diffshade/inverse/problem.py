@@ -38,7 +38,19 @@ from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import MOST_NOISE, Rounded, Rounding, share_of_waves
 from .forward.streams import AllPixels, StreamingReduction, sum_over
 from .forward.sums import spread, sum_of_squares, waves, weights_of_views
-from .pixels.blocks import LEAST, Block, Observed, Piece, block_size, chunks, observed, pieces, shares, views_of
+from .pixels.blocks import (
+    LEAST,
+    Block,
+    Observed,
+    Piece,
+    block_size,
+    chunks,
+    observed,
+    padded_length,
+    pieces,
+    shares,
+    views_of,
+)
 from .pixels.tiles import Tiles
 from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .solve.start_search import steepest
@@ -115,6 +127,21 @@ class FitProblem:
         model = eqx.tree_at(lambda m: m.setting.rounding, self.model, jax.tree.map(jnp.asarray, rounding))
         return dataclasses.replace(self, model=model)
 
+    @property
+    def settles(self) -> bool:
+        """Whether the scale of the residuals or the weights of the samples follow the unknowns."""
+        follows = not self.noise_known and any(u.prior is not None for u in self.unknowns)
+        return self.loss != "squares" or not self.homoscedastic or follows
+
+    def values(self, at_most: int) -> list[Float[np.ndarray, " _"]]:
+        """Return the samples of each view that are not clipped, of some pixels, evenly spread."""
+        samples = self.samples.part(at_most) if isinstance(self.samples, Tiles) else self.samples
+        found = [np.zeros(0)] * len(self.views)
+        for view, of_view, pixels in pieces(samples, at_most, at_most):
+            values = of_view.values(pixels)
+            found[view] = np.asarray(values[of_view.clipped(values) == 0], float)
+        return found
+
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some, evenly spread; in blocks of another size where it is given."""
         size = size or min(self.block_size, block_size(shares(self.pixels, at_most)))
@@ -128,21 +155,28 @@ class FitProblem:
         Chunks that show the same points share them: those that a camera sees under a hundred lights are found once.
         """
         found = chunks(parts)
-        shows = [tuple((self.alike[part.view], id(part.pixels)) for part in of) for of in found]
+        shows = [tuple((self.alike[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in found]
         times = Counter(shows)
         shared = {key: parts for key, parts in zip(shows, found, strict=True) if times[key] > 1}
 
-        def points(parts: list) -> Any:
-            where, view = place(parts, self.views, size, self.over_pixels), views_of(parts)
-            used = np.zeros((len(view), 1))
-            used[: len(parts), 0] = [len(part.pixels) for part in parts]
-            return jax.device_put(self.model.fields(where, view, np.arange(size) < used))
+        def points(of: tuple[tuple, list]) -> Any:
+            blocks, parts = of
+            different = list(dict.fromkeys(blocks))
+            once = [parts[blocks.index(block)] for block in different]
+            length = padded_length(len(once)) if len(once) < len(parts) else len(parts)
+            counts = np.array([len(part.pixels) for part in once] + [0] * (length - len(once)))
+            where = place(once, self.views, size, self.over_pixels, length)
+            shown = self.model.fields(where, views_of(once, length), np.arange(size) < counts[:, None])
+            if length < len(parts):
+                index = [different.index(block) for block in blocks]
+                shown = jax.tree.map(lambda leaf: np.asarray(leaf)[index], shown)
+            return jax.device_put(shown)
 
-        shown = dict(zip(shared, on_all_cores(points, shared.values()), strict=True))
+        shown = dict(zip(shared, on_all_cores(points, shared.items()), strict=True))
 
         def chunk(of: tuple[list, tuple]) -> Block:
             parts, key = of
-            here = shown[key] if key in shown else points(parts)
+            here = shown[key] if key in shown else points((key, parts))
             laid = Block(views_of(parts), here, self.observed(parts, size))
             return with_weights(None, self.model, laid, noise_known=self.noise_known)
 
@@ -155,6 +189,7 @@ class FitProblem:
 
     def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
         """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
+        length = length or padded_length(len(parts))
         where = place(parts, self.views, size, self.over_pixels, length)
         return Block(views_of(parts, length), where, self.observed(parts, size, length))
 
@@ -171,8 +206,15 @@ class FitProblem:
 
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
-        weights = np.asarray(weights_of_views(self.model)) if self.noise_known else np.ones(len(self.views))
-        return sum(sum_of_squares(weights, chunk) for chunk in chunks) or 1.0
+        return sum(sum_of_squares(self._weights, chunk) for chunk in chunks) or 1.0
+
+    def squares_of_values(self, values: Sequence[Float[np.ndarray, " _"]]) -> float:
+        """Return that sum of the samples of each view; the noise of a view must be the same at every level."""
+        return float(self._weights @ [of @ of for of in values]) or 1.0
+
+    @cached_property
+    def _weights(self) -> Float[np.ndarray, " views"]:
+        return np.asarray(weights_of_views(self.model)) if self.noise_known else np.ones(len(self.views))
 
     def priors(self, squares: float) -> PriorResiduals:
         """Return the residuals of the priors and unit vectors; `squares` is the sum of squares of the images."""

@@ -20,7 +20,7 @@ from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_o
 from .result import Fit
 from .solve.light_search import at_better_places
 from .solve.solvers import FAR, Minimum
-from .starting import find_start
+from .starting import find_start, needs_part
 from .summary import summarise
 from .unknowns.unknown import Unknown
 from .unknowns.visibility import places_apart
@@ -66,7 +66,8 @@ def solve(
     def begin() -> list[np.ndarray]:
         numbers = Start.zeros(problem)
         if device_group is None or device_group.first:
-            part.extend(problem.chunks(PART))
+            if problem.counts.pixels <= PART or needs_part(problem, from_scene=from_scene):
+                part.extend(problem.chunks(PART))
             numbers = find_start(problem, part, from_scene=from_scene, report_progress=report_progress).to_array()
         return [numbers if device_group is None else device_group.from_first(numbers)]
 

@@ -37,28 +37,35 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
 
     Args:
         problem: What is to be fitted.
-        part: Chunks of that part.
+        part: Chunks of that part; empty if nothing is to be searched for and nothing settled (`needs_part`).
         from_scene: Whether to begin at the scene's values in place of a search.
         report_progress: Reports progress.
     """
+    values = problem.values(PART)
     measured = on_all_cores(without_clipped, part) if problem.clips else part
-    squares = problem.sum_of_squares(measured)
+    squares = problem.sum_of_squares(measured) if part else problem.squares_of_values(values)
     theta, near = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns), False
     if not from_scene:
         theta, near = _search(problem, measured, squares, report_progress)
         theta = by_rising_exponent(theta, problem.scene, problem.unknowns)
-    has_prior = any(u.prior is not None for u in problem.unknowns)
-    if problem.loss != "squares" or not problem.homoscedastic or (not problem.noise_known and has_prior):
-        problem, part, theta, near = _settle(problem, part, squares, theta)
-    rounding = find_rounding(part, [_levels(view) for view in problem.views])
+    settled = problem
+    if problem.settles:
+        settled, part, theta, near = _settle(problem, part, squares, theta)
+    rounding = find_rounding(values, [_levels(view) for view in problem.views])
     step_variance = 0.0
     if rounding.exists:
-        model = problem.with_rounding(rounding).model
-        count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), part))
+        model = settled.with_rounding(rounding).model
+        chunks = part or problem.chunks(PART)
+        count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), chunks))
         step_variance = float(sum_ / max(count, 1.0))
-    sigma = float(problem.model.likelihood.sigma)
+    sigma = float(settled.model.likelihood.sigma)
     damping = NEAR if near else STATED if from_scene else FAR
     return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance, damping)
+
+
+def needs_part(problem: FitProblem, *, from_scene: bool) -> bool:
+    """Whether a start is found on laid-out pixels, where their samples alone do not tell it."""
+    return not from_scene or problem.settles
 
 
 def _levels(view: View) -> float:

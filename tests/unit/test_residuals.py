@@ -19,7 +19,7 @@ from refusals import refuses
 from synthetic import seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.samples import Samples, find_samples
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
@@ -362,12 +362,13 @@ def test_views_that_show_the_same_points_share_them(free, options, noise, shared
         problem, samples = shared_problem(views, 40, free, **options)
         chunks, size = problem.chunks(), problem.block_size
         alone = [problem.lay_out([part], size)[0] for part in pieces(samples, size)]
-    first, second, third = ([id(leaf) for leaf in jax.tree.leaves(chunk.points)] for chunk in chunks)
+    first, second, *_, last = ([id(leaf) for leaf in jax.tree.leaves(chunk.points)] for chunk in chunks)
     assert (first == second) is shared
-    assert not set(first) & set(third)
+    assert not set(first) & set(last)
     assert len(alone) == 40
     for k, one in enumerate(alone):
-        block = jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k % 16], chunks[k // 16])
+        c, b = divmod(k, len(chunks[0].view))
+        block = jax.tree.map(lambda leaf, b=b: np.asarray(leaf)[b], chunks[c])
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, np.asarray(b)[0], rtol=1e-13), block, one)
 
 
@@ -378,6 +379,21 @@ def test_views_under_the_same_known_lights_share_their_fields():
         problem, _ = shared_problem(views, 2, "k_d")
         first, second = problem.chunks()
     assert first.points is second.points
+
+
+@pytest.mark.parametrize(("of_view", "views", "length"), [(1, 12, 6), (2, 24, 12), (5, 12, 15), (20, 3, 10), (3, 5, 8)])
+def test_chunks_of_views_with_the_same_pixels_have_the_same_pieces(of_view, views, length):
+    """The last of these, 9 blocks at once, would leave too many of them empty."""
+    samples = [Samples(np.ones((1, 1), bool), np.arange(of_view * 10), np.ones((1, 1, 3)), 0.0, 1.0, 1.0)] * views
+    found = blocks.chunks(pieces(samples, 10))
+    assert {len(chunk) for chunk in found} == {length}
+    assert len(found) & (len(found) - 1) == 0 or of_view > blocks.CHUNK
+    repeat = [[tuple(part.pixels) for part in chunk if len(part.pixels)] for chunk in found]
+    per_view = max(of_view // length, 1)
+    assert all(of == repeat[c % per_view] for c, of in enumerate(repeat)) is (length != 8)
+    seen = [(part.view, *part.pixels) for chunk in found for part in chunk if len(part.pixels)]
+    assert seen == [(v, *range(10 * b, 10 * b + 10)) for v in range(views) for b in range(of_view)]
+    assert blocks.chunks([]) == []
 
 
 def test_work_on_all_cores_keeps_the_order_and_float64():

@@ -60,15 +60,10 @@ def test_floats_have_none(dtype):
         assert find_steps(values.astype(dtype).astype(float))[0] < 1e-4
 
 
-def test_steps_are_those_of_the_samples_that_count():
-    values = np.rint(255 * radiance(96)).reshape(2, 1, -1) / 255
-    values[1] = np.sqrt(values[1])
-    weight, clipped = np.ones(values.shape), np.zeros(values.shape, np.int8)
-    values[0, 0, 3], weight[0, 0, 3] = 0.123456, 0.0
-    values[0, 0, 7], clipped[0, 0, 7] = 0.345678, 1
-    chunk = Block(np.arange(2), None, Observed(values, weight, clipped))
-    found = find_rounding([chunk], [0.0, 0.0])
-    np.testing.assert_allclose(found.step, [STEP, 0.0])
+def test_each_view_has_the_steps_of_its_own_values():
+    values = np.rint(255 * radiance(96)) / 255
+    found = find_rounding([values, np.sqrt(values), np.zeros(0)], [0.0, 0.0, 0.0])
+    np.testing.assert_allclose(found.step, [STEP, 0.0, 0.0])
     assert found.exists
     assert str(found) == "255 steps"
     assert str(Rounding(np.array([STEP, 1 / 65535]), np.array([1.0, 0.0]), np.zeros(()))) == (
@@ -95,8 +90,7 @@ def test_values_without_steps_are_refused_by_a_few_of_them(monkeypatch):
         return find_steps(values, levels)
 
     monkeypatch.setattr(rounding, "find_steps", counted)
-    values = np.stack(views)[:, None]
-    found = find_rounding([Block(np.arange(8), None, Observed(values, np.ones(values.shape), None))], levels)
+    found = find_rounding(views, levels)
     alone = [find_steps(of, known) for of, known in zip(views, levels, strict=True)]
     np.testing.assert_array_equal(np.stack([found.step, found.srgb], -1), alone)
     assert (found.step > 0).tolist() == [True, True, True, False, False, False, True, False]

@@ -30,7 +30,6 @@ from jaxtyping import Bool, Float
 
 from ...core.fields import Array
 from ...io.images import srgb_encode
-from ..pixels.blocks import Block
 
 HARMONICS = 12  # terms of the sawtooth; they have 95 % of its variance
 MOST_NOISE = 0.6  # steps; with more noise, rounding is just a part of it
@@ -118,17 +117,9 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
     return 0.0, False
 
 
-def find_rounding(chunks: Sequence[Block], levels: Sequence[float]) -> Rounding:
-    """Return the steps of the views, found from the samples of chunks; `levels` of each as `find_steps` has them."""
-    samples: list[list[np.ndarray]] = [[np.zeros(0)] for _ in levels]
-    for chunk in chunks:
-        seen = chunk.observed
-        target = np.asarray(seen.target)
-        counts = np.asarray(chunk.points.counts)[:, None] if seen.weight is None else np.asarray(seen.weight) > 0
-        measured = counts if seen.clipped is None else counts & (np.asarray(seen.clipped) == 0)
-        for view, values, which in zip(np.asarray(chunk.view), target, measured, strict=True):
-            samples[int(view)].append(values[np.broadcast_to(which, values.shape)])
-    values = [np.sort(np.concatenate(of)) for of in samples]
+def find_rounding(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[float]) -> Rounding:
+    """Return the steps of views, found from their values; `levels` of each as `find_steps` has them."""
+    values = [np.sort(of) for of in values]
     found = [
         find_steps(of, known) if may_have else (0.0, False)
         for of, known, may_have in zip(values, levels, _may_have_steps(values, levels), strict=True)

@@ -20,7 +20,7 @@ from ..data.views import channels as channels_of
 T = TypeVar("T")
 BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
-MANY = 1 << 15  # pixels of all views: passes over more are worth compiling for their own size of block
+MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CHUNK = 16  # blocks at most in one call of a compiled program
 
@@ -92,18 +92,40 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
 
 
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
-    """Gather blocks into chunks; of several the last is filled up with empty ones, so that one program serves all."""
-    length = chunk_length(len(parts))
-    empty = -len(parts) % length
-    parts = [*parts, *(Piece(part.view, part.samples, part.pixels[:0]) for part in parts[:empty])]
-    return [parts[start : start + length] for start in range(0, len(parts), length)]
+    """Gather blocks into chunks, filled up with empty ones to one length, so that one program serves all.
+
+    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty.
+    """
+    if not parts:
+        return []
+    runs = [list(of) for _, of in itertools.groupby(parts, key=lambda part: part.view)]
+    length, of_view = chunk_length(len(parts)), len(runs[0])
+    if len({tuple(id(part.pixels) for part in run) for run in runs}) == 1 < len(runs):
+        if of_view > CHUNK:
+            share = -(-of_view // -(-of_view // CHUNK))
+            return [cut for run in runs for cut in _cut(run, share)]
+        at_once = of_view * max(length // of_view, 1)
+        if 8 * (-len(parts) % at_once) <= len(parts):
+            length = at_once
+    return _cut(parts, length)
+
+
+def _cut(parts: Sequence[Piece], length: int) -> list[list[Piece]]:
+    """Cut blocks into chunks of a length; the last is filled up with empty blocks of its view."""
+    last = parts[-1]
+    filled = [*parts, *[last._replace(pixels=last.pixels[:0])] * (-len(parts) % length)]
+    return [filled[start : start + length] for start in range(0, len(filled), length)]
 
 
 def chunk_length(count: int) -> int:
-    """Return the number of blocks in each of the chunks that hold `count` of them: equal shares."""
-    if count <= CHUNK:
-        return max(count, 1)
-    return padded_length(-(-count // -(-count // CHUNK)))
+    """Return the number of blocks in each of the chunks that hold `count` of them.
+
+    Few chunks are a power of two, which cores share equally; a chunk of fewer than 4 blocks is not worth its call.
+    """
+    chunks = max(-(-count // CHUNK), min(count // 4, 2), 1)
+    if chunks < CHUNK:
+        chunks = 1 << (chunks - 1).bit_length()
+    return padded_length(-(-count // chunks))
 
 
 def padded_length(count: int) -> int:
@@ -114,8 +136,8 @@ def padded_length(count: int) -> int:
 
 
 def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarray, " blocks"]:
-    """Return the view of each block of a chunk; 0 where it is padded."""
-    view = np.zeros(length or padded_length(len(parts)), np.int64)
+    """Return the view of each block of a chunk, of so many blocks if `length` is given; 0 where it is padded."""
+    view = np.zeros(length or len(parts), np.int64)
     view[: len(parts)] = [part.view for part in parts]
     return view
 
@@ -130,7 +152,7 @@ def observed(
     length: int | None = None,
 ) -> Observed:
     """Lay a chunk's samples out in blocks."""
-    length = length or padded_length(len(parts))
+    length = length or len(parts)
     target, counts = np.zeros((length, channels, size)), np.zeros((length, channels, size), bool)
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
     b = 0
@@ -155,7 +177,7 @@ def rows_and_columns(
     parts: Sequence[Piece], views: Sequence[View], size: int, length: int | None = None
 ) -> tuple[Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
     """Return the row and the column of each pixel of a chunk; 0 where it is padded."""
-    row, column = (np.zeros((length or padded_length(len(parts)), size)) for _ in range(2))
+    row, column = (np.zeros((length or len(parts), size)) for _ in range(2))
     for b, (view, _, pixels) in enumerate(parts):
         n, width = len(pixels), views[view].image.shape[1]
         row[b, :n] = pixels // width
