@@ -162,15 +162,17 @@ class FitProblem:
         def points(of: tuple[tuple, list]) -> Any:
             blocks, parts = of
             different = list(dict.fromkeys(blocks))
-            once = [parts[blocks.index(block)] for block in different]
-            length = padded_length(len(once)) if len(once) < len(parts) else len(parts)
-            counts = np.array([len(part.pixels) for part in once] + [0] * (length - len(once)))
-            where = place(once, self.views, size, self.over_pixels, length)
-            shown = self.model.fields(where, views_of(once, length), np.arange(size) < counts[:, None])
-            if length < len(parts):
-                index = [different.index(block) for block in blocks]
-                shown = jax.tree.map(lambda leaf: np.asarray(leaf)[index], shown)
-            return jax.device_put(shown)
+            if (length := padded_length(len(different))) >= len(parts):
+                return jax.device_put(found_at(parts, len(parts)))
+            once = found_at([parts[blocks.index(block)] for block in different], length)
+            index = [different.index(block) for block in blocks]
+            return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
+
+        def found_at(parts: list, length: int) -> Any:
+            counts = np.zeros((length, 1))
+            counts[: len(parts), 0] = [len(part.pixels) for part in parts]
+            where = place(parts, self.views, size, self.over_pixels, length)
+            return self.model.fields(where, views_of(parts, length), np.arange(size) < counts)
 
         shown = dict(zip(shared, on_all_cores(points, shared.items()), strict=True))
 
