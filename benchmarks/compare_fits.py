@@ -130,7 +130,8 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.problem import PART, LaidOutProblem, fit_problem
+    from diffshade.inverse.laid_out_problem import LaidOutProblem
+    from diffshade.inverse.problem import PART, fit_problem
     from diffshade.inverse.running import samples_for
     from diffshade.inverse.starting import find_start
     from diffshade.inverse.unknowns.parameters import find_unknowns

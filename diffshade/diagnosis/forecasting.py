@@ -16,7 +16,8 @@ from ..inverse.data.recording import photograph
 from ..inverse.data.views import Noise, View, has_alpha, in_channels_of, is_grey
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.forward.rounding import no_rounding
-from ..inverse.problem import LaidOutProblem, Start, fit_problem
+from ..inverse.laid_out_problem import LaidOutProblem, Start
+from ..inverse.problem import fit_problem
 from ..inverse.running import samples_for
 from ..inverse.solve.solvers import FAR, Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector

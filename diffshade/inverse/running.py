@@ -14,9 +14,10 @@ from ..parallel.devices import DeviceGroup
 from .data.samples import Counts, Samples, collect_samples
 from .data.views import View, channels
 from .forward.streams import StreamingReduction
+from .laid_out_problem import LaidOutProblem, Start, lay_out_all
 from .pixels.blocks import Block
 from .pixels.tiles import Tiles
-from .problem import PART, FitProblem, LaidOutProblem, Start, fit_problem, lay_out_all
+from .problem import PART, FitProblem, fit_problem
 from .result import Fit
 from .solve.light_search import at_better_places
 from .solve.solvers import FAR, Minimum

@@ -18,8 +18,9 @@ from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.rounding import find_rounding
 from .forward.sums import residuals, variance_of_steps
+from .laid_out_problem import Start
 from .pixels.blocks import Block, total
-from .problem import MAX_STEPS, PART, FitProblem, Start, Theta
+from .problem import MAX_STEPS, PART, FitProblem, Theta
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import from_broad_highlights
 from .solve.solvers import FAR, NEAR, STATED, minimise

@@ -18,7 +18,7 @@ from .data.samples import Counts
 from .data.views import View, note_repeats, setups
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
-from .problem import LaidOutProblem
+from .laid_out_problem import LaidOutProblem
 from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum

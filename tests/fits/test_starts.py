@@ -10,7 +10,8 @@ from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, stand
 
 import diffshade as ds
 from diffshade.core.progress import silent
-from diffshade.inverse.problem import Start, fit_problem
+from diffshade.inverse.laid_out_problem import Start
+from diffshade.inverse.problem import fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.solvers import FAR, NEAR

@@ -30,7 +30,8 @@ GROUPS = {
     ),
     "solver": (
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
-        "inverse/forward/rendered inverse/pixels/blocks inverse/pixels/tiles inverse/problem inverse/running "
+        "inverse/forward/rendered inverse/pixels/blocks inverse/pixels/tiles inverse/problem "
+        "inverse/laid_out_problem inverse/running "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/start_search inverse/unknowns/constraints "
         "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
         "inverse/starting inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "

@@ -34,7 +34,7 @@ LAYERS = (
     "inverse.forward",
     "inverse.solve",
     "inverse.statistics",
-    "inverse.problem inverse.starting",
+    "inverse.problem inverse.laid_out_problem inverse.starting",
     "inverse.result inverse.summary",
     "inverse.running inverse.laid_out_fit",
     "inverse.verdicts",

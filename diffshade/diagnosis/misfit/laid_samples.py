@@ -15,9 +15,9 @@ from ...inverse.data.views import channels
 from ...inverse.forward.gram import Gram
 from ...inverse.forward.interface import AbstractForwardModel
 from ...inverse.laid_out_fit import LaidOutFit
+from ...inverse.laid_out_problem import prior_gram
 from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
-from ...inverse.problem import prior_gram
 from ...inverse.statistics.uncertainty import Vector, inverse
 
 STEPS = 8  # Gauss-Newton steps
