@@ -107,7 +107,9 @@ def test_plans_and_intervals_are_those_of_dense_matrices(by_blocks, dense):
 
 @pytest.mark.parametrize("road", ["tiles", "devices"])
 def test_by_tiles_and_over_devices_the_fit_is_that_in_memory(by_blocks, road):
-    options = {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
+    options: dict[str, Any] = (
+        {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
+    )
     found = fitted(**options)
     assert laid_bytes(found.scene, found.views) > 4e5  # so that less memory makes tiles
     for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
