@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.progress import ReportProgress, silent
 from ..inverse.laid_out_fit import LaidOutFit
+from ..inverse.own_views import OthersAsQuadratics, OwnViews
 from ..inverse.result import Fit
+from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import coordinate_slopes
+from ..parallel.threads import on_all_cores
 
 CLOSE = 0.01  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
+ACCURATE = 1e-3  # of the rise for one error: what a minimisation may leave
+SAME = 1e-3  # relative; numbers of errors by an unknown's own views and by all views are alike within it
+ALIKE = 4  # unknowns one after another that are alike, after which the others are not compared
 FAR = 1e6  # errors; beyond this an interval has no end
 
 
@@ -33,16 +39,26 @@ class Profile:
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
         self.errors = clusters.standard_errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
-        self.best = self.laid.cost()
+        end = evaluate(self.laid.theta, self.laid.task, self.laid.chunks)
+        self.best = float(end.total.cost)
+        self.others = None if self.laid.problem.box.arrow is None else OthersAsQuadratics(self.laid, end)
+        self.alone: dict[int, OwnViews] = {}
+        self.of_others = np.zeros(len(fit.unknowns))
         # A difference of costs is known to within the rounding of the sum of squares.
         self.evaluated: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
         self.visible = 1e-2 * self.variance > 64.0 * np.finfo(float).eps * fit.squares
 
     def errors_away(self, j: int, t: float) -> float:
         """Return the distance of t from the minimum in errors, by the cost; t in the solver's coordinates."""
-        rtol = 1e-3 * float(self.variance[j]) / max(self.best, 1e-300)
-        end = self.laid.minimise({j: t}, self._start(j, t), self.laid.chunks, rtol=min(rtol, 1e-6))
-        away = float(np.sqrt(2.0 * max(float(end.point.total.cost) - self.best, 0.0) / self.variance[j]))
+        variance, start = float(self.variance[j]), self._start(j, t)
+        if j in self.alone:
+            rise, of_others = self.alone[j].rise(j, t, start, ACCURATE * variance)
+            self.of_others[j] = max(self.of_others[j], of_others / variance)
+        else:
+            rtol = ACCURATE * variance / max(self.best, 1e-300)
+            end = self.laid.minimise({j: t}, start, self.laid.chunks, rtol=min(rtol, 1e-6))
+            rise = float(end.point.total.cost) - self.best
+        away = float(np.sqrt(2.0 * max(rise, 0.0) / variance))
         self.evaluated[j].append((t, away))
         return away
 
@@ -58,12 +74,45 @@ class Profile:
         fit = self.fit
         which = ~fit.at_bound
         which[j] = True
-        covariance = fit.evidence.covariance(which) / np.outer(self.unit[which], self.unit[which])
-        column = covariance[:, np.flatnonzero(which) == j][:, 0]
+        k = int(np.sum(which[:j]))
+        column = fit.evidence.covariance(which)[:, k] / (self.unit[which] * self.unit[j])
         theta = self.laid.theta.copy()
-        if (own := column[np.flatnonzero(which) == j][0]) > 0:
+        if (own := column[k]) > 0:
             theta[which] += (t - theta[j]) * column / own
         return theta
+
+    def by_own_views(self, search: Callable[[int], None]) -> list[int]:
+        """Search the unknowns that few views show, with all other views to second order; return these unknowns.
+
+        This takes a time linear in the views, where all views for each unknown would take one that is quadratic.
+        """
+        if self.others is None:
+            return []
+        blocks = self.others.blocks(range(len(self.fit.unknowns)))
+        for b, members in blocks.items():
+            self.alone = dict.fromkeys(members, self.others.of(b))
+            on_all_cores(search, members)
+        self.alone = {}
+        return [j for members in blocks.values() for j in members]
+
+    def unlike_all_views(self, searched: Sequence[int]) -> Iterator[int]:
+        """Yield the unknowns whose profiles by their own views differ from those by all views.
+
+        They are compared where they were evaluated farthest away, in the order of what their moves of the border cost
+        other views, until so many one after another are alike.
+        """
+        alike = 0
+        for j in sorted(searched, key=lambda j: -self.of_others[j]):
+            if alike == ALIKE:
+                return
+            if points := self.evaluated[j]:
+                farthest = {min(points), max(points)}
+                self.evaluated[j] = []
+                same = all(abs(self.errors_away(j, t) - away) <= SAME * away for t, away in farthest)
+                self.evaluated[j] = points if same else []
+                alike = alike + 1 if same else 0
+                if not same:
+                    yield j
 
     def end(self, j: int, side: int, errors: float) -> float:
         """Return the interval's end on one side, in the unknown's own unit, or its bound if that comes first."""
@@ -111,9 +160,19 @@ def intervals(
 
     The interval of an unknown that is not determined is its whole range.
     """
-    reach = [profile.clusters.quantiles(level) for level in levels]
-    found = np.zeros((len(reach), len(profile.fit.unknowns), 2))
-    for j, name in enumerate(profile.fit.names):
-        report_progress(f"interval of {name}", j / len(profile.fit.names))
+    p, reach = len(profile.fit.unknowns), [profile.clusters.quantiles(level) for level in levels]
+    found = np.zeros((len(reach), p, 2))
+
+    def search(j: int) -> None:
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
+
+    report_progress("intervals by the views that show an unknown")
+    by_own_views = profile.by_own_views(search)
+    remaining = np.setdiff1d(np.arange(p), by_own_views)
+    for k, j in enumerate(remaining.tolist()):
+        report_progress(f"interval of {profile.fit.names[j]}", k / len(remaining))
+        search(j)
+    for j in profile.unlike_all_views(by_own_views):
+        report_progress(f"interval of {profile.fit.names[j]}")
+        search(j)
     return found

@@ -63,7 +63,8 @@ class LaidOutFit:
         scale = float(fit.likelihood.sigma) if sigma is None else sigma
         self.problem = problem.with_scale(scale, fit.likelihood.loss).with_rounding(fit.rounding)
         self.theta = coordinates(np.array([*fit.values, *(u.start for u in beside)]), self.unknowns)
-        self.parts = pieces(self.samples, self.problem.block_size, at_most)
+        self.size = self.problem.size_for(at_most)
+        self.parts = pieces(self.samples, self.size, at_most)
         self.chunks = self.lay_out(self.parts)
 
     @property
@@ -83,11 +84,11 @@ class LaidOutFit:
 
     def lay_out(self, parts: Sequence[Piece], size: int | None = None) -> list[Block]:
         """Return the chunks of pieces, a block each, weighed at the fit; blocks of another size where it is given."""
-        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.problem.block_size))
+        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.size))
 
     def without(self, masks: Masks) -> list[Block]:
         """Return the chunks with no weight on the masked pixels: the same programs serve."""
-        size = self.problem.block_size
+        size = self.size
 
         def weigh(chunk: Block, parts: Sequence[Piece]) -> Block:
             kept = np.ones((len(chunk.view), 1, size))
@@ -104,7 +105,7 @@ class LaidOutFit:
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
-        parts = pieces(self.samples, self.problem.block_size)
+        parts = pieces(self.samples, self.size)
         return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.fit.views))]
 
     def minimise(

@@ -135,9 +135,13 @@ class FitProblem:
             found[view] = np.asarray(values[of_view.clipped(values) == 0], float)
         return found
 
+    def size_for(self, at_most: int | None) -> int:
+        """Return how many pixels a block holds of so many evenly spread ones."""
+        return min(self.block_size, block_size(shares(self.pixels, at_most)))
+
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some, evenly spread; in blocks of another size where it is given."""
-        size = size or min(self.block_size, block_size(shares(self.pixels, at_most)))
+        size = size or self.size_for(at_most)
         if isinstance(self.samples, Tiles):
             return self.lay_out(pieces(self.samples.part(at_most or self.counts.pixels), size), size)
         return self.lay_out(pieces(self.samples, size, at_most), size)

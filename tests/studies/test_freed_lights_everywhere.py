@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -13,29 +17,41 @@ import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
+from diffshade.inverse.laid_out_fit import LaidOutFit
 from diffshade.inverse.problem import laid_bytes
 from tests.support.textured import lights_about
 
 pytestmark = pytest.mark.thorough
 FREE = ("k_d", "k_s", "n_s", "direction")
-CAMERA = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(32, 32), height=2.2, local_viewer=False)
 SHOTS = [ds.Shot(light=ds.DirectionalLight((0.2, -0.5, -1.0))), ds.Shot(exposure=0.5)]
 COUNT = 10
+ROOT = Path(__file__).parents[2]
+ON_EIGHT = """
+import sys
+import jax, numpy as np
+from tests.studies.test_freed_lights_everywhere import fitted
+assert len(jax.devices()) == 8
+mesh = jax.make_mesh((8,), ("devices",))
+fits = [fitted(96, mesh=mesh, **options) for options in ({}, {"memory": 1e6, "checkpoint": sys.argv[1]})]
+names = ("values", "plain_errors", "errors")
+np.savez(sys.argv[2], **{f"{name}{i}": getattr(fit, name) for name in names for i, fit in enumerate(fits)})
+"""
 
 
-def given() -> tuple[ds.Scene, list[ds.View]]:
+def given(size: int) -> tuple[ds.Scene, list[ds.View]]:
     """A ball under lights stated 2 degrees off."""
     random, towards = np.random.default_rng(0), lights_about(COUNT)
+    camera = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(size, size), height=2.2, local_viewer=False)
     ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
     true = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
-    images = [np.asarray(ds.render(true, CAMERA, lit=i)) for i in range(COUNT)]
-    views = [ds.View(i + 0.02 * random.standard_normal(i.shape), CAMERA, lit=k) for k, i in enumerate(images)]
+    images = [np.asarray(ds.render(true, camera, lit=i)) for i in range(COUNT)]
+    views = [ds.View(i + 0.02 * random.standard_normal(i.shape), camera, lit=k) for k, i in enumerate(images)]
     stated = towards + np.deg2rad(2.0) * random.standard_normal(towards.shape)
     return ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated]), views
 
 
-def fitted(**options: Any) -> ds.Fit:
-    return ds.fit(*given(), free=FREE, light_error=2.0, **options)
+def fitted(size: int = 32, **options: Any) -> ds.Fit:
+    return ds.fit(*given(size), free=FREE, light_error=2.0, **options)
 
 
 def same(one: Any, other: Any, rtol: float) -> None:
@@ -56,16 +72,14 @@ def dense(by_blocks):
         patch.setattr(rendered, "shown_unknowns", lambda *_: None)
         patch.setattr(sensitivities, "shown_unknowns", lambda *_: None)
         fit = fitted()
-        yield (
-            fit,
-            {
-                "ambient": ds.sensitivity(by_blocks, "ambient"),
-                "intensity": ds.sensitivity(by_blocks, "intensity"),
-                "image": ds.image_sensitivity(by_blocks, 3),
-                "plan": ds.plan(fit, SHOTS),
-                "examine": ds.examine(fit),
-            },
-        )
+        found = {
+            "ambient": ds.sensitivity(by_blocks, "ambient"),
+            "intensity": ds.sensitivity(by_blocks, "intensity"),
+            "image": ds.image_sensitivity(by_blocks, 3),
+            "plan": ds.plan(fit, SHOTS),
+            "examine": ds.examine(fit),
+        }
+    return fit, found  # what is compared with them is found without the patches
 
 
 def test_values_and_errors_are_those_of_dense_matrices(by_blocks, dense):
@@ -93,8 +107,40 @@ def test_plans_and_intervals_are_those_of_dense_matrices(by_blocks, dense):
 
 @pytest.mark.parametrize("road", ["tiles", "devices"])
 def test_by_tiles_and_over_devices_the_fit_is_that_in_memory(by_blocks, road):
-    options = {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
+    options: dict[str, Any] = (
+        {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
+    )
     found = fitted(**options)
     assert laid_bytes(found.scene, found.views) > 4e5  # so that less memory makes tiles
     for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
         same(getattr(found, name), getattr(by_blocks, name), rtol)
+
+
+def test_on_eight_devices_each_with_a_part_of_a_view_the_fit_is_that_in_memory(tmp_path):
+    flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=8", "PYTHONPATH": f"{ROOT}", "JAX_ENABLE_X64": "1"}
+    command = [sys.executable, "-W", "error", "-c", ON_EIGHT, tmp_path / "checkpoint", tmp_path / "out.npz"]
+    done = subprocess.run(command, env={**os.environ, **flags}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    in_memory = fitted(96)
+    with np.load(tmp_path / "out.npz") as file:
+        for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
+            for i in range(2):
+                same(file[f"{name}{i}"], getattr(in_memory, name), rtol)
+
+
+def test_an_examination_passes_over_all_views_as_often_with_twice_the_views(monkeypatch):
+    calls, minimise = [], LaidOutFit.minimise
+
+    def counted(self: Any, *of: Any, **options: Any) -> Any:
+        calls.append(1)
+        return minimise(self, *of, **options)
+
+    monkeypatch.setattr(LaidOutFit, "minimise", counted)
+    numbers = []
+    for count in (10, 20):
+        monkeypatch.setattr(sys.modules[__name__], "COUNT", count)
+        fit = fitted()
+        calls.clear()
+        ds.examine(fit)
+        numbers.append(len(calls))
+    assert numbers[1] <= numbers[0] + 12

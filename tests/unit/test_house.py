@@ -37,6 +37,7 @@ LAYERS = (
     "inverse.problem inverse.laid_out_problem inverse.starting",
     "inverse.result inverse.summary",
     "inverse.running inverse.laid_out_fit",
+    "inverse.own_views",
     "inverse.verdicts",
     "inverse.fitting",
     "inverse.fit_functions",

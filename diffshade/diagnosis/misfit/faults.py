@@ -84,7 +84,7 @@ def linearised(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> Linea
     measured = end.base > 0
     noise, bend = ((of[measured] / end.base[measured]).sum() for of in (end.slope**2, end.weight))
     rows = Rows(
-        end.change[inside],
+        end.jacobian,
         end.slope,
         end.weight,
         _pixels(fit, samples),
@@ -93,7 +93,7 @@ def linearised(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> Linea
         float(noise / bend),
         None if fit.evidence.waves is None else sawtooth(fit.rounding, samples.view, end.predicted, end.base),
     )
-    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.change[p:], moves)]
+    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.along, moves)]
     return Linearised(laid_samples, rows, inside, int(measured.sum()), directions)
 
 

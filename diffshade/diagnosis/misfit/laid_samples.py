@@ -8,17 +8,19 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
 from ...inverse.data.views import channels
-from ...inverse.forward.gram import Gram
+from ...inverse.forward.gram import Gram, directions_of
 from ...inverse.forward.interface import AbstractForwardModel
 from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.laid_out_problem import prior_gram
 from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
 from ...inverse.statistics.uncertainty import Vector, inverse
+from ...inverse.unknowns.visibility import shown_unknowns
+from .jacobian import Jacobian
 
 STEPS = 8  # Gauss-Newton steps
 REDUCTIONS = 3  # the most reductions of a step that does not lower the cost
@@ -37,9 +39,9 @@ class Samples:
 
     def of(self, images: Sequence[np.ndarray]) -> Float[np.ndarray, " n"]:
         """Return the samples of images (h, w, c), one for each view."""
-        found = np.zeros(len(self.view))
+        found, first = np.zeros(len(self.view)), np.searchsorted(self.view, np.arange(len(images) + 1))
         for i, image in enumerate(images):
-            here = self.view == i
+            here = slice(first[i], first[i + 1])
             found[here] = image.reshape(-1, image.shape[2])[self.pixel[here], self.channel[here]]
         return found
 
@@ -49,8 +51,10 @@ class Changes:
     """The predictions for some parameters and their derivatives, in the order of `Samples`."""
 
     predicted: Float[np.ndarray, " n"]
-    change: Float[np.ndarray, "t n"]
-    """The derivatives by each unknown of the fit, and along each direction."""
+    jacobian: Jacobian
+    """The derivatives by the unknowns of the fit that are not at a bound."""
+    along: Float[np.ndarray, "k n"]
+    """The derivatives along each direction."""
     slope: Float[np.ndarray, " n"]
     """The derivative of the cost by the prediction."""
     weight: Float[np.ndarray, " n"]
@@ -74,11 +78,14 @@ class LaidSamples:
     """A fit laid out with parameters added to its own unknowns. Runs in float64."""
 
     def __init__(self, laid: LaidOutFit, along: Float[np.ndarray, "k p"]):
-        """Find the pixel of each sample; `along`: directions of the parameters, after each unknown of the fit."""
-        self.tangents = np.concatenate([np.eye(len(laid.fit.unknowns), len(laid.theta)), along])
-        self.laid, self.own = laid, len(laid.fit.unknowns)
-        self.inside = np.flatnonzero(~laid.fit.at_bound)
-        self.used = [channels(view) for view in laid.fit.views]
+        """Find the pixel of each sample; `along`: directions of the parameters."""
+        fit, own, p = laid.fit, len(laid.fit.unknowns), len(laid.theta)
+        self.laid, self.along = laid, along
+        self.inside = np.flatnonzero(~fit.at_bound)
+        shown = shown_unknowns(fit.scene, fit.views, fit.unknowns)
+        shown = np.tile(np.arange(own), (len(fit.views), 1)) if shown is None else shown
+        self.shown = np.where(shown < own, shown, p)
+        self.used = [channels(view) for view in fit.views]
         places = [
             np.stack(np.broadcast_arrays(part.view, part.pixels[None], np.arange(self.used[part.view])[:, None]))
             for part in laid.parts
@@ -91,14 +98,20 @@ class LaidSamples:
         found: list[list[np.ndarray]] = []
         cost = 0.0
         for chunk, parts in zip(self.laid.chunks, in_chunks(self.laid.parts), strict=True):
-            *of_chunk, costs = _changes(jnp.asarray(theta), jnp.asarray(self.tangents), self.laid.model, chunk)
+            *of_chunk, costs = _changes(jnp.asarray(theta), self.shown, self.along, self.laid.model, chunk)
             arrays = [np.asarray(of) for of in of_chunk]
             cost += float(np.sum(np.asarray(costs)))
             for b, part in enumerate(parts):
                 n, used = len(part.pixels), self.used[part.view]
                 found.append([of[b][..., :used, :n].reshape(*of[b].shape[:-2], used * n) for of in arrays])
-        predicted, change, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
-        return Changes(predicted, change, slope, weight, base, cost)
+        predicted, rows, along, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
+        first = np.searchsorted(self.view, np.arange(len(self.shown) + 1))
+        jacobian = Jacobian(rows, self.shown, first, len(self.laid.theta)).of(self._is_inside)
+        return Changes(predicted, jacobian, along, slope, weight, base, cost)
+
+    @property
+    def _is_inside(self) -> Bool[np.ndarray, " p"]:
+        return np.isin(np.arange(len(self.laid.theta)), self.inside)
 
     def known(self, theta: Vector) -> Gram:
         """Return the Gram matrix of the priors."""
@@ -108,18 +121,20 @@ class LaidSamples:
         """Return the minimum along some of the directions and over the unknowns, by Gauss-Newton steps."""
         box, q = self.laid.problem.box, len(self.inside)
         lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-        which = np.concatenate([self.inside, self.own + np.asarray(along, int)])
+        directions = self.along[list(along)]
         theta, amount = np.array(self.laid.theta), np.zeros(len(along))
         now = self.at(theta)
         first = cost = self._cost(now, theta)
         for _ in range(STEPS):
-            known, J = self.known(theta), now.change[which]
-            H, g = (J * now.weight) @ J.T, J @ now.slope
+            known, J = self.known(theta), now.jacobian.beside(now.along[list(along)])
+            H, g = J.gram(now.weight), J.times(now.slope[None])[0]
             H[:q, :q] += np.asarray(known.hessian)[np.ix_(self.inside, self.inside)]
             g[:q] += np.asarray(known.gradient)[self.inside]
             step = -inverse(H) @ g
             for _ in range(REDUCTIONS):
-                there = np.clip(theta + step @ self.tangents[which], lower, upper)
+                there = theta + step[q:] @ directions
+                there[self.inside] += step[:q]
+                there = np.clip(there, lower, upper)
                 then = self.at(there)
                 less = self._cost(then, there)
                 if less < cost:
@@ -137,10 +152,11 @@ class LaidSamples:
 
 
 @jax.jit
-def _changes(theta: Array, tangents: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
-    """Return a chunk's predictions, their changes along tangents, the cost's slopes and curvatures, weights and costs.
+def _changes(theta: Array, shown: Array, along: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, ...]:
+    """Return a chunk's predictions, their changes, the cost's slopes and curvatures, weights and costs.
 
-    The weight of a clipped sample, which was not measured, is 0.
+    The changes are those by the unknowns that each view shows, and those along directions. The weight of a clipped
+    sample, which was not measured, is 0.
     """
 
     def of_block(block: Block) -> tuple[Array, ...]:
@@ -149,6 +165,7 @@ def _changes(theta: Array, tangents: Array, model: AbstractForwardModel, chunk: 
         weight = model.sample_weights(block)
         terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
         measured, cost = model.measured_weights(block), jnp.sum(terms.cost)
-        return m, jax.vmap(derivative)(tangents), terms.slope, terms.curvature, measured, cost
+        each = directions_of(shown, block.view, len(theta))[1]
+        return m, jax.vmap(derivative)(each), jax.vmap(derivative)(along), terms.slope, terms.curvature, measured, cost
 
     return jax.lax.map(of_block, chunk)

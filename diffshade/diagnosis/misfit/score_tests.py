@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from scipy import special
 
 from ...inverse.statistics.uncertainty import Matrix, Vector, inverse
+from .jacobian import Jacobian
 
 LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
 
@@ -24,7 +25,7 @@ LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault
 class Rows:
     """The samples of a fit as a linear problem at its minimum, a row each; a clipped sample may have weight 0."""
 
-    jacobian: Float[np.ndarray, "p n"]
+    jacobian: Jacobian
     slope: Float[np.ndarray, " n"]
     """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
     weight: Float[np.ndarray, " n"]
@@ -58,21 +59,19 @@ class ScoreTests:
 
     def __init__(self, rows: Rows, named: Sequence[Float[np.ndarray, "k n"]] = ()):
         """Prepare tests; `named` are directions of faults already found, which count as unknowns."""
-        self.rows, self.count = rows, len(rows.jacobian)
-        self.jacobian = np.concatenate([rows.jacobian, *named]) if named else rows.jacobian
-        p, more = len(self.jacobian), len(self.jacobian) - self.count
-        known = np.zeros((p, p))
-        known[: self.count, : self.count] = rows.known_hessian
-        hessian = (self.jacobian * rows.weight) @ self.jacobian.T + known
-        self.gradient = self.jacobian @ rows.slope + np.concatenate([rows.known_gradient, np.zeros(more)])
+        self.rows, self.count = rows, rows.jacobian.p
+        self.jacobian = rows.jacobian.beside(np.concatenate(named)) if named else rows.jacobian
+        hessian, self.gradient = self.jacobian.gram(rows.weight), self.jacobian.times(rows.slope[None])[0]
+        hessian[: self.count, : self.count] += rows.known_hessian
+        self.gradient[: self.count] += rows.known_gradient
         self.inverse = inverse(hessian)
 
     def test(self, direction: Float[np.ndarray, "k n"]) -> Score | None:
         """Test a fault along one direction or several; None if the unknowns can imitate it."""
         rows = self.rows
         weighed = direction * rows.weight
-        to_unknowns = weighed @ self.jacobian.T @ self.inverse
-        beyond = direction - to_unknowns @ self.jacobian
+        to_unknowns = self.jacobian.times(weighed) @ self.inverse
+        beyond = direction - self.jacobian.moved(to_unknowns)
         information = weighed @ beyond.T
         information = 0.5 * (information + information.T)
         whole = np.sum(weighed * direction, 1)

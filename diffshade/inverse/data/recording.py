@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -11,7 +12,7 @@ from jaxtyping import Float
 
 from ...core.backend import in_float64
 from ...io.lazy_images import LazyImage
-from ...model.rendering import render
+from ...model.rendering import render, select
 from ...model.scenes import Scene
 from .sensors import Sensor, falloff, linear_level
 from .views import Image, View, channels, colours, has_alpha, is_grey
@@ -19,7 +20,9 @@ from .views import Image, View, channels, colours, has_alpha, is_grey
 
 def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
     """Return what a view's photograph of a scene would be, unclipped, in its channels."""
-    return record(np.asarray(render(scene, view.camera, lit=view.lit)), view)
+    if view.lit is not None:  # first: of hundreds of lights a view has one
+        scene = dataclasses.replace(scene, lights=select(scene, view.lit))
+    return record(np.asarray(render(scene, view.camera)), view)
 
 
 def record(radiance: Float[np.ndarray, "h w 3"], view: View) -> Float[np.ndarray, "h w c"]:

@@ -81,7 +81,7 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
     that another mask seldom needs another program. Between these a block is chosen by the size of a view, up to half as
     large again, so that little of it is padded.
     """
-    mean, most = sum(pixels) / len(pixels), BLOCK // places
+    mean, most = max(sum(pixels) / len(pixels), 1.0), BLOCK // places
     if mean > LARGE * most:
         return most
     if sum(pixels) <= MANY:

@@ -184,7 +184,7 @@ def _advance(
     return theta, state, state.done | failed, failed
 
 
-def _solver(box: Box, squares: Any, *, projects: bool, rtol: float, damping: float = FAR) -> GramLevenbergMarquardt:
+def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
@@ -197,28 +197,34 @@ def _solver(box: Box, squares: Any, *, projects: bool, rtol: float, damping: flo
 
 
 def minimum_in_jax(
-    theta: Array, evaluate_at: Callable[[Array], Point], box: Box, squares: Array, *, projects: bool, max_steps: int
+    theta: Array,
+    evaluate_at: Callable[[Array], Point],
+    box: Box,
+    squares: Array,
+    *,
+    projects: bool,
+    max_steps: int,
+    rtol: Any = 1e-14,
 ) -> tuple[Array, Array, Array]:
     """Return the minimum, its cost and whether the solver converged, as one pure JAX function.
 
     It takes the steps of `minimise`, which runs its passes on all cores and cannot be traced.
     """
-    solver = _solver(box, squares, projects=projects, rtol=1e-14)
+    solver = _solver(box, squares, projects=projects, rtol=rtol)
 
     def step(carry: tuple) -> tuple:
-        theta, state, point = carry
-        theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
-        return theta, state, evaluate_at(state.y_eval)
+        theta, state = carry
+        theta, state, _ = solver.step(_given, theta, evaluate_at(state.y_eval), {}, state, frozenset())
+        return theta, state
 
     def goes_on(carry: tuple) -> Array:
         state = carry[1]
         return ~state.done & (state.result == optx.RESULTS.successful) & (state.steps < max_steps)
 
-    point = evaluate_at(theta)
-    f_struct, aux_struct = jax.eval_shape(_given, theta, point)
-    state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
+    f_struct, point = jax.eval_shape(lambda theta: _given(theta, evaluate_at(theta)), theta)
+    state = solver.init(_given, theta, point, {}, f_struct, point, frozenset())
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
-    theta, state, _ = jax.lax.while_loop(goes_on, step, (theta, state, point))
+    _, state = jax.lax.while_loop(goes_on, step, (theta, state))
     return state.point.theta, state.point.total.cost, state.done & (state.result == optx.RESULTS.successful)
 
 

@@ -6,6 +6,7 @@ views then have the shape of an arrow: a border that all views share, and a smal
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Sequence
 
@@ -113,6 +114,45 @@ def seeds_of_bands(
     seeds = np.zeros((index.shape[1], p + 1))
     seeds[np.arange(index.shape[1]), index] = 1.0
     return seeds[:, :p], index
+
+
+def part_of(
+    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], some: Sequence[int], members: Sequence[int]
+) -> tuple[Scene, tuple[View, ...], list[Unknown]]:
+    """Return some of the views with the lights alone that are on in them, and some unknowns at their places there.
+
+    Args:
+        scene: The scene.
+        views: All views.
+        unknowns: All unknowns.
+        some: The indices of the views.
+        members: Those of the unknowns; all that these views show are among them.
+    """
+    on = sorted({i for v in some for i in lights_on(scene, views[v])})
+    number = {"lights": {i: k for k, i in enumerate(on)}, "views": {v: k for k, v in enumerate(some)}}
+
+    def there(path: str) -> str | None:
+        head, *rest = path.split(".")
+        if head not in number:
+            return path
+        k = number[head].get(int(rest[0]))
+        return None if k is None else ".".join([head, str(k), *rest[1:]])
+
+    def of(unknown: Unknown) -> Unknown:
+        places = [(path, channel) for old, channel in unknown.places if (path := there(old)) is not None]
+        products = [
+            dataclasses.replace(x, path=path, other=None if x.other is None else list(members).index(x.other))
+            for x in unknown.products
+            if (path := there(x.path)) is not None
+        ]
+        return dataclasses.replace(unknown, places=places, products=products)
+
+    lit = [tuple(number["lights"][i] for i in lights_on(scene, views[v])) for v in some]
+    return (
+        dataclasses.replace(scene, lights=[scene.lights[i] for i in on]),
+        tuple(dataclasses.replace(views[v], lit=of_view) for v, of_view in zip(some, lit, strict=True)),
+        [of(unknowns[j]) for j in members],
+    )
 
 
 def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Arrow | None:

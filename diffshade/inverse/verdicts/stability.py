@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -16,7 +16,9 @@ from ...model.materials import Material
 from ...model.rendering import render
 from ...model.scenes import Scene
 from ..data.views import View, lights_on
+from ..forward.gram import Point
 from ..laid_out_fit import LaidOutFit, Masks, refit, samples_of
+from ..own_views import OthersAsQuadratics
 from ..result import Fit
 from ..running import samples_for
 from ..statistics.clusters import Clusters
@@ -26,6 +28,7 @@ from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
 ERRORS = 3.0
+CLEARLY = 1.5  # by how much a rise by an unknown's own views must differ from the one that counts
 SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
@@ -197,16 +200,54 @@ def moved(
     held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
     there = coordinates(again.values, fit.unknowns)
 
-    def cost(held: dict[int, float], *begins: Vector) -> float:
-        ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8) for theta in begins]
-        return min(float(end.point.total.cost) for end in ends)
+    def lowest(held: dict[int, float], *begins: Vector) -> Point:
+        ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8).point for theta in begins]
+        return min(ends, key=lambda end: float(end.total.cost))
 
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
-    best = cost(held, there, laid.theta)
-    for j in suspects:
-        rise = cost({**held, int(j): float(laid.theta[j])}, laid.theta, there) - best
-        found[j] = 2.0 * rise > ERRORS**2 * rises[j]
+    best = lowest(held, there, laid.theta)
+    alone = _contradicted_by_own_views(laid, best, held, suspects.tolist(), there, ERRORS**2 * rises)
+    for j in suspects.tolist():
+        if j in alone:
+            found[j] = alone[j]
+            continue
+        end = lowest({**held, j: float(laid.theta[j])}, laid.theta, there)
+        found[j] = 2.0 * float(end.total.cost - best.total.cost) > ERRORS**2 * rises[j]
+    return found
+
+
+def _contradicted_by_own_views(
+    laid: LaidOutFit,
+    best: Point,
+    held: Mapping[int, float],
+    suspects: Sequence[int],
+    there: Vector,
+    least: Vector,
+) -> dict[int, bool]:
+    """Return whether the views that show an unknown contradict its old value, where they say so clearly.
+
+    All other views count to second order, so that the time for each unknown does not grow with the views.
+
+    Args:
+        laid: The fit on the pixels that are kept.
+        best: Its minimum.
+        held: Unknowns that are held, and where.
+        suspects: The unknowns to be held at their old values.
+        there: Where a refit ended.
+        least: By how much twice the cost must rise for each unknown.
+    """
+    found: dict[int, bool] = {}
+    if laid.problem.box.arrow is None:
+        return found
+    others = OthersAsQuadratics(laid, best, held)
+    for b, members in others.blocks(suspects).items():
+        own = others.of(b)
+        for j in members:
+            begins, exact = (laid.theta, there), 1e-3 * float(least[j])
+            rise = 2.0 * min(own.rise(j, float(laid.theta[j]), begin, exact)[0] for begin in begins)
+            if not least[j] / CLEARLY < rise < CLEARLY * least[j]:
+                found[j] = rise > least[j]
     return found
 
 

@@ -1,0 +1,116 @@
+"""Own views: an unknown of one block held elsewhere costs what it costs all views, in a time of its own views."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+
+import diffshade as ds
+from diffshade.diagnosis import intervals as module
+from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.patches import find_clusters
+from diffshade.inverse.laid_out_fit import LaidOutFit
+from diffshade.inverse.own_views import OwnViews
+from diffshade.inverse.unknowns.unknown import Product, Unknown
+from diffshade.inverse.unknowns.visibility import part_of
+from tests.support.textured import lights_about
+
+CAMERA = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(20, 20), height=2.2, local_viewer=False)
+LEVELS = (0.68, 0.95)
+
+
+@cache
+def fitted(count: int = 8, loss: str = "squares") -> ds.Fit:
+    """A fit of a ball under lights stated 2 degrees off, with the lights' directions."""
+    random, towards = np.random.default_rng(0), lights_about(count)
+    ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
+    true = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
+    images = [np.asarray(ds.render(true, CAMERA, lit=i)) for i in range(count)]
+    views = [ds.View(i + 0.02 * random.standard_normal(i.shape), CAMERA, lit=k) for k, i in enumerate(images)]
+    stated = towards + np.deg2rad(2.0) * random.standard_normal(towards.shape)
+    scene = ds.Scene(ball, [ds.DirectionalLight(-l) for l in stated])
+    return ds.fit(scene, views, free=("k_d", "k_s", "n_s", "direction"), light_error=2.0, loss=loss)
+
+
+def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, Profile]:
+    with jax.enable_x64(True):
+        profile = Profile(fit, find_clusters(fit))
+        if not alone:
+            profile.others = None
+        return intervals(profile, LEVELS), profile
+
+
+@pytest.mark.parametrize("loss", ["squares", pytest.param("cauchy", marks=pytest.mark.thorough)])
+def test_intervals_by_own_views_are_those_by_all_views(loss, monkeypatch):
+    monkeypatch.setattr(module, "ACCURATE", 1e-7)
+    monkeypatch.setattr(module, "CLOSE", 1e-5)
+    fit = fitted(8, loss)
+    by_own, profile = found(fit)
+    by_all, _ = found(fit, alone=False)
+    reach = np.abs(by_all - fit.values[:, None]).max((0, 2))
+    assert np.all(np.abs(by_own - by_all).max((0, 2)) < 1e-4 * reach)
+    np.testing.assert_allclose(by_own, by_all, rtol=1e-6 if loss == "squares" else 3e-6)
+    assert profile.others is not None
+    assert all(len(points) >= 4 for points in profile.evaluated)
+
+
+def test_passes_over_all_views_do_not_become_more_with_the_views(monkeypatch):
+    calls = dict.fromkeys(("all", "own"), 0)
+    whole, own = LaidOutFit.minimise, OwnViews.rise
+
+    def counted(name, method):
+        def call(*of, **options):
+            calls[name] += 1
+            return method(*of, **options)
+
+        return call
+
+    monkeypatch.setattr(LaidOutFit, "minimise", counted("all", whole))
+    monkeypatch.setattr(OwnViews, "rise", counted("own", own))
+    numbers = []
+    for count in (8, 16):
+        fit = fitted(count)
+        calls.update({"all": 0, "own": 0})
+        found(fit)
+        numbers.append(dict(calls))
+    few, many = numbers
+    assert many["all"] <= few["all"] + 8
+    assert many["own"] <= 2.3 * few["own"]
+
+
+def test_where_own_views_say_something_else_all_views_are_asked(monkeypatch):
+    fit = fitted()
+    monkeypatch.setattr(OwnViews, "rise", lambda self, j, t, start, least: (1e3 * least, 0.0))
+    by_all, _ = found(fit, alone=False)
+    np.testing.assert_allclose(found(fit)[0], by_all, rtol=1e-12)
+    monkeypatch.setattr(module, "ALIKE", 0)
+    assert np.abs(found(fit)[0] - by_all).max() > 1e-4
+
+
+def test_a_part_of_a_scene_has_its_unknowns_at_their_places():
+    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((k, 0.0, -1.0)) for k in range(3)])
+    image = np.ones((20, 20, 3))
+    views = [ds.View(image, CAMERA, lit=(0, 1)), ds.View(image, CAMERA, lit=2), ds.View(image, CAMERA, lit=(2, 1))]
+    unknowns = [
+        Unknown("k_d", "k_d", 0.0, 1.0, 0.5, places=[("objects.0.material.k_d", 0)]),
+        Unknown("x", "x", 0.0, 1.0, 0.5, places=[("lights.0.direction", 0), ("lights.2.direction", 1)]),
+        Unknown("shared", "shared", 0.0, 1.0, 0.5, places=[("views.0.exposure", 0), ("views.2.exposure", 0)]),
+        Unknown(
+            "y",
+            "y",
+            0.0,
+            1.0,
+            0.5,
+            products=[Product("lights.1.intensity", 0, 2.0, 1), Product("lights.0.intensity", 0, 3.0)],
+        ),
+    ]
+    part, taken, of = part_of(scene, views, unknowns, [2], [1, 2, 3])
+    assert [scene.lights.index(light) for light in part.lights] == [1, 2]
+    assert [view.lit for view in taken] == [(1, 0)]
+    assert [u.places for u in of] == [[("lights.1.direction", 1)], [("views.0.exposure", 0)], []]
+    assert [dataclasses.astuple(x)[:4] for x in of[2].products] == [("lights.0.intensity", 0, 2.0, 0)]
+    assert unknowns[1].places[0] == ("lights.0.direction", 0)
