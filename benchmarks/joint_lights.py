@@ -1,6 +1,6 @@
 """Fit the directions of all lights with the material: time by the number of views, beside known lights and Ceres.
 
-A ball of 64 x 64 pixels under one distant light in each view, stated 2 degrees off about each axis, noise of .5 %.
+A ball under one distant light in each view, stated 2 degrees off about each axis, noise of .5 %.
 Ceres (through pyceres) minimises the same sum of squares by `DENSE_SCHUR`, its solver for such problems, with the
 residuals and the exact Jacobian of each view once by a loop that numba compiles, on all cores, and once in NumPy, as a
 user may write them; it is given the normals of every pixel and a start, and gives no error bars. `ds.fit` is the whole
@@ -27,7 +27,7 @@ from timing import medians, take_turns
 import diffshade as ds
 
 MATERIAL = ("k_d", "k_s", "n_s")
-DEGREES, NOISE, SIZE = 2.0, 0.005, 64
+DEGREES, NOISE, SIZE = 2.0, 0.005, 64  # SIZE: pixels along a side, where no other is asked for
 START = np.array([0.3] * 6 + [np.log(10.0)])
 
 
@@ -38,10 +38,10 @@ def towards_lights(count: int) -> np.ndarray:
     return np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
 
 
-def make(count: int) -> tuple[ds.Scene, list[ds.View], np.ndarray]:
+def make(count: int, size: int = SIZE) -> tuple[ds.Scene, list[ds.View], np.ndarray]:
     """Return the scene with its lights as stated, the photographs, and the true directions to the lights."""
     random, towards = np.random.default_rng(0), towards_lights(count)
-    camera = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(SIZE, SIZE), height=2.2, local_viewer=False)
+    camera = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(size, size), height=2.2, local_viewer=False)
     ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
     true = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
     views = []
@@ -218,6 +218,7 @@ def main() -> None:
     """Print the times by the number of views, and how far the directions are from the truth and from Ceres'."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", nargs="+", type=int, default=(12, 24, 48, 96, 192), help="(default: %(default)s)")
+    parser.add_argument("--size", type=int, default=SIZE, help="pixels along a side of a view (default: %(default)s)")
     parser.add_argument("--rounds", type=int, default=3, help="rounds, whose median counts (default: %(default)s)")
     parser.add_argument("--cpu", action="store_true", help="processor time, which others' load hardly changes")
     arguments = parser.parse_args()
@@ -235,7 +236,7 @@ def main() -> None:
     )
     times = []
     for count in arguments.views:
-        scene, views, towards = make(count)
+        scene, views, towards = make(count, arguments.size)
 
         def free(scene: ds.Scene = scene, views: list[ds.View] = views) -> ds.Fit:
             return ds.fit(scene, views, free=(*MATERIAL, "direction"), light_error=DEGREES)
