@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
+from ..core.barriers import computed_once
 from ..core.fields import Array
 from .cameras import Projection, Rays
 from .lobes import Coefficients
@@ -44,10 +45,13 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
     if covered:
         hits = [eqx.tree_at(lambda hit: hit.inside, hits[0], jnp.ones_like(hits[0].inside))]
     seen = nearest(objects, hits)
-    reflected, k = reflected_light(scene, hits, seen, projection)
     clear = sum(item.material.k_t is not None for item in objects)
+    if clear:
+        hits, seen = computed_once((hits, seen))
+    reflected, k = reflected_light(scene, hits, seen, projection)
     if not clear:
         return reflected if covered else where(_any(seen), reflected, Vec3.of(scene.background))
+    reflected, k = computed_once((reflected, k))
     one = jnp.ones_like(rays.direction.x)
     never = jnp.zeros(one.shape, bool)
     level = Level(straight(rays), Vec3(one, one, one), (never,) * len(objects))
@@ -55,13 +59,13 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
 
     def meet(carry: tuple[Vec3, Level], _: None) -> tuple[tuple[Vec3, Level], None]:
         image, level = carry
-        inner = [item.surface.intersect(level.way.inner) for item in objects]
-        outer = [item.surface.intersect(level.way.outer) for item in objects]
+        inner = computed_once([item.surface.intersect(level.way.inner) for item in objects])
+        outer = computed_once([item.surface.intersect(level.way.outer) for item in objects])
         ends = [_end(item.surface, level.way.length) for item in objects]
         within = [hit.inside & (hit.distance < end) for hit, end in zip(inner, ends, strict=True)]
         hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
-        seen = nearest(objects, hits)
-        reflected, k = reflected_light(scene, hits, seen, projection)
+        hits, seen = computed_once((hits, nearest(objects, hits)))
+        reflected, k = computed_once(reflected_light(scene, hits, seen, projection))
         more, level = _pass(objects, level, outer, within, seen, reflected, k)
         return (image + more, level), None
 

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from ..core.barriers import computed_once
 from ..core.fields import Array
 from .cameras import Rays
 from .surfaces import AbstractSolid, Hit
@@ -32,14 +33,14 @@ def bend(solid: AbstractSolid, rays: Rays, hit: Hit, eta: Float[Array, "..."]) -
     the ratio invert. Outside is air. There is no way if the ray is totally reflected on entering or leaving. A ray that
     starts inside the solid only leaves it.
     """
-    far = solid.leave(rays)
-    enters = ~solid.holds(rays)
-    T, enters_at_all = refract(-rays.direction, hit.n, 1.0 / eta)
+    far, enters = computed_once((solid.leave(rays), ~solid.holds(rays)))
+    T, enters_at_all = computed_once(refract(-rays.direction, hit.n, 1.0 / eta))
     assert hit.p is not None
     inside = Rays(hit.p, T)
-    exit_ = solid.leave(inside)
+    exit_ = computed_once(solid.leave(inside))
     inner = where(enters, inside, rays)
     p, n = where(enters, (exit_.p, exit_.n), (far.p, far.n))
     assert p is not None
-    out, leaves = refract(-inner.direction, -n, eta)
+    inner, p, n = computed_once((inner, p, n))
+    out, leaves = computed_once(refract(-inner.direction, -n, eta))
     return Way(inner, jnp.where(enters, exit_.distance, far.distance), Rays(p, out)), (enters_at_all | ~enters) & leaves
