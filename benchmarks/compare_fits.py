@@ -140,13 +140,14 @@ def _solve(made) -> Callable:
     samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
 
     fit = fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
-    part, everything = fit.chunks(PART), fit.chunks()
+    parts = fit.pieces(PART, fit.size_for(PART))
+    part, everything = fit.lay_out(parts, fit.size_for(PART)), fit.chunks()
 
     def report_progress(words: str, share: float | None = None) -> None:
         pass
 
     def solve() -> np.ndarray:
-        start = find_start(fit, part, from_scene=False, report_progress=report_progress)
+        start = find_start(fit, parts, part, from_scene=False, report_progress=report_progress)
         squares = start.squares * max(counts.pixels / PART, 1.0)
         return LaidOutProblem(fit, start, everything, squares).minimise(report_progress).theta
 

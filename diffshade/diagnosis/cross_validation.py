@@ -98,8 +98,8 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
     problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
     chunks = problem.lay_out(folds.pieces, folds.size)  # weights by the photograph, the same for every model
     weighed = problem.reweigh(laid.theta, chunks)
-    gathered, fold = in_chunks(folds.pieces), {id(p): k for p, k in zip(folds.pieces, folds.fold, strict=True)}
-    of_block = [np.array([fold.get(id(p), -1) for p in of]) for of in gathered]  # -1 where a chunk is filled up
+    gathered, fold_of = in_chunks(folds.pieces), {id(p): k for p, k in zip(folds.pieces, folds.fold, strict=True)}
+    of_block = [np.array([fold_of.get(id(p), -1) for p in of]) for of in gathered]  # -1 where a chunk is filled up
     empty = laid.lay_out([p._replace(pixels=p.pixels[:0]) for p in gathered[0]], folds.size)[0]
     # Without its view, a view's own exposure is unknown.
     single_view = single_views(evaluate(laid.theta, laid.task, weighed).views.seen(len(laid.theta)))
@@ -112,7 +112,7 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
         others = [
             _without(chunk, empty, blocks == k) if (blocks == k).any() else chunk
             for chunk, blocks in zip(weighed, of_block, strict=True)
-            if (blocks != k).any()
+            if ((blocks != k) & (blocks >= 0)).any()
         ]
         end = laid.minimise(held, laid.theta, others)
         converged &= not end.message

@@ -19,9 +19,9 @@ from ..parallel.threads import on_all_cores
 
 CLOSE = 0.01  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
-ACCURATE = 1e-3  # of the rise for one error: what a minimisation may leave
+ACCURATE = 1e-3  # largest error of a minimisation, as a fraction of the rise for one error
 SAME = 1e-3  # relative; numbers of errors by an unknown's own views and by all views are alike within it
-ALIKE = 4  # unknowns one after another that are alike, after which the others are not compared
+ALIKE = 4  # consecutive agreements, after which the other unknowns are not compared
 FAR = 1e6  # errors; beyond this an interval has no end
 
 
@@ -81,7 +81,7 @@ class Profile:
             theta[which] += (t - theta[j]) * column / own
         return theta
 
-    def by_own_views(self, search: Callable[[int], None]) -> list[int]:
+    def by_own_views(self, search: Callable[[int], None], report_progress: ReportProgress) -> list[int]:
         """Search the unknowns that few views show, with all other views to second order; return these unknowns.
 
         This takes a time linear in the views, where all views for each unknown would take one that is quadratic.
@@ -89,7 +89,8 @@ class Profile:
         if self.others is None:
             return []
         blocks = self.others.blocks(range(len(self.fit.unknowns)))
-        for b, members in blocks.items():
+        for k, (b, members) in enumerate(blocks.items()):
+            report_progress("intervals of what few views show", k / len(blocks))
             self.alone = dict.fromkeys(members, self.others.of(b))
             on_all_cores(search, members)
         self.alone = {}
@@ -99,7 +100,7 @@ class Profile:
         """Yield the unknowns whose profiles by their own views differ from those by all views.
 
         They are compared where they were evaluated farthest away, in the order of what their moves of the border cost
-        other views, until so many one after another are alike.
+        other views, until `ALIKE` consecutive ones agree.
         """
         alike = 0
         for j in sorted(searched, key=lambda j: -self.of_others[j]):
@@ -166,8 +167,7 @@ def intervals(
     def search(j: int) -> None:
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
 
-    report_progress("intervals by the views that show an unknown")
-    by_own_views = profile.by_own_views(search)
+    by_own_views = profile.by_own_views(search, report_progress)
     remaining = np.setdiff1d(np.arange(p), by_own_views)
     for k, j in enumerate(remaining.tolist()):
         report_progress(f"interval of {profile.fit.names[j]}", k / len(remaining))

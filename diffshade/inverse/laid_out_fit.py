@@ -18,7 +18,7 @@ from .pixels.blocks import chunks as in_chunks
 from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
 from .running import run, samples_for
-from .solve.solvers import Minimum, PriorResiduals, Task, evaluate, minimise
+from .solve.solvers import Minimum, PriorResiduals, Task, minimise
 from .unknowns.unknown import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
@@ -98,10 +98,6 @@ class LaidOutFit:
             return eqx.tree_at(lambda c: c.observed.weight, chunk, chunk.observed.weight * kept)
 
         return [weigh(*of) for of in zip(self.chunks, in_chunks(self.parts), strict=True)]
-
-    def cost(self) -> float:
-        """Return the cost at the end of the fit, or, of a model that projects, at the best linear unknowns there."""
-        return float(evaluate(self.theta, self.task, self.chunks).total.cost)
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""

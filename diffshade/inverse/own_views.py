@@ -2,9 +2,8 @@
 
 The direction of a light matters to the few views that it is on in. When it is held elsewhere, its own views alone
 change much; the others follow through the border that all views share, such as the material, and that moves by a small
-part of its error. So they are put in place of themselves as the quadratic that their Grams make of the border, each
-block of theirs at its best (the Schur complement). A refit then takes the time of a block's own views, and one for each
-unknown takes a time linear in the views.
+part of its error. So all other views are replaced by a quadratic function of the border: the Schur complement of their
+Hessian. A refit then takes the time of a block's own views, and one for each unknown takes a time linear in the views.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ class PriorsAndOthers(PriorResiduals):
 
 
 class OthersAsQuadratics:
-    """For each block of a fit, what the views that do not show it say of the border, at a minimum. In float64."""
+    """For each block of a fit, the quadratic cost of the border from the views that do not show it. In float64."""
 
     def __init__(self, laid: LaidOutFit, end: Point, held: Mapping[int, float] | None = None):
         """Sum up the views at `end`; `held`: unknowns, and where they are held, in the solver's coordinates."""
@@ -132,8 +131,9 @@ class OwnViews:
         self.problem = problem.with_scale(float(likelihood.sigma), likelihood.loss).with_rounding(rounding)
         parts = pieces(samples, laid.size) or [Piece(0, samples[0], np.zeros(0, int))]
         laid_out = self.problem.lay_out(parts, laid.size)
-        self.chunks = tuple(self.problem.reweigh(laid.theta[self.index], laid_out))
-        self.squares = self.problem.sum_of_squares(self.chunks)
+        weighed = self.problem.reweigh(laid.theta[self.index], laid_out)
+        self.squares = self.problem.sum_of_squares(weighed)
+        self.chunk = jax.tree.map(lambda *of: jnp.concatenate(of), *weighed)  # one, so that the program is short
         self.theta, self.curvature = others.theta[self.index], others.curvature[block]
         known, f = self.problem.priors(fit.squares), len(others.border)
         self.priors = PriorsAndOthers(
@@ -150,7 +150,7 @@ class OwnViews:
         self.best, _ = self._minimise(self.held, self.theta, 1e-12)
 
     def rise(self, j: int, t: float, start: Vector, least: float) -> tuple[float, float]:
-        """Return by how much the cost rises where an unknown is held, and what of it a move of the border costs others.
+        """Return by how much the cost rises where an unknown is held, and how much of that the other views add.
 
         Args:
             j: The unknown.
@@ -170,7 +170,7 @@ class OwnViews:
             array[list(held)] = list(held.values())
         model = self.problem.model
         program = _minimum_unfused if model.transparent and jax.default_backend() == "cpu" else _minimum
-        found = program(self.structure, self.leaves, theta, lower, upper, self.chunks, self.squares, rtol)
+        found = program(self.structure, self.leaves, theta, lower, upper, self.chunk, self.squares, rtol)
         return float(found[1]), np.asarray(found[0])
 
 
@@ -180,7 +180,7 @@ def _minimise(
     theta: Array,
     lower: Array,
     upper: Array,
-    chunks: tuple[Block, ...],
+    chunk: Block,
     squares: Array,
     rtol: Array,
 ) -> tuple[Array, Array]:
@@ -188,8 +188,7 @@ def _minimise(
     box = dataclasses.replace(box, lower=lower, upper=upper)
 
     def at(theta: Array) -> Point:
-        summaries = [model.summary(theta, chunk) for chunk in chunks]
-        return point_of(theta, model, priors, box, jax.tree.map(lambda *of: sum(of), *summaries))
+        return point_of(theta, model, priors, box, model.summary(theta, chunk))
 
     found = minimum_in_jax(theta, at, box, squares, projects=model.projects, max_steps=MAX_STEPS, rtol=rtol)
     return found[0], found[1]

@@ -126,14 +126,13 @@ class FitProblem:
         follows = not self.noise_known and any(u.prior is not None for u in self.unknowns)
         return self.loss != "squares" or not self.homoscedastic or follows
 
-    def values(self, at_most: int) -> list[Float[np.ndarray, " _"]]:
-        """Return the samples of each view that are not clipped, of some pixels, evenly spread."""
-        samples = self.samples.part(at_most) if isinstance(self.samples, Tiles) else self.samples
-        found = [np.zeros(0)] * len(self.views)
-        for view, of_view, pixels in pieces(samples, at_most, at_most):
-            values = of_view.values(pixels)
-            found[view] = np.asarray(values[of_view.clipped(values) == 0], float)
-        return found
+    def values(self, parts: Sequence[Piece]) -> list[Float[np.ndarray, " _"]]:
+        """Return the samples of each view, in pieces of them, that are not clipped."""
+        found = [[np.zeros(0)] for _ in self.views]
+        for view, samples, pixels in parts:
+            values = samples.values(pixels)
+            found[view].append(values[samples.clipped(values) == 0])
+        return [np.concatenate(of) for of in found]
 
     def size_for(self, at_most: int | None) -> int:
         """Return how many pixels a block holds of so many evenly spread ones."""
@@ -142,9 +141,13 @@ class FitProblem:
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some, evenly spread; in blocks of another size where it is given."""
         size = size or self.size_for(at_most)
+        return self.lay_out(self.pieces(at_most, size), size)
+
+    def pieces(self, at_most: int | None, size: int) -> list[Piece]:
+        """Return the pieces of all pixels, or of some, evenly spread; tiles are read here."""
         if isinstance(self.samples, Tiles):
-            return self.lay_out(pieces(self.samples.part(at_most or self.counts.pixels), size), size)
-        return self.lay_out(pieces(self.samples, size, at_most), size)
+            return pieces(self.samples.part(at_most or self.counts.pixels), size)
+        return pieces(self.samples, size, at_most)
 
     def lay_out(self, parts: Sequence[Piece], size: int) -> list[Block]:
         """Return the chunks of pieces of at most so many pixels, a block a piece.
@@ -208,7 +211,7 @@ class FitProblem:
         return sum(sum_of_squares(self._weights, chunk) for chunk in chunks) or 1.0
 
     def squares_of_values(self, values: Sequence[Float[np.ndarray, " _"]]) -> float:
-        """Return that sum of the samples of each view; the noise of a view must be the same at every level."""
+        """Return the weighted sum of squares of the samples of each view, whose noise is the same at every level."""
         return float(self._weights @ [of @ of for of in values]) or 1.0
 
     @cached_property

@@ -67,9 +67,12 @@ def solve(
     def begin() -> list[np.ndarray]:
         numbers = Start.zeros(problem)
         if device_group is None or device_group.first:
+            size = problem.size_for(PART)
+            parts = problem.pieces(PART, size)
             if problem.counts.pixels <= PART or needs_part(problem, from_scene=from_scene):
-                part.extend(problem.chunks(PART))
-            numbers = find_start(problem, part, from_scene=from_scene, report_progress=report_progress).to_array()
+                part.extend(problem.lay_out(parts, size))
+            start = find_start(problem, parts, part, from_scene=from_scene, report_progress=report_progress)
+            numbers = start.to_array()
         return [numbers if device_group is None else device_group.from_first(numbers)]
 
     start = Start.from_array(kept.once("start", begin)[0], len(problem.views))

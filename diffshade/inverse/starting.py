@@ -19,7 +19,7 @@ from .forward.rendered import prepare
 from .forward.rounding import find_rounding
 from .forward.sums import residuals, variance_of_steps
 from .laid_out_problem import Start
-from .pixels.blocks import Block, total
+from .pixels.blocks import Block, Piece, total
 from .problem import MAX_STEPS, PART, FitProblem, Theta
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import from_broad_highlights
@@ -33,16 +33,24 @@ STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 
-def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, report_progress: ReportProgress) -> Start:
+def find_start(
+    problem: FitProblem,
+    parts: list[Piece],
+    part: list[Block],
+    *,
+    from_scene: bool,
+    report_progress: ReportProgress,
+) -> Start:
     """Search on a part of the pixels, `PART` of them at most, and settle weights, scale and steps there.
 
     Args:
         problem: What is to be fitted.
-        part: Chunks of that part; empty if nothing is to be searched for and nothing settled (`needs_part`).
+        parts: The pieces of that part, in blocks of `FitProblem.size_for` it.
+        part: Its chunks; empty if nothing is to be searched for and nothing settled (`needs_part`).
         from_scene: Whether to begin at the scene's values in place of a search.
         report_progress: Reports progress.
     """
-    values = problem.values(PART)
+    values = problem.values(parts)
     measured = on_all_cores(without_clipped, part) if problem.clips else part
     squares = problem.sum_of_squares(measured) if part else problem.squares_of_values(values)
     theta, near = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns), False
@@ -56,7 +64,7 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
     step_variance = 0.0
     if rounding.exists:
         model = settled.with_rounding(rounding).model
-        chunks = part or problem.chunks(PART)
+        chunks = part or problem.lay_out(parts, problem.size_for(PART))
         count, sum_ = total(on_all_cores(lambda chunk: variance_of_steps(model, chunk), chunks))
         step_variance = float(sum_ / max(count, 1.0))
     sigma = float(settled.model.likelihood.sigma)
@@ -65,7 +73,7 @@ def find_start(problem: FitProblem, part: list[Block], *, from_scene: bool, repo
 
 
 def needs_part(problem: FitProblem, *, from_scene: bool) -> bool:
-    """Whether a start is found on laid-out pixels, where their samples alone do not tell it."""
+    """Whether finding the start needs laid-out pixels: for a search, or for a scale to settle."""
     return not from_scene or problem.settles
 
 

@@ -83,7 +83,9 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         unknowns = find_unknowns(scene, views, ("k_d", "n_s"))
         samples, counts = samples_for(scene, views, unknowns, "hinge")
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
-        start = find_start(problem, problem.chunks(), from_scene=False, report_progress=silent)
+        parts = problem.pieces(None, problem.block_size)
+        laid = problem.lay_out(parts, problem.block_size)
+        start = find_start(problem, parts, laid, from_scene=False, report_progress=silent)
     assert start.damping == (NEAR if near else FAR)
     assert Start.from_array(start.to_array(), len(views)).damping == start.damping
 

@@ -15,6 +15,7 @@ from jax.sharding import Mesh
 
 import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
+from diffshade.diagnosis.misfit import laid_samples
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
 from diffshade.inverse.laid_out_fit import LaidOutFit
@@ -71,6 +72,7 @@ def dense(by_blocks):
         patch.setattr(problem, "arrow_of", lambda *_: None)
         patch.setattr(rendered, "shown_unknowns", lambda *_: None)
         patch.setattr(sensitivities, "shown_unknowns", lambda *_: None)
+        patch.setattr(laid_samples, "shown_unknowns", lambda *_: None)
         fit = fitted()
         found = {
             "ambient": ds.sensitivity(by_blocks, "ambient"),

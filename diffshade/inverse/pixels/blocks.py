@@ -99,7 +99,7 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
     if not parts:
         return []
     runs = [list(of) for _, of in itertools.groupby(parts, key=lambda part: part.view)]
-    length, of_view = chunk_length(len(parts)), len(runs[0])
+    length, of_view = _chunk_length(len(parts)), len(runs[0])
     if len({tuple(id(part.pixels) for part in run) for run in runs}) == 1 < len(runs):
         if of_view > CHUNK:
             share = -(-of_view // -(-of_view // CHUNK))
@@ -117,10 +117,11 @@ def _cut(parts: Sequence[Piece], length: int) -> list[list[Piece]]:
     return [filled[start : start + length] for start in range(0, len(filled), length)]
 
 
-def chunk_length(count: int) -> int:
+def _chunk_length(count: int) -> int:
     """Return the number of blocks in each of the chunks that hold `count` of them.
 
-    Few chunks are a power of two, which cores share equally; a chunk of fewer than 4 blocks is not worth its call.
+    Few chunks are a power of two, which cores share equally, as far as `padded_length` lets them; a chunk of fewer than
+    4 blocks is not worth its call.
     """
     chunks = max(-(-count // CHUNK), min(count // 4, 2), 1)
     if chunks < CHUNK:

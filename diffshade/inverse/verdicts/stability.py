@@ -29,6 +29,7 @@ from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
 ERRORS = 3.0
 CLEARLY = 1.5  # by how much a rise by an unknown's own views must differ from the one that counts
+OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
 SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 UNCHECKED = (
@@ -240,14 +241,17 @@ def _contradicted_by_own_views(
     found: dict[int, bool] = {}
     if laid.problem.box.arrow is None:
         return found
+    if not np.isin(suspects, np.asarray(laid.problem.box.arrow.blocks)).any():
+        return found
     others = OthersAsQuadratics(laid, best, held)
     for b, members in others.blocks(suspects).items():
         own = others.of(b)
         for j in members:
             begins, exact = (laid.theta, there), 1e-3 * float(least[j])
-            rise = 2.0 * min(own.rise(j, float(laid.theta[j]), begin, exact)[0] for begin in begins)
-            if not least[j] / CLEARLY < rise < CLEARLY * least[j]:
-                found[j] = rise > least[j]
+            rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))
+            unclear = least[j] / CLEARLY < rise < CLEARLY * least[j]
+            if not unclear and of_others <= OTHERS * max(rise, float(least[j])):
+                found[j] = bool(rise > least[j])
     return found
 
 
