@@ -18,7 +18,7 @@ from .pixels.blocks import chunks as in_chunks
 from .problem import MAX_STEPS, fit_problem, laid_bytes
 from .result import Fit
 from .running import run, samples_for
-from .solve.solvers import Minimum, PriorResiduals, Task, minimise
+from .solve.solvers import Box, Minimum, PriorResiduals, Task, minimise
 from .unknowns.unknown import Unknown, coordinates
 
 Masks = Sequence[Bool[np.ndarray, "h w"] | None]
@@ -108,14 +108,22 @@ class LaidOutFit:
         self, held: Mapping[int, float], theta: Float[np.ndarray, " p"], chunks: Sequence[Block], rtol: float = 1e-16
     ) -> Minimum:
         """Return the minimum from theta, with some unknowns held at a value; all in the solver's coordinates."""
-        which, at = np.array(list(held), int), np.array(list(held.values()), float)
-        lower, upper = (np.array(bound) for bound in (self.problem.box.lower, self.problem.box.upper))
-        theta = np.clip(theta, lower, upper)
-        for array in (lower, upper, theta):
-            array[which] = at
+        theta, lower, upper = hold(self.problem.box, theta, held)
         box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
         task = Task(self.model, self.priors, box)
         return minimise(theta, task, chunks, squares=self.fit.squares, max_steps=MAX_STEPS, rtol=rtol)
+
+
+def hold(
+    box: Box, theta: Float[np.ndarray, " p"], held: Mapping[int, float]
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """Return theta within a box, and the box's lower and upper ends, all with some unknowns held at a value."""
+    which, at = np.array(list(held), int), np.array(list(held.values()), float)
+    lower, upper = (np.array(bound) for bound in (box.lower, box.upper))
+    theta = np.clip(theta, lower, upper)
+    for array in (lower, upper, theta):
+        array[which] = at
+    return theta, lower, upper
 
 
 def samples_of(fit: Fit, keep: Masks | None = None) -> tuple[list[Samples], Counts]:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from ..core import fields
 from ..core.backend import SOONER, UNFUSED, jit_quickly
 from .forward.gram import Gram, Point
-from .laid_out_fit import LaidOutFit
+from .laid_out_fit import LaidOutFit, hold
 from .pixels.blocks import Block, Piece, pieces
 from .problem import MAX_STEPS, fit_problem
 from .solve.solvers import PriorResiduals, minimum_in_jax, point_of
@@ -164,10 +164,7 @@ class OwnViews:
         return cost - self.best, float(0.5 * away @ self.curvature @ away)
 
     def _minimise(self, held: Mapping[int, float], theta: Vector, rtol: float) -> tuple[float, Vector]:
-        lower, upper = (np.array(bound) for bound in (self.problem.box.lower, self.problem.box.upper))
-        theta = np.clip(theta, lower, upper)
-        for array in (lower, upper, theta):
-            array[list(held)] = list(held.values())
+        theta, lower, upper = hold(self.problem.box, theta, held)
         model = self.problem.model
         program = _minimum_unfused if model.transparent and jax.default_backend() == "cpu" else _minimum
         found = program(self.structure, self.leaves, theta, lower, upper, self.chunk, self.squares, rtol)

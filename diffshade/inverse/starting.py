@@ -45,7 +45,7 @@ def find_start(
 
     Args:
         problem: What is to be fitted.
-        parts: The pieces of that part, in blocks of `FitProblem.size_for` it.
+        parts: The pieces of that part, of `problem.size_for(PART)` pixels at most.
         part: Its chunks; empty if nothing is to be searched for and nothing settled (`needs_part`).
         from_scene: Whether to begin at the scene's values in place of a search.
         report_progress: Reports progress.
