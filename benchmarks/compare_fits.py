@@ -5,7 +5,8 @@ several times warm. Solvers take turns, round after round, and a time is the med
 compare ratios, not seconds. Peers are given the fields of every pixel ready-made and a start, keep no bounds, give no
 error bars. `solve` is diffshade's share of that same work, with a start of its own; `fit` is the whole call, from
 photographs to error bars. Memory is the peak of the first, cold solve, compiler included, beyond what the process held
-before it.
+before it. An earlier diffshade takes its turns too with `--before` and a checkout of it, such as `git worktree add`
+makes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from rich.table import Table
 from timing import forget_peak, in_a_process, memory
 
 SIZES = ("128x1", "128x8", "512x1", "512x8", "2048x1", "2048x8")
-OURS = ("diffshade, solve", "diffshade, fit", "one forward render of all views")
+FIT, RENDER, BEFORE = "diffshade, fit", "one forward render of all views", ", before"
+OURS = ("diffshade, solve", FIT, RENDER)
 ADAM_AT_MOST = 512 * 512
 PEERS_AT_MOST = 2048 * 2048  # pixels: beyond, their Jacobians do not fit into memory
 
@@ -34,6 +36,7 @@ def main() -> None:
     parser.add_argument("--sizes", nargs="+", default=SIZES, help="SIZExVIEWS (default: %(default)s)")
     parser.add_argument("--rounds", type=int, default=3, help="rounds, each in new processes (default: 3)")
     parser.add_argument("--repeats", type=int, default=3, help="warm solves in each (default: 3)")
+    parser.add_argument("--before", type=Path, help="checkout of an earlier diffshade, timed beside today's")
     parser.add_argument("--json", type=Path, help="write every number to this file too")
     parser.add_argument("--one", nargs=2, metavar=("SOLVER", "SIZE"), help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -47,11 +50,14 @@ def main() -> None:
     for size in arguments.sizes:
         pixels, views = map(int, size.split("x"))
         others = [] if pixels**2 * views > PEERS_AT_MOST else list(peers.PEERS)
-        names = [*OURS, *(n for n in others if "Adam" not in n or pixels**2 * views <= ADAM_AT_MOST)]
+        ours = OURS if arguments.before is None else (*OURS, FIT + BEFORE, RENDER + BEFORE)
+        names = [*ours, *(n for n in others if "Adam" not in n or pixels**2 * views <= ADAM_AT_MOST)]
         runs: dict[str, list[dict]] = {name: [] for name in names}
         jobs = [name for _ in range(arguments.rounds) for name in names]
         for name in track(jobs, description=size, console=Console(stderr=True), transient=True):
-            runs[name].append(in_a_process(__file__, "--one", name, size, "--repeats", str(arguments.repeats)))
+            of = {"PYTHONPATH": str(arguments.before.resolve())} if name.endswith(BEFORE) else None
+            command = "--one", name.removesuffix(BEFORE), size, "--repeats", str(arguments.repeats)
+            runs[name].append(in_a_process(__file__, *command, environment=of))
         found[size] = {name: _median(of) for name, of in runs.items()}
         show(size, found[size])
         if arguments.json:
@@ -87,13 +93,13 @@ def measure(name: str, size: str, repeats: int) -> dict:
 
     pixels, views = map(int, size.split("x"))
     made = problem.make(pixels, views)
-    data = None if name == "diffshade, fit" or name.startswith("one") else problem.fields(made)
+    data = None if name == FIT or name.startswith("one") else problem.fields(made)
     if name in peers.PEERS:
         assert data is not None
         solver: Callable = lambda: peers.PEERS[name](data)  # noqa: E731
     elif name == "diffshade, solve":
         solver = _solve(made)
-    elif name == "diffshade, fit":
+    elif name == FIT:
         solver = lambda: _theta(_fit(made))  # noqa: E731
     else:
         solver = lambda: _render(made)  # noqa: E731

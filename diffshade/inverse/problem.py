@@ -8,7 +8,6 @@ with their weights, and is minimised (both in `laid_out_problem`).
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +25,7 @@ from .data.samples import Counts, Samples
 from .data.views import View, camera_key, is_grey, lights_on
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
-from .forward.layout import place, weigh, with_weights, without_clipped
+from .forward.layout import place, points_of, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
 from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import Rounding
@@ -77,8 +76,6 @@ class FitProblem:
     block_size: int
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
-    alike: tuple[int, ...]
-    """For each view the first one with the same camera, and the same lights if `model.knows_lights`."""
 
     @property
     def noise_known(self) -> bool:
@@ -155,34 +152,24 @@ class FitProblem:
         Chunks that show the same points share them: those that a camera sees under a hundred lights are found once.
         """
         found = chunks(parts)
-        shows = [tuple((self.alike[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in found]
-        times = Counter(shows)
-        shared = {key: parts for key, parts in zip(shows, found, strict=True) if times[key] > 1}
+        points = points_of(found, self.views, self.model, self.over_pixels, size, self.cameras, self.lights)
 
-        def points(of: tuple[tuple, list]) -> Any:
-            blocks, parts = of
-            different = list(dict.fromkeys(blocks))
-            if (length := padded_length(len(different))) >= len(parts):
-                return jax.device_put(found_at(parts, len(parts)))
-            once = found_at([parts[blocks.index(block)] for block in different], length)
-            index = [different.index(block) for block in blocks]
-            return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
-
-        def found_at(parts: list, length: int) -> Any:
-            counts = np.zeros((length, 1))
-            counts[: len(parts), 0] = [len(part.pixels) for part in parts]
-            where = place(parts, self.views, size, self.over_pixels, length)
-            return self.model.fields(where, views_of(parts, length), np.arange(size) < counts)
-
-        shown = dict(zip(shared, on_all_cores(points, shared.items()), strict=True))
-
-        def chunk(of: tuple[list, tuple]) -> Block:
-            parts, key = of
-            here = shown[key] if key in shown else points((key, parts))
-            laid = Block(views_of(parts), here, self.observed(parts, size))
+        def chunk(of: tuple[list[Piece], Any]) -> Block:
+            pieces, shown = of
+            laid = Block(views_of(pieces), shown, self.observed(pieces, size))
             return with_weights(None, self.model, laid, noise_known=self.noise_known)
 
-        return on_all_cores(chunk, zip(found, shows, strict=True))
+        return on_all_cores(chunk, zip(found, points, strict=True))
+
+    @cached_property
+    def cameras(self) -> list[Any]:
+        """What is the same for views of one camera."""
+        return [camera_key(view.camera) for view in self.views]
+
+    @cached_property
+    def lights(self) -> list[tuple[int, ...]]:
+        """The lights that are on in each view."""
+        return [tuple(lights_on(self.scene, view)) for view in self.views]
 
     def observed(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Observed:
         """Return the samples of a chunk as NumPy arrays."""
@@ -271,16 +258,7 @@ def fit_problem(
     pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
     size = block_size(pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
-    alike = _alike(scene, views, lit=model.knows_lights)
-    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, over_pixels, alike)
-
-
-def _alike(scene: Scene, views: Sequence[View], *, lit: bool) -> tuple[int, ...]:
-    first: dict[Any, int] = {}
-    return tuple(
-        first.setdefault((camera_key(view.camera), tuple(lights_on(scene, view)) if lit else ()), v)
-        for v, view in enumerate(views)
-    )
+    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, over_pixels)
 
 
 def _homoscedastic(views: Sequence[View]) -> bool:

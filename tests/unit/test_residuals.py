@@ -345,27 +345,27 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
     [
         ("direction", {}, None, True),
         ("direction", {}, ds.Noise(0.01, 0.1), True),
-        ("k_d", {}, None, False),  # the points know the lights
+        ("k_d", {}, None, False),  # each chunk has what its lights do there
         ("k_d", {"rendered": True}, None, True),
     ],
 )
 def test_views_that_show_the_same_points_share_them(free, options, noise, shared):
-    """Those of one camera and mask; where the points know the lights, those of one light too."""
+    """Those of one camera and mask; where the lights are known, those of one light too."""
     left, right = (ds.Camera(eye=(x, 0, 4), fov=32, shape=shape) for x, shape in ((-1, (16, 16)), (1, (18, 15))))
     half, random = np.arange(16)[:, None] * np.ones(16) < 9, np.random.default_rng(0)
-    shown = [(left, None)] * 32 + [(right, None)] * 4 + [(left, half)] * 4
+    shown = [(left, None)] * 64 + [(right, None)] * 8 + [(left, half)] * 8
     views = [
         ds.View(random.random((*camera.shape, 3)), camera, mask=mask, lit=k, noise=noise)
         for k, (camera, mask) in enumerate(shown)
     ]
     with jax.enable_x64(True):
-        problem, samples = shared_problem(views, 40, free, **options)
+        problem, samples = shared_problem(views, 80, free, **options)
         chunks, size = problem.chunks(), problem.block_size
         alone = [problem.lay_out([part], size)[0] for part in pieces(samples, size)]
     first, second, *_, last = ([id(leaf) for leaf in jax.tree.leaves(chunk.points)] for chunk in chunks)
     assert (first == second) is shared
     assert not set(first) & set(last)
-    assert len(alone) == 40
+    assert len(alone) == 80
     for k, one in enumerate(alone):
         c, b = divmod(k, len(chunks[0].view))
         block = jax.tree.map(lambda leaf, b=b: np.asarray(leaf)[b], chunks[c])
@@ -381,7 +381,7 @@ def test_views_under_the_same_known_lights_share_their_fields():
     assert first.points is second.points
 
 
-@pytest.mark.parametrize(("of_view", "views", "length"), [(1, 12, 6), (2, 24, 12), (5, 12, 15), (20, 3, 10), (3, 5, 8)])
+@pytest.mark.parametrize(("of_view", "views", "length"), [(1, 12, 6), (2, 24, 24), (5, 12, 30), (40, 3, 20), (3, 5, 8)])
 def test_chunks_of_views_with_the_same_pixels_have_the_same_pieces(of_view, views, length):
     """The last of these, 9 blocks at once, would leave too many of them empty."""
     samples = [Samples(np.ones((1, 1), bool), np.arange(of_view * 10), np.ones((1, 1, 3)), 0.0, 1.0, 1.0)] * views

@@ -122,12 +122,11 @@ class Linear(AbstractForwardModel):
     def transparent(self) -> bool:
         return False
 
-    @property
-    def knows_lights(self) -> bool:
-        return False
-
-    def fields(self, pixels: Any, view: Any, counts: Any) -> Any:
+    def seen(self, pixels: Any, view: Any, counts: Any) -> Any:
         return pixels
+
+    def lit(self, seen: Any, view: Any) -> Any:
+        return seen
 
     def predict(self, theta: Any, block: Block) -> Any:
         return (block.points @ theta,)

@@ -37,8 +37,9 @@ from .lighting import (
     Lamps,
     Lit,
     Seen,
+    fields_at,
     fields_of_chunk,
-    fields_seen,
+    fields_seen_by_chunk,
     lamps_of,
     lit_by,
     points_seen,
@@ -81,18 +82,23 @@ class FeatureModel(AbstractForwardModel):
         """Whether light passes through an object: no."""
         return False
 
-    @property
-    def knows_lights(self) -> bool:
-        """Whether `fields` holds what the lights of a view do at its pixels: where none moves."""
-        return not any(self.placed)
+    def seen(self, pixels: Pixels, view: Any, counts: Any) -> Seen:
+        """Return the points that a chunk's pixels show."""
+        program = seen_by_chunk if is_concrete(view) else points_seen
+        return program(self.setting, pixels, view, counts)
+
+    def lit(self, seen: Seen, view: Any) -> Fields | Seen:
+        """Return the fields of a chunk's points; the points themselves where a light moves."""
+        if any(self.placed):
+            return seen
+        program = fields_of_chunk if is_concrete(view) else fields_at
+        return program(self.setting, seen, view)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
-        """Return the fields of a chunk's pixels, or the points they show where a light moves; dark where padded."""
-        if is_concrete(view):
-            of_chunk = fields_of_chunk if self.knows_lights else seen_by_chunk
-        else:  # a part of a program, which has options of its own
-            of_chunk = fields_seen if self.knows_lights else points_seen
-        return of_chunk(self.setting, pixels, view, counts)
+        """Return `lit` of `seen`, by one program where the lights are known, which keeps the points in registers."""
+        if any(self.placed) or not is_concrete(view):
+            return super().fields(pixels, view, counts)
+        return fields_seen_by_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:
         """Return F of a block: 1, then u and v of each light, then their derivatives for each light."""

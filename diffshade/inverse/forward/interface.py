@@ -74,14 +74,17 @@ class AbstractForwardModel(eqx.Module):
     def transparent(self) -> bool:
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
 
-    @property
     @abstractmethod
-    def knows_lights(self) -> bool:
-        """Whether `fields` holds what the lights of a view do at its pixels."""
+    def seen(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
+        """Return the points that a chunk's pixels show, which are the same in all views of one camera."""
 
     @abstractmethod
+    def lit(self, seen: Any, view: Int[Array, " blocks"]) -> Any:
+        """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
+
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return what `predict` needs to know of a chunk's pixels: `Block.points`."""
+        """Return what `predict` needs to know of a chunk's pixels: `lit` of `seen`."""
+        return self.lit(self.seen(pixels, view, counts), view)
 
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:

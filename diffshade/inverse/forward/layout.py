@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,8 +12,9 @@ import numpy as np
 
 from ...core.fields import Array
 from ...model.scenes import Object
+from ...parallel.threads import cores, on_all_cores
 from ..data.views import View
-from ..pixels.blocks import Block, Observed, Piece, rows_and_columns
+from ..pixels.blocks import Block, Observed, Piece, padded_length, rows_and_columns, views_of
 from .interface import AbstractForwardModel, Pixels
 
 
@@ -36,6 +38,72 @@ def place(
     return Pixels(row, column, jax.tree.map(gather, over_pixels))
 
 
+def points_of(
+    chunks: Sequence[Sequence[Piece]],
+    views: Sequence[View],
+    model: AbstractForwardModel,
+    over_pixels: tuple[Object, ...],
+    size: int,
+    cameras: Sequence[Any],
+    lights: Sequence[Any],
+) -> list[Any]:
+    """Return the points of each chunk, on the device.
+
+    What a camera shows is found once for all chunks that show it, and what lights do there once for all that have the
+    same lights too; these chunks share their arrays.
+
+    Args:
+        chunks: The chunks, a piece for each block.
+        views: The photographs.
+        model: The forward model.
+        over_pixels: What of the objects comes with the pixels (`slots.apart`).
+        size: Pixels in a block.
+        cameras: A key of each view's camera.
+        lights: A key of the lights that are on in each view.
+    """
+    shows = [tuple((cameras[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in chunks]
+    alike = [(key, tuple(lights[part.view] for part in of)) for key, of in zip(shows, chunks, strict=True)]
+    first = {pair: k for k, pair in reversed(list(enumerate(alike)))}
+    by_camera: dict[tuple, list[tuple]] = {}
+    for pair in first:
+        by_camera.setdefault(pair[0], []).append(pair)
+
+    def pixels_of(parts: Sequence[Piece], length: int) -> tuple[Any, Any, Any]:
+        counts = np.zeros((length, 1))
+        counts[: len(parts), 0] = [len(part.pixels) for part in parts]
+        return place(parts, views, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
+
+    def at_once(pair: tuple) -> Any:
+        parts = chunks[first[pair]]
+        return jax.device_put(model.fields(*pixels_of(parts, len(parts))))
+
+    def seen(key: tuple) -> Any:
+        """Return what a camera shows; blocks of a chunk that show the same are found once."""
+        parts, different = chunks[first[by_camera[key][0]]], list(dict.fromkeys(key))
+        if (length := padded_length(len(different))) >= len(parts):
+            return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
+        once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
+        index = [different.index(block) for block in key]
+        return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
+
+    def lit(of: tuple[Any, tuple]) -> Any:
+        points, pair = of
+        return model.lit(points, views_of(chunks[first[pair]]))
+
+    shared = [key for key, of in by_camera.items() if len(of) > 1 or padded_length(len(set(key))) < len(key)]
+    apart = [pair for key in by_camera.keys() - set(shared) for pair in by_camera[key]]
+    found = dict(zip(apart, on_all_cores(at_once, apart), strict=True))
+    for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
+        some = shared[start : start + cores()]
+        pairs = [
+            (points, pair)
+            for points, key in zip(on_all_cores(seen, some), some, strict=True)
+            for pair in by_camera[key]
+        ]
+        found |= zip([pair for _, pair in pairs], on_all_cores(lit, pairs), strict=True)
+    return [found[pair] for pair in alike]
+
+
 def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noise_known: bool) -> Block:
     """Return a chunk laid out: the points its pixels show, and weights by the noise at the level that theta predicts.
 
@@ -48,9 +116,10 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
 
 def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
     """Replace which samples of a chunk count by weights, as `lay_out` does."""
-    weight = None if model.projects else jnp.asarray(chunk.observed.weight, float)
-    observed = eqx.tree_at(lambda o: o.weight, chunk.observed, weight)
-    chunk = Block(jax.device_put(chunk.view), chunk.points, jax.device_put(observed))
+    weight: Any = None if model.projects else jnp.asarray(chunk.observed.weight, float)
+    seen = chunk.observed
+    view, target, clipped = jax.device_put((chunk.view, seen.target, seen.clipped))
+    chunk = Block(view, chunk.points, Observed(target, weight, clipped))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 

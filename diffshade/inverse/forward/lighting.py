@@ -159,27 +159,31 @@ def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) ->
     return jax.vmap(partial(seen_by, setting))(pixels, view, counts)
 
 
-def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
-    """Compute the fields of a chunk's pixels."""
+def fields_at(setting: Setting, seen: Seen, view: Array) -> Fields:
+    """Return the fields of a chunk's points, which its views' lights decide."""
     scene = setting.setup.scene
     lobe: Any = scene.objects[0].material.lobe
 
-    def of_block(pixels: Pixels, view: Array, counts: Array) -> Fields:
-        seen = seen_by(setting, pixels, view, counts)
+    def of_block(seen: Seen, view: Array) -> Fields:
         one = jnp.ones_like(seen.n.x)
         rows: list[Lit] = []
         for stack, (index, _) in zip(scene.lights, setting.lit, strict=True):
             for k in range(index.shape[1]):
                 rows.append(lit_by(jax.tree.map(lambda leaf, i=index[view, k]: leaf[i], stack), lobe, seen))
         if not rows:
-            none = jnp.zeros((0, *counts.shape))
-            return Fields(counts, none, none, None, None)
+            none = jnp.zeros((0, *seen.counts.shape))
+            return Fields(seen.counts, none, none, None, None)
         local, angular = (any(of is not None for of in every) for every in list(zip(*rows, strict=True))[2:])
         filled = [row._replace(distance=_or(row.distance, one), f_ang=_or(row.f_ang, one)) for row in rows]
         diffuse, log, d, f_ang = (jnp.stack(of) for of in zip(*filled, strict=True))
-        return Fields(counts, diffuse, log, d if local else None, f_ang if angular else None)
+        return Fields(seen.counts, diffuse, log, d if local else None, f_ang if angular else None)
 
-    return jax.vmap(of_block)(pixels, view, counts)
+    return jax.vmap(of_block)(seen, view)
+
+
+def fields_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Fields:
+    """Return the fields of a chunk's pixels."""
+    return fields_at(setting, points_seen(setting, pixels, view, counts), view)
 
 
 def _or(found: Numbers | None, default: Numbers) -> Numbers:
@@ -188,4 +192,5 @@ def _or(found: Numbers | None, default: Numbers) -> Numbers:
 
 # The same, compiled
 seen_by_chunk = jit_quickly(points_seen, options=SOONER)
-fields_of_chunk = jit_quickly(fields_seen, options=SOONER)
+fields_of_chunk = jit_quickly(fields_at, options=SOONER)
+fields_seen_by_chunk = jit_quickly(fields_seen, options=SOONER)

@@ -59,14 +59,13 @@ class RenderedModel(AbstractForwardModel):
         """Whether light passes through an object: then XLA's CPU compiler is slow unless its fusion is off."""
         return any(item.material.k_t is not None for item in self.setting.setup.scene.objects)
 
-    @property
-    def knows_lights(self) -> bool:
-        """Whether `fields` holds what the lights of a view do at its pixels: no."""
-        return False
-
-    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
-        """Return what the predictions need to know of the pixels of a chunk."""
+    def seen(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
+        """Return the pixels of a chunk themselves: what they show is found with each prediction."""
         return pixels
+
+    def lit(self, seen: Pixels, view: Any) -> Pixels:
+        """Return the pixels again."""
+        return seen
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""

@@ -22,7 +22,8 @@ BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in 
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
 MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
-CHUNK = 16  # blocks at most in one call of a compiled program
+LINE = 64  # bytes of a cache line
+CHUNK = 32  # blocks at most in one call of a compiled program
 
 
 class Observed(eqx.Module):
@@ -133,7 +134,7 @@ def padded_length(count: int) -> int:
     """Return the number of blocks of a chunk of at least `count`: few different ones, so that few programs compile."""
     if count > CHUNK:
         return -(-count // CHUNK) * CHUNK
-    return next(length for length in (1, 2, 3, 4, 6, 8, 12, CHUNK) if length >= count)
+    return next(length for length in (1, 2, 3, 4, 6, 8, 12, 16, 24, CHUNK) if length >= count)
 
 
 def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarray, " blocks"]:
@@ -154,7 +155,7 @@ def observed(
 ) -> Observed:
     """Lay a chunk's samples out in blocks."""
     length = length or len(parts)
-    target, counts = np.zeros((length, channels, size)), np.zeros((length, channels, size), bool)
+    target, counts = aligned_zeros((length, channels, size)), np.zeros((length, channels, size), bool)
     clipped = np.zeros((length, channels, size), np.int8) if clipping else None
     b = 0
     for _, of_view in itertools.groupby(parts, key=lambda part: id(part.samples)):
@@ -178,12 +179,20 @@ def rows_and_columns(
     parts: Sequence[Piece], views: Sequence[View], size: int, length: int | None = None
 ) -> tuple[Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
     """Return the row and the column of each pixel of a chunk; 0 where it is padded."""
-    row, column = (np.zeros((length or len(parts), size)) for _ in range(2))
+    row, column = (aligned_zeros((length or len(parts), size)) for _ in range(2))
     for b, (view, _, pixels) in enumerate(parts):
         n, width = len(pixels), views[view].image.shape[1]
         row[b, :n] = pixels // width
         column[b, :n] = pixels - width * row[b, :n]
     return row, column
+
+
+def aligned_zeros(shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    """Return zeros that JAX takes as they are on a CPU, where it copies an array that begins within a cache line."""
+    count = int(np.prod(shape))
+    memory = np.zeros(count + LINE // 8)
+    first = -memory.ctypes.data % LINE // 8
+    return memory[first : first + count].reshape(shape)
 
 
 def total(parts: Sequence[Any]) -> Any:

@@ -23,7 +23,7 @@ from ..data.views import View, camera_key, colours, has_mask
 from ..result import Fit
 
 BEYOND_NOISE = 1.5  # outlines are compared only if the residuals exceed this many times the noise
-ROWS = 256  # most rows of a photograph from which its noise is estimated
+ROWS = 48  # most rows of a photograph from which its noise is estimated: thousands of differences, to a few per cent
 FAR = 3.0  # pixels: the least distance of background pixels from the outline
 BACKGROUND = 64  # the fewest background pixels
 DARK = 5.0  # a pixel within this many standard deviations of the background's level looks like background
