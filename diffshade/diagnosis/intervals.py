@@ -20,7 +20,7 @@ from ..parallel.threads import on_all_cores
 CLOSE = 0.01  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
 ACCURATE = 1e-3  # largest error of a minimisation, as a fraction of the rise for one error
-SAME = 1e-3  # relative; numbers of errors by an unknown's own views and by all views are alike within it
+SAME = 0.3 * CLOSE  # relative; numbers of errors by an unknown's own views and by all views are alike within it
 ALIKE = 4  # consecutive agreements, after which the other unknowns are not compared
 FAR = 1e6  # errors; beyond this an interval has no end
 

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..core import fields
 from ..core.backend import SOONER, UNFUSED, jit_quickly
@@ -27,6 +27,8 @@ from .solve.solvers import PriorResiduals, minimum_in_jax, point_of
 from .statistics.uncertainty import Vector, inverse
 from .unknowns.visibility import Arrow, part_of, views_that_show
 
+LEAST = 1e-3  # of a reflection, over that at the minimum, in its logarithm or inverse
+
 _known = jit_quickly(lambda theta, priors, arrow: priors.gram(theta, arrow))
 
 
@@ -37,16 +39,22 @@ class PriorsAndOthers(PriorResiduals):
     """The border, the first of the unknowns, where the quadratic was found."""
     slope: Float[fields.Array, " f"]
     curvature: Float[fields.Array, "f f"]
+    power: Int[fields.Array, " f"]
+    """What the quadratic is one of: border - center (0), center log(border/center) (1), or center (1 - center/border)
+    (2). The derivative of each is (border/center)^-power."""
 
     def gram(self, theta: Float[fields.Array, " p"], arrow: Arrow | None = None) -> Gram:
         """Return the Gram of the priors, with the quadratic added; it is 0 at the center."""
         known, every = super().gram(theta, arrow), jnp.arange(self.center.shape[0])
-        away = theta[every] - self.center
-        bend = self.curvature @ away
+        center = jnp.where(self.power > 0, self.center, 1.0)
+        ratio = jnp.where(self.power > 0, jnp.maximum(theta[every] / center, LEAST), 1.0)
+        away = jnp.where(self.power > 0, center * jnp.log(ratio), theta[every] - self.center)
+        away = jnp.where(self.power > 1, center * (1.0 - 1.0 / ratio), away)
+        slope, bend = ratio ** -self.power.astype(float), self.curvature @ away
         return Gram(
             known.cost + away @ (self.slope + 0.5 * bend),
-            jnp.asarray(known.gradient).at[every].add(self.slope + bend),
-            known.hessian.added(every[None], self.curvature[None]),
+            jnp.asarray(known.gradient).at[every].add(slope * (self.slope + bend)),
+            known.hessian.added(every[None], (jnp.outer(slope, slope) * self.curvature)[None]),
         )
 
 
@@ -80,6 +88,9 @@ class OthersAsQuadratics:
         self.curvature -= at_best_H.sum(0) - at_best_H
         self.slope = (every.gradient - known.gradient)[self.border] - own_g
         self.slope -= at_best_g.sum(0) - at_best_g
+        self.power = self._power()
+        center = np.where(self.power > 0, self.theta[self.border], 1.0)
+        self.curvature += (self.power * self.slope / center)[:, :, None] * np.eye(len(self.border))  # the same, bent
 
     def _moves(self) -> Float[np.ndarray, " p"]:
         """Return 1 for each unknown that can move, and 0 at a bound or where it is held."""
@@ -87,6 +98,22 @@ class OthersAsQuadratics:
         moves = (self.theta > np.asarray(box.lower)) & (self.theta < np.asarray(box.upper))
         moves[list(self.held)] = False
         return np.where(moves, 1.0, 0.0)
+
+    def _power(self) -> Int[np.ndarray, " f"]:
+        """Return `PriorsAndOthers.power` of the border.
+
+        All reflections times 1.1 and all intensities over 1.1 change no pixel. What the priors of the intensities say
+        of that is quadratic in the logarithm of a reflection where they are solved for as logarithms, and else in its
+        inverse: in the reflection itself only to a few per cent.
+        """
+        unknowns, border = self.laid.unknowns, self.border
+        lights = [unknowns[j] for of in self.members for j in of if unknowns[j].parameter.gauge < 0]
+        if not lights:
+            return np.zeros(len(border), int)
+        scales = np.array([unknowns[j].parameter.gauge > 0 and not unknowns[j].logarithmic for j in border], bool)
+        positive = (self.theta[border] > 0) & (np.asarray(self.laid.problem.box.lower)[border] >= 0)
+        power = 1 if any(unknown.logarithmic for unknown in lights) else 2
+        return np.where(scales & positive & (self._moves()[border] > 0), power, 0)
 
     def _of_own_views(self, end: Point) -> tuple[Float[np.ndarray, "blocks f f"], Float[np.ndarray, "blocks f"]]:
         """Return H and g of the border by each block's own views."""
@@ -145,6 +172,7 @@ class OwnViews:
             self.theta[:f],
             others.slope[block],
             self.curvature,
+            others.power,
         )
         self.leaves, self.structure = jax.tree.flatten((self.problem.model, self.priors, self.problem.box))
         self.best, _ = self._minimise(self.held, self.theta, 1e-12)

@@ -36,6 +36,20 @@ def fitted(count: int = 8, loss: str = "squares") -> ds.Fit:
     return ds.fit(scene, views, free=("k_d", "k_s", "n_s", "direction"), light_error=2.0, loss=loss)
 
 
+@cache
+def scaled(name: str, count: int = 16) -> ds.Fit:
+    """A fit of a ball with the intensities of its lights, or the exposures of its views, stated to 5 %."""
+    random, towards = np.random.default_rng(0), lights_about(count)
+    ball = ds.Object(ds.Sphere(), ds.Material(k_a=0.0, k_d=(0.5, 0.4, 0.3), k_s=0.3, n_s=20.0))
+    sent = np.exp(0.05 * random.standard_normal(count))
+    true = ds.Scene(ball, [ds.DirectionalLight(-l, intensity=s) for l, s in zip(towards, sent, strict=True)])
+    images = [np.asarray(ds.render(true, CAMERA, lit=i)) for i in range(count)]
+    views = [ds.View(i + 0.01 * random.standard_normal(i.shape), CAMERA, lit=k) for k, i in enumerate(images)]
+    scene = ds.Scene(ball, [ds.DirectionalLight(-l) for l in towards])
+    prior: dict = {"intensity_error": 0.05} if name == "intensity" else {"priors": {name: (1.0, 0.05)}}
+    return ds.fit(scene, views, free=("k_d", "k_s", "n_s", name), **prior)
+
+
 def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, Profile]:
     with jax.enable_x64(True):
         profile = Profile(fit, find_clusters(fit))
@@ -80,6 +94,22 @@ def test_passes_over_all_views_do_not_become_more_with_the_views(monkeypatch):
     few, many = numbers
     assert many["all"] <= few["all"] + 8
     assert many["own"] <= 2.3 * few["own"]
+
+
+@pytest.mark.parametrize(("name", "most"), [("intensity", 80), ("exposure", 125)])
+def test_the_scale_that_all_reflections_share_with_the_lights_is_followed(name, most, monkeypatch):
+    """Three errors of an intensity move the scale of all by 3 %, far beyond where other views are quadratic in k_d."""
+    fit, asked = scaled(name), []
+    by_all, _ = found(fit, alone=False)
+    monkeypatch.setattr(module, "SAME", np.inf)  # own views alone
+    by_own, _ = found(fit)
+    width = np.ptp(by_all, axis=-1)
+    assert np.all(np.abs(by_own - by_all).max(-1) <= 1.5 * module.CLOSE * width)
+    monkeypatch.undo()
+    whole = LaidOutFit.minimise
+    monkeypatch.setattr(LaidOutFit, "minimise", lambda *of, **options: asked.append(of) or whole(*of, **options))
+    found(fit)
+    assert len(asked) <= most  # of the border, and of the farthest few
 
 
 def test_where_own_views_say_something_else_all_views_are_asked(monkeypatch):

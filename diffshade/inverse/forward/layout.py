@@ -90,7 +90,7 @@ def points_of(
         points, pair = of
         return model.lit(points, views_of(chunks[first[pair]]))
 
-    shared = [key for key, of in by_camera.items() if len(of) > 1 or padded_length(len(set(key))) < len(key)]
+    shared = [key for key, of in by_camera.items() if len(of) > 1 or _repeats(key)]
     apart = [pair for key in by_camera.keys() - set(shared) for pair in by_camera[key]]
     found = dict(zip(apart, on_all_cores(at_once, apart), strict=True))
     for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
@@ -102,6 +102,12 @@ def points_of(
         ]
         found |= zip([pair for _, pair in pairs], on_all_cores(lit, pairs), strict=True)
     return [found[pair] for pair in alike]
+
+
+def _repeats(key: Sequence[tuple]) -> bool:
+    """Whether blocks of a chunk show the same pixels, so that finding these once saves something."""
+    filled = [block for block in key if block[1]]
+    return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
 
 
 def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noise_known: bool) -> Block:

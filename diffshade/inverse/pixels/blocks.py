@@ -23,6 +23,8 @@ LARGE = 8  # blocks: a view of more has a little of one of them padded at most
 MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 LINE = 64  # bytes of a cache line
+OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
+SEVERAL = 16 * OF_PART
 CHUNK = 32  # blocks at most in one call of a compiled program
 
 
@@ -95,7 +97,8 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
     """Gather blocks into chunks, filled up with empty ones to one length, so that one program serves all.
 
-    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty.
+    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty. Up to
+    `SEVERAL` blocks of other large views are cut as a part of them is (`problem.PART`): one program then serves both.
     """
     if not parts:
         return []
@@ -108,6 +111,8 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
         at_once = of_view * max(length // of_view, 1)
         if 8 * (-len(parts) % at_once) <= len(parts):
             length = at_once
+    elif of_view > 1 and 2 * OF_PART < len(parts) <= SEVERAL:
+        length = OF_PART
     return _cut(parts, length)
 
 
