@@ -44,6 +44,8 @@ def main() -> None:
         name, size = arguments.one
         print(json.dumps(measure(name, size, arguments.repeats)))
         return
+    if arguments.before is not None and not (arguments.before / "diffshade").is_dir():
+        parser.error(f"--before {arguments.before} must be a checkout: it has no folder diffshade.")
     import peers
 
     found = {}

@@ -49,7 +49,8 @@ def make(size: int, count: int) -> Problem:
         [ds.PointLight(p, attenuation=fade) for p in distance[:, None] * towards],
     )
     camera = ds.Camera(eye=(0, 0, 4), fov=32, shape=(size, size))
-    random = np.random.default_rng(1)  # by chance the views of seed 0 disagree, of 2 % of fits: these are repeated
+    # with seed 0 the views disagree by chance, as in 2 % of fits, and such a fit is repeated
+    random = np.random.default_rng(1)
     views = []
     for k in range(count):
         image = np.array(ds.render(scene, camera, lit=k), np.float64)

@@ -53,7 +53,7 @@ class Profile:
         variance, start = float(self.variance[j]), self._start(j, t)
         if j in self.alone:
             rise, of_others = self.alone[j].rise(j, t, start, ACCURATE * variance)
-            self.of_others[j] = max(self.of_others[j], of_others / variance)
+            self.of_others[j] = max(self.of_others[j], of_others / variance if np.isfinite(rise) else np.inf)
         else:
             rtol = ACCURATE * variance / max(self.best, 1e-300)
             end = self.laid.minimise({j: t}, start, self.laid.chunks, rtol=min(rtol, 1e-6))

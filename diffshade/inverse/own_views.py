@@ -27,7 +27,8 @@ from .solve.solvers import PriorResiduals, minimum_in_jax, point_of
 from .statistics.uncertainty import Vector, inverse
 from .unknowns.visibility import Arrow, part_of, views_that_show
 
-LEAST = 1e-3  # of a reflection, over that at the minimum, in its logarithm or inverse
+LEAST = 1e-3  # the least ratio of a reflection to that at the minimum of which a logarithm or an inverse is taken
+SURELY = 5.0  # errors above 0, from which on a reflection has a logarithm and an inverse
 
 _known = jit_quickly(lambda theta, priors, arrow: priors.gram(theta, arrow))
 
@@ -40,21 +41,29 @@ class PriorsAndOthers(PriorResiduals):
     slope: Float[fields.Array, " f"]
     curvature: Float[fields.Array, "f f"]
     power: Int[fields.Array, " f"]
-    """What the quadratic is one of: border - center (0), center log(border/center) (1), or center (1 - center/border)
-    (2). The derivative of each is (border/center)^-power."""
+    """How each number of the border is measured: by its distance from the center (0), by that times the center in its
+    logarithm (1), or in its inverse (2). The derivative of each is (border/center)^-power."""
+
+    def away(self, theta: Float[fields.Array, " p"]) -> Float[fields.Array, " f"]:
+        """Return how far the border is from the center, as it is measured."""
+        bends, border = self.power > 0, theta[jnp.arange(self.center.shape[0])]
+        center, ratio = jnp.where(bends, self.center, 1.0), self._ratio(border)
+        in_logarithm, in_inverse = center * jnp.log(ratio), center * (1.0 - 1.0 / ratio)
+        return jnp.where(bends, jnp.where(self.power > 1, in_inverse, in_logarithm), border - self.center)
+
+    def _ratio(self, border: Float[fields.Array, " f"]) -> Float[fields.Array, " f"]:
+        center = jnp.where(self.power > 0, self.center, 1.0)
+        return jnp.where(self.power > 0, jnp.maximum(border / center, LEAST), 1.0)
 
     def gram(self, theta: Float[fields.Array, " p"], arrow: Arrow | None = None) -> Gram:
-        """Return the Gram of the priors, with the quadratic added; it is 0 at the center."""
+        """Return the Gram of the priors, with what other views cost added; it is 0 at the center."""
         known, every = super().gram(theta, arrow), jnp.arange(self.center.shape[0])
-        center = jnp.where(self.power > 0, self.center, 1.0)
-        ratio = jnp.where(self.power > 0, jnp.maximum(theta[every] / center, LEAST), 1.0)
-        away = jnp.where(self.power > 0, center * jnp.log(ratio), theta[every] - self.center)
-        away = jnp.where(self.power > 1, center * (1.0 - 1.0 / ratio), away)
-        slope, bend = ratio ** -self.power.astype(float), self.curvature @ away
+        border, away = theta[every], self.away(theta)
+        slope, bend = self._ratio(border) ** -self.power.astype(float), self.curvature @ away
         return Gram(
-            known.cost + away @ (self.slope + 0.5 * bend),
-            jnp.asarray(known.gradient).at[every].add(slope * (self.slope + bend)),
-            known.hessian.added(every[None], (jnp.outer(slope, slope) * self.curvature)[None]),
+            known.cost + self.slope @ (border - self.center) + 0.5 * away @ bend,
+            jnp.asarray(known.gradient).at[every].add(self.slope + slope * bend),
+            known.hessian.added(every[None], (slope[:, None] * slope[None] * self.curvature)[None]),
         )
 
 
@@ -89,8 +98,6 @@ class OthersAsQuadratics:
         self.slope = (every.gradient - known.gradient)[self.border] - own_g
         self.slope -= at_best_g.sum(0) - at_best_g
         self.power = self._power()
-        center = np.where(self.power > 0, self.theta[self.border], 1.0)
-        self.curvature += (self.power * self.slope / center)[:, :, None] * np.eye(len(self.border))  # the same, bent
 
     def _moves(self) -> Float[np.ndarray, " p"]:
         """Return 1 for each unknown that can move, and 0 at a bound or where it is held."""
@@ -108,12 +115,12 @@ class OthersAsQuadratics:
         """
         unknowns, border = self.laid.unknowns, self.border
         lights = [unknowns[j] for of in self.members for j in of if unknowns[j].parameter.gauge < 0]
-        if not lights:
+        scales = np.array([unknowns[j].parameter.role == "reflection" for j in border], bool)
+        if not lights or not scales.any():
             return np.zeros(len(border), int)
-        scales = np.array([unknowns[j].parameter.gauge > 0 and not unknowns[j].logarithmic for j in border], bool)
-        positive = (self.theta[border] > 0) & (np.asarray(self.laid.problem.box.lower)[border] >= 0)
+        surely = self.theta > SURELY * self.laid.fit.clusters.standard_errors()
         power = 1 if any(unknown.logarithmic for unknown in lights) else 2
-        return np.where(scales & positive & (self._moves()[border] > 0), power, 0)
+        return np.where(scales & surely[border] & (self._moves()[border] > 0), power, 0)
 
     def _of_own_views(self, end: Point) -> tuple[Float[np.ndarray, "blocks f f"], Float[np.ndarray, "blocks f"]]:
         """Return H and g of the border by each block's own views."""
@@ -188,7 +195,7 @@ class OwnViews:
         """
         (k,) = np.flatnonzero(self.index == j).tolist()
         cost, theta = self._minimise({**self.held, k: t}, start[self.index], min(least / max(self.best, 1e-300), 1e-6))
-        away = (theta - self.theta)[: len(self.curvature)]
+        away = np.asarray(self.priors.away(jnp.asarray(theta)))
         return cost - self.best, float(0.5 * away @ self.curvature @ away)
 
     def _minimise(self, held: Mapping[int, float], theta: Vector, rtol: float) -> tuple[float, Vector]:

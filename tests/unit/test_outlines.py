@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 import diffshade as ds
-from diffshade.inverse.verdicts.outlines import WrongOutline, compare, said
+from diffshade.inverse.verdicts.outlines import WrongOutline, _unlike_noise, compare, said
 
 ROW, COLUMN = np.mgrid[:80, :80] - 39.5
 
@@ -57,6 +60,18 @@ def test_the_right_outline_is_right(k_a):
         0.0 * ball(25),
     ):
         assert compare(disc(25), brightness) is None
+
+
+@pytest.mark.parametrize("radius", [1.5, 20.0])
+def test_the_noise_of_a_small_object_is_found_in_its_own_rows(radius):
+    """An object of 3 rows of 3,000 shows no more than its own."""
+    row, column = np.mgrid[:3000, :60]
+    inside = np.hypot(row - 1234.5, column - 30.0) < radius
+    image = inside + 0.01 * np.random.default_rng(0).standard_normal(inside.shape)
+    views: Any = [ds.View(np.repeat(image[..., None], 3, -1), ds.Camera((0, 0, 4), shape=(3000, 60)))]
+    for rmse, unlike in ((0.1, True), (0.01, False)):
+        fit: Any = SimpleNamespace(views=views, rmse=rmse)
+        assert _unlike_noise(fit, views, inside) is unlike
 
 
 def test_before_another_background_nothing_is_said():

@@ -21,9 +21,10 @@ from synthetic import seen_by, standard_scene
 import diffshade as ds
 from diffshade.inverse.data.samples import Samples, find_samples
 from diffshade.inverse.data.views import is_grey
+from diffshade.inverse.forward.features import FeatureModel
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
-from diffshade.inverse.problem import fit_problem
+from diffshade.inverse.problem import PART, fit_problem
 from diffshade.inverse.running import samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.parallel.threads import on_all_cores
@@ -370,6 +371,32 @@ def test_views_that_show_the_same_points_share_them(free, options, noise, shared
         c, b = divmod(k, len(chunks[0].view))
         block = jax.tree.map(lambda leaf, b=b: np.asarray(leaf)[b], chunks[c])
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, np.asarray(b)[0], rtol=1e-13), block, one)
+
+
+def test_what_a_camera_shows_is_found_once_for_all_lights(monkeypatch):
+    camera, random, times = ds.Camera(eye=(0, 0, 4), fov=32, shape=(16, 16)), np.random.default_rng(0), []
+    views = [ds.View(random.random((16, 16, 3)), camera, lit=k) for k in range(96)]
+    of = FeatureModel.seen
+    monkeypatch.setattr(FeatureModel, "seen", lambda *given: times.append(len(given[2])) or of(*given))
+    with jax.enable_x64(True):
+        problem, _ = shared_problem(views, 96, "k_d")
+        laid = problem.chunks()
+    assert len(laid) > 1
+    assert times == [1]
+
+
+def test_one_program_serves_a_part_and_the_whole_of_a_large_photograph():
+    samples = [Samples(np.ones((1, 1), bool), np.arange(60_000), np.ones((60_000, 1, 3)), 0.0, 1.0, 1.0)]
+    part, whole = (blocks.chunks(pieces(samples, blocks.BLOCK, at_most)) for at_most in (PART, None))
+    assert {len(chunk) for chunk in part} == {len(chunk) for chunk in whole} == {blocks.OF_PART}
+
+
+def test_jax_takes_aligned_arrays_as_they_are():
+    given = blocks.aligned_zeros((3, 5, 7))
+    assert given.shape == (3, 5, 7)
+    assert not given.any()
+    with jax.enable_x64(True):
+        assert jax.device_put(given).unsafe_buffer_pointer() == given.ctypes.data
 
 
 def test_views_under_the_same_known_lights_share_their_fields():

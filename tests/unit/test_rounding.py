@@ -128,6 +128,9 @@ class Linear(AbstractForwardModel):
     def lit(self, seen: Any, view: Any) -> Any:
         return seen
 
+    def fields(self, pixels: Any, view: Any, counts: Any) -> Any:
+        return pixels
+
     def predict(self, theta: Any, block: Block) -> Any:
         return (block.points @ theta,)
 

@@ -97,7 +97,7 @@ class FeatureModel(AbstractForwardModel):
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `lit` of `seen`, by one program where the lights are known, which keeps the points in registers."""
         if any(self.placed) or not is_concrete(view):
-            return super().fields(pixels, view, counts)
+            return self.lit(self.seen(pixels, view, counts), view)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:

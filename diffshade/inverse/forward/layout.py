@@ -63,10 +63,12 @@ def points_of(
     """
     shows = [tuple((cameras[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in chunks]
     alike = [(key, tuple(lights[part.view] for part in of)) for key, of in zip(shows, chunks, strict=True)]
-    first = {pair: k for k, pair in reversed(list(enumerate(alike)))}
+    first: dict[tuple, Sequence[Piece]] = {}
     by_camera: dict[tuple, list[tuple]] = {}
-    for pair in first:
-        by_camera.setdefault(pair[0], []).append(pair)
+    for pair, of in zip(alike, chunks, strict=True):
+        if pair not in first:
+            first[pair] = of
+            by_camera.setdefault(pair[0], []).append(pair)
 
     def pixels_of(parts: Sequence[Piece], length: int) -> tuple[Any, Any, Any]:
         counts = np.zeros((length, 1))
@@ -74,33 +76,28 @@ def points_of(
         return place(parts, views, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
 
     def at_once(pair: tuple) -> Any:
-        parts = chunks[first[pair]]
-        return jax.device_put(model.fields(*pixels_of(parts, len(parts))))
+        return jax.device_put(model.fields(*pixels_of(first[pair], len(first[pair]))))
 
     def seen(key: tuple) -> Any:
         """Return what a camera shows; blocks of a chunk that show the same are found once."""
-        parts, different = chunks[first[by_camera[key][0]]], list(dict.fromkeys(key))
+        parts, different = first[by_camera[key][0]], list(dict.fromkeys(key))
         if (length := padded_length(len(different))) >= len(parts):
             return jax.device_put(model.seen(*pixels_of(parts, len(parts))))
         once = model.seen(*pixels_of([parts[key.index(block)] for block in different], length))
         index = [different.index(block) for block in key]
         return jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf)[index], once))
 
-    def lit(of: tuple[Any, tuple]) -> Any:
-        points, pair = of
-        return model.lit(points, views_of(chunks[first[pair]]))
+    def lit(keys: Sequence[tuple]) -> dict[tuple, Any]:
+        points = dict(zip(keys, on_all_cores(seen, keys), strict=True))
+        pairs = [pair for key in keys for pair in by_camera[key]]
+        found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(first[pair])), pairs)
+        return dict(zip(pairs, found, strict=True))
 
     shared = [key for key, of in by_camera.items() if len(of) > 1 or _repeats(key)]
-    apart = [pair for key in by_camera.keys() - set(shared) for pair in by_camera[key]]
-    found = dict(zip(apart, on_all_cores(at_once, apart), strict=True))
+    alone = [of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)]
+    found = dict(zip(alone, on_all_cores(at_once, alone), strict=True))
     for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
-        some = shared[start : start + cores()]
-        pairs = [
-            (points, pair)
-            for points, key in zip(on_all_cores(seen, some), some, strict=True)
-            for pair in by_camera[key]
-        ]
-        found |= zip([pair for _, pair in pairs], on_all_cores(lit, pairs), strict=True)
+        found |= lit(shared[start : start + cores()])
     return [found[pair] for pair in alike]
 
 
@@ -122,10 +119,9 @@ def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *
 
 def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
     """Replace which samples of a chunk count by weights, as `lay_out` does."""
-    weight: Any = None if model.projects else jnp.asarray(chunk.observed.weight, float)
-    seen = chunk.observed
-    view, target, clipped = jax.device_put((chunk.view, seen.target, seen.clipped))
-    chunk = Block(view, chunk.points, Observed(target, weight, clipped))
+    weight = None if model.projects else jnp.asarray(chunk.observed.weight, float)
+    observed = eqx.tree_at(lambda o: o.weight, chunk.observed, weight)
+    chunk = Block(jax.device_put(chunk.view), chunk.points, jax.device_put(observed))
     return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
 
 

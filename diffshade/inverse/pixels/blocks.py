@@ -22,9 +22,9 @@ BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in 
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
 MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
-LINE = 64  # bytes of a cache line
+CACHE_LINE = 64  # bytes
 OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
-SEVERAL = 16 * OF_PART
+SEVERAL = 16 * OF_PART  # blocks at most that are cut as a part of them is
 CHUNK = 32  # blocks at most in one call of a compiled program
 
 
@@ -111,7 +111,7 @@ def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
         at_once = of_view * max(length // of_view, 1)
         if 8 * (-len(parts) % at_once) <= len(parts):
             length = at_once
-    elif of_view > 1 and 2 * OF_PART < len(parts) <= SEVERAL:
+    elif len(parts) > LARGE * len(runs) and 2 * OF_PART < len(parts) <= SEVERAL:
         length = OF_PART
     return _cut(parts, length)
 
@@ -195,8 +195,8 @@ def rows_and_columns(
 def aligned_zeros(shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """Return zeros that JAX takes as they are on a CPU, where it copies an array that begins within a cache line."""
     count = int(np.prod(shape))
-    memory = np.zeros(count + LINE // 8)
-    first = -memory.ctypes.data % LINE // 8
+    memory = np.zeros(count + CACHE_LINE // 8)
+    first = -memory.ctypes.data % CACHE_LINE // 8
     return memory[first : first + count].reshape(shape)
 
 

@@ -23,7 +23,7 @@ from ..data.views import View, camera_key, colours, has_mask
 from ..result import Fit
 
 BEYOND_NOISE = 1.5  # outlines are compared only if the residuals exceed this many times the noise
-ROWS = 48  # most rows of a photograph from which its noise is estimated: thousands of differences, to a few per cent
+ROWS = 48  # most rows of an object from which the noise of a photograph is estimated
 FAR = 3.0  # pixels: the least distance of background pixels from the outline
 BACKGROUND = 64  # the fewest background pixels
 DARK = 5.0  # a pixel within this many standard deviations of the background's level looks like background
@@ -94,7 +94,8 @@ def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
     """Whether the residuals exceed the noise, which is known or estimated from second differences along rows."""
     if fit.views[0].noise is not None:
         return fit.rmse > BEYOND_NOISE
-    rows = np.unique(np.linspace(0, len(inside) - 1, ROWS).astype(int))
+    on_object = np.flatnonzero(inside.any(1))
+    rows = on_object[np.unique(np.linspace(0, len(on_object) - 1, ROWS).astype(int))] if len(on_object) else on_object
     three = inside[rows, 2:] & inside[rows, 1:-1] & inside[rows, :-2]
     if not three.any():
         return False
