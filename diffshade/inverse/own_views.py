@@ -27,25 +27,25 @@ from .solve.solvers import PriorResiduals, minimum_in_jax, point_of
 from .statistics.uncertainty import Vector, inverse
 from .unknowns.visibility import Arrow, part_of, views_that_show
 
-LEAST = 1e-3  # the least ratio of a reflection to that at the minimum of which a logarithm or an inverse is taken
+LEAST = 1e-3  # the least ratio of a reflection to that at the minimum, in logarithms and inverses
 SURELY = 5.0  # errors above 0, from which on a reflection has a logarithm and an inverse
 
 _known = jit_quickly(lambda theta, priors, arrow: priors.gram(theta, arrow))
 
 
 class PriorsAndOthers(PriorResiduals):
-    """What is known beside some views: by priors, and by all other views, whose cost is a quadratic of the border."""
+    """What is known beside some views: by priors, and by all other views, to second order in the border."""
 
     center: Float[fields.Array, " f"]
     """The border, the first of the unknowns, where the quadratic was found."""
     slope: Float[fields.Array, " f"]
     curvature: Float[fields.Array, "f f"]
     power: Int[fields.Array, " f"]
-    """How each number of the border is measured: by its distance from the center (0), by that times the center in its
-    logarithm (1), or in its inverse (2). The derivative of each is (border/center)^-power."""
+    """How far each number of the border is from the center: border - center (0), center log(border/center) (1), or
+    center (1 - center/border) (2). The derivative of each by the border is (border/center)^-power."""
 
     def away(self, theta: Float[fields.Array, " p"]) -> Float[fields.Array, " f"]:
-        """Return how far the border is from the center, as it is measured."""
+        """Return how far the border is from the center, by `power`."""
         bends, border = self.power > 0, theta[jnp.arange(self.center.shape[0])]
         center, ratio = jnp.where(bends, self.center, 1.0), self._ratio(border)
         in_logarithm, in_inverse = center * jnp.log(ratio), center * (1.0 - 1.0 / ratio)
@@ -111,7 +111,8 @@ class OthersAsQuadratics:
 
         All reflections times 1.1 and all intensities over 1.1 change no pixel. What the priors of the intensities say
         of that is quadratic in the logarithm of a reflection where they are solved for as logarithms, and else in its
-        inverse: in the reflection itself only to a few per cent.
+        inverse: in the reflection itself only to a few per cent. A reflection that is not clearly above 0 is measured
+        as it is: its logarithm and inverse have no meaning there.
         """
         unknowns, border = self.laid.unknowns, self.border
         lights = [unknowns[j] for of in self.members for j in of if unknowns[j].parameter.gauge < 0]

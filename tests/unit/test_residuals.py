@@ -396,7 +396,7 @@ def test_jax_takes_aligned_arrays_as_they_are():
     assert given.shape == (3, 5, 7)
     assert not given.any()
     with jax.enable_x64(True):
-        assert jax.device_put(given).unsafe_buffer_pointer() == given.ctypes.data
+        assert jax.device_put(given, jax.devices("cpu")[0]).unsafe_buffer_pointer() == given.ctypes.data
 
 
 def test_views_under_the_same_known_lights_share_their_fields():

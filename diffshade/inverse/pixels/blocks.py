@@ -24,7 +24,7 @@ MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for 
 LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CACHE_LINE = 64  # bytes
 OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
-SEVERAL = 16 * OF_PART  # blocks at most that are cut as a part of them is
+SEVERAL = 16 * OF_PART  # the most blocks that are cut as a part of them is
 CHUNK = 32  # blocks at most in one call of a compiled program
 
 
@@ -97,8 +97,9 @@ def block_size(pixels: Sequence[int], places: int = 1) -> int:
 def chunks(parts: Sequence[Piece]) -> list[list[Piece]]:
     """Gather blocks into chunks, filled up with empty ones to one length, so that one program serves all.
 
-    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty. Up to
-    `SEVERAL` blocks of other large views are cut as a part of them is (`problem.PART`): one program then serves both.
+    Where all views have the same pieces, chunks have the same pieces too, as far as that leaves few blocks empty. One
+    view, or views with different pieces, of more than `LARGE` blocks each on average are cut as a part of them is
+    (`problem.PART`), up to `SEVERAL` blocks in all: one program then serves both.
     """
     if not parts:
         return []

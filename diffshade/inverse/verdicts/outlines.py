@@ -91,21 +91,24 @@ def _brightness(view: View) -> Float[np.ndarray, "h w"]:
 
 
 def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
-    """Whether the residuals exceed the noise, which is known or estimated from second differences along rows."""
-    if fit.views[0].noise is not None:
-        return fit.rmse > BEYOND_NOISE
+    """Whether the residuals exceed the noise, which is known or estimated."""
+    noise = 1.0 if fit.views[0].noise is not None else noise_of(views, inside)
+    return fit.rmse > BEYOND_NOISE * noise
+
+
+def noise_of(views: Sequence[View], inside: Mask) -> float:
+    """Return the noise of photographs by second differences along rows of an object; infinity where it has none."""
     on_object = np.flatnonzero(inside.any(1))
-    rows = on_object[np.unique(np.linspace(0, len(on_object) - 1, ROWS).astype(int))] if len(on_object) else on_object
+    rows = on_object[np.unique(np.linspace(0, max(len(on_object) - 1, 0), ROWS).astype(int))[: len(on_object)]]
     three = inside[rows, 2:] & inside[rows, 1:-1] & inside[rows, :-2]
     if not three.any():
-        return False
+        return np.inf
 
     def scatter(view: View) -> float:
         bends = np.diff(np.asarray(colours(view)[rows], np.float64), n=2, axis=1)[three]
         return float(robust_scale(bends) / np.sqrt(6.0))
 
-    noise = float(np.median(on_all_cores(scatter, views)))
-    return fit.rmse > BEYOND_NOISE * noise
+    return float(np.median(on_all_cores(scatter, views)))
 
 
 def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline | None:
