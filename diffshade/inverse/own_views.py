@@ -46,10 +46,10 @@ class PriorsAndOthers(PriorResiduals):
 
     def away(self, theta: Float[fields.Array, " p"]) -> Float[fields.Array, " f"]:
         """Return how far the border is from the center, by `power`."""
-        bends, border = self.power > 0, theta[jnp.arange(self.center.shape[0])]
-        center, ratio = jnp.where(bends, self.center, 1.0), self._ratio(border)
-        in_logarithm, in_inverse = center * jnp.log(ratio), center * (1.0 - 1.0 / ratio)
-        return jnp.where(bends, jnp.where(self.power > 1, in_inverse, in_logarithm), border - self.center)
+        border = theta[jnp.arange(self.center.shape[0])]
+        ratio = self._ratio(border)
+        bent = self.center * jnp.where(self.power > 1, 1.0 - 1.0 / ratio, jnp.log(ratio))
+        return jnp.where(self.power > 0, bent, border - self.center)
 
     def _ratio(self, border: Float[fields.Array, " f"]) -> Float[fields.Array, " f"]:
         center = jnp.where(self.power > 0, self.center, 1.0)
@@ -59,11 +59,11 @@ class PriorsAndOthers(PriorResiduals):
         """Return the Gram of the priors, with what other views cost added; it is 0 at the center."""
         known, every = super().gram(theta, arrow), jnp.arange(self.center.shape[0])
         border, away = theta[every], self.away(theta)
-        slope, bend = self._ratio(border) ** -self.power.astype(float), self.curvature @ away
+        rate, bend = self._ratio(border) ** -self.power.astype(float), self.curvature @ away
         return Gram(
             known.cost + self.slope @ (border - self.center) + 0.5 * away @ bend,
-            jnp.asarray(known.gradient).at[every].add(self.slope + slope * bend),
-            known.hessian.added(every[None], (slope[:, None] * slope[None] * self.curvature)[None]),
+            jnp.asarray(known.gradient).at[every].add(self.slope + rate * bend),
+            known.hessian.added(every[None], (rate[:, None] * rate[None] * self.curvature)[None]),
         )
 
 
@@ -169,7 +169,7 @@ class OwnViews:
         weighed = self.problem.reweigh(laid.theta[self.index], laid_out)
         self.squares = self.problem.sum_of_squares(weighed)
         self.chunk = jax.tree.map(lambda *of: jnp.concatenate(of), *weighed)  # one, so that the program is short
-        self.theta, self.curvature = others.theta[self.index], others.curvature[block]
+        theta = others.theta[self.index]
         known, f = self.problem.priors(fit.squares), len(others.border)
         self.priors = PriorsAndOthers(
             known.index,
@@ -177,13 +177,13 @@ class OwnViews:
             known.weight,
             known.units,
             known.unit_weight,
-            self.theta[:f],
+            theta[:f],
             others.slope[block],
-            self.curvature,
+            others.curvature[block],
             others.power,
         )
         self.leaves, self.structure = jax.tree.flatten((self.problem.model, self.priors, self.problem.box))
-        self.best, _ = self._minimise(self.held, self.theta, 1e-12)
+        self.best, _ = self._minimise(self.held, theta, 1e-12)
 
     def rise(self, j: int, t: float, start: Vector, least: float) -> tuple[float, float]:
         """Return by how much the cost rises where an unknown is held, and how much of that the other views add.
@@ -195,16 +195,17 @@ class OwnViews:
             least: The rise that is small enough not to be looked for.
         """
         (k,) = np.flatnonzero(self.index == j).tolist()
-        cost, theta = self._minimise({**self.held, k: t}, start[self.index], min(least / max(self.best, 1e-300), 1e-6))
-        away = np.asarray(self.priors.away(jnp.asarray(theta)))
-        return cost - self.best, float(0.5 * away @ self.curvature @ away)
+        rtol = min(least / max(self.best, 1e-300), 1e-6)
+        cost, of_others = self._minimise({**self.held, k: t}, start[self.index], rtol)
+        return cost - self.best, of_others
 
-    def _minimise(self, held: Mapping[int, float], theta: Vector, rtol: float) -> tuple[float, Vector]:
+    def _minimise(self, held: Mapping[int, float], theta: Vector, rtol: float) -> tuple[float, float]:
+        """Return the lowest cost, and what other views add to it by bending."""
         theta, lower, upper = hold(self.problem.box, theta, held)
         model = self.problem.model
         program = _minimum_unfused if model.transparent and jax.default_backend() == "cpu" else _minimum
         found = program(self.structure, self.leaves, theta, lower, upper, self.chunk, self.squares, rtol)
-        return float(found[1]), np.asarray(found[0])
+        return float(found[0]), float(found[1])
 
 
 def _minimise(
@@ -224,7 +225,8 @@ def _minimise(
         return point_of(theta, model, priors, box, model.summary(theta, chunk))
 
     found = minimum_in_jax(theta, at, box, squares, projects=model.projects, max_steps=MAX_STEPS, rtol=rtol)
-    return found[0], found[1]
+    away = priors.away(found[0])
+    return found[1], 0.5 * away @ priors.curvature @ away
 
 
 _minimum = jit_quickly(_minimise, 0, SOONER)  # over pixels, but of few views

@@ -155,8 +155,8 @@ class FitProblem:
         points = points_of(found, self.views, self.model, self.over_pixels, size, self.cameras, self.lights)
 
         def chunk(of: tuple[list[Piece], Any]) -> Block:
-            pieces, shown = of
-            laid = Block(views_of(pieces), shown, self.observed(pieces, size))
+            of_chunk, shown = of
+            laid = Block(views_of(of_chunk), shown, self.observed(of_chunk, size))
             return with_weights(None, self.model, laid, noise_known=self.noise_known)
 
         return on_all_cores(chunk, zip(found, points, strict=True))

@@ -410,7 +410,7 @@ def test_views_under_the_same_known_lights_share_their_fields():
 
 @pytest.mark.parametrize(("of_view", "views", "length"), [(1, 12, 6), (2, 24, 24), (5, 12, 30), (40, 3, 20), (3, 5, 8)])
 def test_chunks_of_views_with_the_same_pixels_have_the_same_pieces(of_view, views, length):
-    """The last of these, 9 blocks at once, would leave too many of them empty."""
+    """The last of these, 6 blocks at once, would leave too many of them empty."""
     samples = [Samples(np.ones((1, 1), bool), np.arange(of_view * 10), np.ones((1, 1, 3)), 0.0, 1.0, 1.0)] * views
     found = blocks.chunks(pieces(samples, 10))
     assert {len(chunk) for chunk in found} == {length}

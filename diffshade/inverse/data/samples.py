@@ -54,14 +54,9 @@ class Samples:
         """Return 1 where the sensor clipped a sample at the top of its range, -1 at the bottom, else 0."""
         return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
 
-    @property
-    def may_be_clipped(self) -> bool:
-        """Whether any sample can be at an end of the sensor's range."""
-        return self.brightest >= self.level or self.floor > -np.inf
-
     def ends(self) -> Int8[np.ndarray, "n c"]:
         """Return `clipped` of all the samples."""
-        if not self.may_be_clipped:
+        if self.brightest < self.level and self.floor == -np.inf:  # nothing can be
             return np.zeros((len(self.pixels), self.photograph.shape[2]), np.int8)
         return self.clipped(self.values(self.pixels))
 
@@ -119,11 +114,10 @@ def collect_samples(
             raise ValueError(f"views[{i}]: {error}") from None
         if i in again:  # the same numbers tell nothing more
             found = dataclasses.replace(found, pixels=found.pixels[:0])
-        if found.may_be_clipped:
-            ends = found.ends()
-            clipping += int(np.abs(ends).sum())
-            if clipped == "exclude" and ends.any():
-                found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
+        ends = found.ends()
+        clipping += int(np.abs(ends).sum())
+        if clipped == "exclude" and ends.any():
+            found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
         same = shown.setdefault((camera_key(view.camera), found.pixels.tobytes()), found.pixels)
         samples.append(dataclasses.replace(found, pixels=same))
     kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)

@@ -95,7 +95,7 @@ class FeatureModel(AbstractForwardModel):
         return program(self.setting, seen, view)
 
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
-        """Return `lit` of `seen`, by one program where the lights are known, which keeps the points in registers."""
+        """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
         if any(self.placed) or not is_concrete(view):
             return self.lit(self.seen(pixels, view, counts), view)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)

@@ -93,9 +93,9 @@ def points_of(
         found = on_all_cores(lambda pair: model.lit(points[pair[0]], views_of(first[pair])), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    shared = [key for key, of in by_camera.items() if len(of) > 1 or _repeats(key)]
-    alone = [of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)]
-    found = dict(zip(alone, on_all_cores(at_once, alone), strict=True))
+    alone = {key: of[0] for key, of in by_camera.items() if len(of) == 1 and not _repeats(key)}
+    shared = [key for key in by_camera if key not in alone]
+    found = dict(zip(alone.values(), on_all_cores(at_once, alone.values()), strict=True))
     for start in range(0, len(shared), cores()):  # a few at a time: what is seen takes more memory than what is kept
         found |= lit(shared[start : start + cores()])
     return [found[pair] for pair in alike]

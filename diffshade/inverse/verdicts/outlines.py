@@ -98,8 +98,10 @@ def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
 
 def noise_of(views: Sequence[View], inside: Mask) -> float:
     """Return the noise of photographs by second differences along rows of an object; infinity where it has none."""
+    if not inside.any():
+        return np.inf
     on_object = np.flatnonzero(inside.any(1))
-    rows = on_object[np.unique(np.linspace(0, max(len(on_object) - 1, 0), ROWS).astype(int))[: len(on_object)]]
+    rows = on_object[np.unique(np.linspace(0, len(on_object) - 1, ROWS).astype(int))]
     three = inside[rows, 2:] & inside[rows, 1:-1] & inside[rows, :-2]
     if not three.any():
         return np.inf
