@@ -138,9 +138,8 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.laid_out_problem import LaidOutProblem
-    from diffshade.inverse.problem import PART, fit_problem
-    from diffshade.inverse.running import samples_for
+    from diffshade.inverse.laid_out import LaidOut
+    from diffshade.inverse.problem import PART, fit_problem, samples_for
     from diffshade.inverse.starting import find_start
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
@@ -157,7 +156,7 @@ def _solve(made) -> Callable:
     def solve() -> np.ndarray:
         start = find_start(fit, parts, part, from_scene=False, report_progress=report_progress)
         squares = start.squares * max(counts.pixels / PART, 1.0)
-        return LaidOutProblem(fit, start, everything, squares).minimise(report_progress).theta
+        return LaidOut(fit, start.theta, squares, parts, everything).minimise(damping=start.damping).theta
 
     return solve
 

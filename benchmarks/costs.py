@@ -68,14 +68,14 @@ def fit_pass() -> tuple[Any, int, int]:
 
 def time_of_a_pass() -> tuple[float, int]:
     """Return the processor time of a pass over a megapixel, in ns a pixel that counts, and how many a solve takes."""
-    from diffshade.inverse.running import solve
     from diffshade.inverse.solve import solvers
+    from diffshade.inverse.solving import solve
 
     with jax.enable_x64(True):
         fit = problem_of(1024)
-        laid, end = solve(fit)
+        laid, end, _ = solve(fit)
         task = laid.task
-        look = {"pass": lambda: solvers.evaluate(end.theta, task, laid.pixels)}
+        look = {"pass": lambda: solvers.evaluate(end.theta, task, laid.chunks)}
         seconds = medians(take_turns(look, 15, clock=time.process_time))["pass"]
     return 1e9 * seconds / fit.counts.pixels, end.steps
 
@@ -84,8 +84,7 @@ def problem_of(size: int) -> Any:
     """Return the fit of the other benchmarks."""
     import problem
 
-    from diffshade.inverse.problem import fit_problem
-    from diffshade.inverse.running import samples_for
+    from diffshade.inverse.problem import fit_problem, samples_for
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)

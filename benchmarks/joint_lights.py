@@ -162,7 +162,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
     Reading, checks and error bars, which Ceres does not have, are left out; so are the steps of the files, which only
     error bars need, and the places where lights are tried once more.
     """
-    from diffshade.inverse import running, starting
+    from diffshade.inverse import fitting, solving, starting
     from diffshade.inverse.forward.rounding import no_rounding
 
     def begun(s: ds.Scene) -> tuple:
@@ -171,7 +171,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
 
     given = eqx.tree_at(begun, scene, (START[:3], START[3:6], np.exp(START[6])))
     stated = [dataclasses.replace(view, noise=NOISE) for view in views]  # which Ceres is given too
-    whole, rounding, elsewhere, taken = running.solve, starting.find_rounding, running._with_lights_elsewhere, []
+    whole, rounding, elsewhere, taken = solving.solve, starting.find_rounding, solving._with_lights_elsewhere, []
 
     def timed(*of: Any, **options: Any) -> Any:
         began = clock()
@@ -179,14 +179,14 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
         taken.append(clock() - began)
         return found
 
-    running.solve = timed  # pyright: ignore[reportPrivateImportUsage]
+    fitting.solve = timed  # pyright: ignore[reportPrivateImportUsage]
     starting.find_rounding = lambda values, levels: no_rounding(len(levels))
-    running._with_lights_elsewhere = lambda laid, end, report_progress: end
+    solving._with_lights_elsewhere = lambda laid, end, report_progress: end
     try:
         ds.fit(given, stated, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")
     finally:
-        running.solve = whole  # pyright: ignore[reportPrivateImportUsage]
-        starting.find_rounding, running._with_lights_elsewhere = rounding, elsewhere
+        fitting.solve = whole  # pyright: ignore[reportPrivateImportUsage]
+        starting.find_rounding, solving._with_lights_elsewhere = rounding, elsewhere
     (seconds,) = taken
     return seconds
 

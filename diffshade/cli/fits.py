@@ -26,20 +26,17 @@ MODELS = ("phong", "blinn", "matte")
 @with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo by the others, with bands")
-@click.option(
-    "--checkpoint", type=click.Path(path_type=Path), metavar="FOLDER", help="Save progress here, and resume from it"
-)
 @as_json
-def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, checkpoint: Path | None, as_json: bool) -> None:
+def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, as_json: bool) -> None:
     """Fit parameters, with errors. SOURCE: a folder, or a .toml with PHOTOS."""
     check_out(out, [typed.source, *typed.photos])
     source = typed.read()
     seen, left_out = divided(len(source.views), hold_out)
     source, held = source.only(seen), source.only(left_out)
     if hold_out is None:
-        found, bands = typed.fit(source, checkpoint=checkpoint), None
+        found, bands = typed.fit(source), None
     else:
-        bands = _bands(typed, source, checkpoint)
+        bands = _bands(typed, source)
         found = cast("ds.Fit", bands.result)
     coverage = None if bands is None else bands.coverage(held.views)
     names = list(held.names)
@@ -58,13 +55,13 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, checkpoint:
     answer("\n".join(lines), data, as_json=as_json)
 
 
-def _bands(typed: Options, source: Source, checkpoint: Path | None) -> ds.PredictionBands:
+def _bands(typed: Options, source: Source) -> ds.PredictionBands:
     """Fit all views of a source, and again without groups of them."""
     import diffshade as ds
 
     def fit_some(views: Sequence[ds.View]) -> ds.Fit:
         which = [i for i, view in enumerate(source.views) if any(view is other for other in views)]
-        return typed.fit(source.only(which), checkpoint=checkpoint if len(which) == len(source.views) else None)
+        return typed.fit(source.only(which))
 
     return ds.fit_bands(fit_some, source.views)
 
@@ -88,7 +85,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
     every = typed.read()
     seen, left_out = divided(len(every.views), hold_out)
     source, held = every.only(seen), every.only(left_out)
-    bands = None if hold_out is None else _bands(typed, source, None)
+    bands = None if hold_out is None else _bands(typed, source)
     found = typed.fit(source) if bands is None else cast("ds.Fit", bands.result)
     more: dict[str, Any] = {}
     if not quick:

@@ -67,18 +67,20 @@ def with_new_arrays(tree: T) -> T:
     for as long as that program lives, which precision it was shipped in (`_canonicalize_ndarray_dtype` of jax 0.10 is
     a weak cache whose key leaves out the flag). The same object in the other precision then ends in "expected f64[3]
     but got f32[3]", or is silently rounded to float32. A view is an object that JAX has not met. Frozen dataclasses
-    that are no trees, such as a `Fit`, get new arrays in all of their fields.
+    that are no trees, such as a `Fit`, get new arrays in all of their fields. An array that stands at several places
+    stays one.
     """
-    return jax.tree.map(_anew, tree)
+    new: dict[int, np.ndarray] = {}
 
+    def anew(leaf: Any) -> Any:
+        if isinstance(leaf, np.ndarray):
+            return new.setdefault(id(leaf), leaf.view())
+        if dataclasses.is_dataclass(leaf) and not isinstance(leaf, type):
+            fields = (field.name for field in dataclasses.fields(leaf) if field.init)
+            return dataclasses.replace(leaf, **{name: jax.tree.map(anew, getattr(leaf, name)) for name in fields})
+        return leaf
 
-def _anew(leaf: Any) -> Any:
-    if isinstance(leaf, np.ndarray):
-        return leaf.view()
-    if dataclasses.is_dataclass(leaf) and not isinstance(leaf, type):
-        fields = (field.name for field in dataclasses.fields(leaf) if field.init)
-        return dataclasses.replace(leaf, **{name: with_new_arrays(getattr(leaf, name)) for name in fields})
-    return leaf
+    return jax.tree.map(anew, tree)
 
 
 def jit_quickly(program: Callable, static_argnums: int | None = None, options: dict = QUICKLY) -> Callable:

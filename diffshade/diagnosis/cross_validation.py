@@ -15,9 +15,10 @@ from ..core.fields import Array
 from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
-from ..inverse.laid_out_fit import LaidOutFit
+from ..inverse.laid_out import LaidOut
 from ..inverse.pixels.blocks import BLOCK, Block, Piece
 from ..inverse.pixels.blocks import chunks as in_chunks
+from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
 from .patches import cut_in_patches, patch_width, residual_images
@@ -42,17 +43,17 @@ class Folds:
         return int(self.fold.max()) + 1
 
 
-def make_folds(laid: LaidOutFit) -> Folds:
+def make_folds(fit: Fit) -> Folds:
     """Return the folds: views (one fold per camera and set of lights) if there are at least three, else patches."""
-    samples, size = laid.samples, laid.problem.block_size
-    groups = [[v for v in group if len(samples[v].pixels)] for group in setups(laid.fit.scene, laid.fit.views)]
+    samples, size = fit.solved.problem.samples, fit.solved.problem.block_size
+    groups = [[v for v in group if len(samples[v].pixels)] for group in setups(fit.scene, fit.views)]
     groups = [group for group in groups if group]  # a view that repeats an earlier one has no pixels
     if len(groups) >= FEWEST_VIEWS:
         parts = [Piece(v, samples[v], samples[v].pixels) for group in groups for v in group]
         fold = np.array([k for k, group in enumerate(groups) for _ in group])
         return _in_blocks(parts, fold, size, f"{len(groups)} views")
-    width = patch_width(*residual_images(laid.fit))
-    parts, fold = cut_in_patches(laid.fit, samples, width)
+    width = patch_width(*residual_images(fit))
+    parts, fold = cut_in_patches(fit, samples, width)
     count = len(set(fold))
     if count < 2:
         raise ValueError(
@@ -77,7 +78,7 @@ def _in_blocks(parts: Sequence[Piece], fold: Int[np.ndarray, " n"], size: int, w
 class Scores:
     """The held-out errors of a model."""
 
-    laid: LaidOutFit
+    laid: LaidOut
     chunks: list[Block]
     squares: Float[np.ndarray, " folds"]
     """Sum of squares of each fold, predicted without it."""
@@ -93,9 +94,9 @@ class Scores:
         return _predictions(jnp.asarray(self.laid.theta), self.laid.model, self.chunks[c])
 
 
-def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress: Callable[[float], None]) -> Scores:
+def cross_validate(laid: LaidOut, folds: Folds, scale: float, report_progress: Callable[[float], None]) -> Scores:
     """Predict each fold by a fit to the others."""
-    problem, rho = laid.problem, LOSSES[laid.fit.likelihood.loss].value
+    problem, rho = laid.problem, LOSSES[laid.model.likelihood.loss].value
     chunks = problem.lay_out(folds.pieces, folds.size)  # weights by the photograph, the same for every model
     weighed = problem.reweigh(laid.theta, chunks)
     gathered, fold_of = in_chunks(folds.pieces), {id(p): k for p, k in zip(folds.pieces, folds.fold, strict=True)}
@@ -114,7 +115,7 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
             for chunk, blocks in zip(weighed, of_block, strict=True)
             if ((blocks != k) & (blocks >= 0)).any()
         ]
-        end = laid.minimise(held, laid.theta, others)
+        end = laid.minimise(held, chunks=others)
         converged &= not end.message
         for chunk, blocks in zip(chunks, of_block, strict=True):
             if (blocks == k).any():
@@ -123,7 +124,7 @@ def cross_validate(laid: LaidOutFit, folds: Folds, scale: float, report_progress
                 s = weight * (m - np.asarray(chunk.observed.target)[mine]) ** 2 / scale**2
                 squares[k] += scale**2 * float(np.sum(rho(s)))
                 samples[k] += float(np.sum(weight > 0))
-    own = dict.fromkeys(u.quantity for u, alone in zip(laid.fit.unknowns, single_view, strict=True) if alone >= 0)
+    own = dict.fromkeys(u.quantity for u, alone in zip(problem.unknowns, single_view, strict=True) if alone >= 0)
     scores = Scores(laid, chunks, squares, samples, 0.0, tuple(own), converged)
     residual = 0.0
     for c, chunk in enumerate(chunks):

@@ -15,11 +15,9 @@ from ..core.backend import in_float64
 from ..inverse.data.recording import photograph
 from ..inverse.data.views import Noise, View, has_alpha, in_channels_of, is_grey
 from ..inverse.fitting import check_choices, check_free
-from ..inverse.forward.rounding import no_rounding
-from ..inverse.laid_out_problem import LaidOutProblem, Start
-from ..inverse.problem import fit_problem
-from ..inverse.running import samples_for
-from ..inverse.solve.solvers import FAR, Minimum, evaluate
+from ..inverse.laid_out import lay_out
+from ..inverse.problem import fit_problem, samples_for
+from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.summary import summarise
 from ..inverse.unknowns.constraints import Grey, Proportional
@@ -106,11 +104,8 @@ def forecast(
         samples, counts = samples_for(scene, views, unknowns, "hinge", forecast=True)
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
-        chunks = problem.chunks()
-        squares = problem.sum_of_squares(chunks)
-        start = Start(theta, 1.0, squares, no_rounding(len(views)), 0.0, FAR)
-        laid = LaidOutProblem(problem, start, problem.reweigh(theta, chunks), squares)
-        fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.pixels), 0, ""), forecast=True)
+        laid = lay_out(problem, theta, problem.sum_of_squares(problem.chunks()))
+        fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.chunks), 0, ""), forecast=True)
     return Forecast(fit.names, fit.values, fit.plain_errors, fit.determined, fit.notes)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.progress import ReportProgress, silent
-from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.own_views import OthersAsQuadratics, OwnViews
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
@@ -33,7 +32,7 @@ class Profile:
     """
 
     def __init__(self, fit: Fit, clusters: Clusters):
-        self.laid = LaidOutFit(fit)
+        self.laid = fit.solved.laid_out()
         self.fit, self.clusters = fit, clusters
         self.variance = clusters.rises()
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
@@ -41,7 +40,7 @@ class Profile:
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
         end = evaluate(self.laid.theta, self.laid.task, self.laid.chunks)
         self.best = float(end.total.cost)
-        self.others = None if self.laid.problem.box.arrow is None else OthersAsQuadratics(self.laid, end)
+        self.others = None if self.laid.problem.box.arrow is None else OthersAsQuadratics(fit, self.laid, end)
         self.alone: dict[int, OwnViews] = {}
         self.of_others = np.zeros(len(fit.unknowns))
         # A difference of costs is known to within the rounding of the sum of squares.
@@ -56,7 +55,7 @@ class Profile:
             self.of_others[j] = max(self.of_others[j], of_others / variance if np.isfinite(rise) else np.inf)
         else:
             rtol = ACCURATE * variance / max(self.best, 1e-300)
-            end = self.laid.minimise({j: t}, start, self.laid.chunks, rtol=min(rtol, 1e-6))
+            end = self.laid.minimise({j: t}, start, rtol=min(rtol, 1e-6))
             rise = float(end.point.total.cost) - self.best
         away = float(np.sqrt(2.0 * max(rise, 0.0) / variance))
         self.evaluated[j].append((t, away))

@@ -15,7 +15,7 @@ from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.words import listing
 from ..inverse.data.views import is_grey
-from ..inverse.laid_out_fit import LaidOutFit
+from ..inverse.laid_out import LaidOut
 from ..inverse.result import Fit
 from .cross_validation import Folds, Scores, cross_validate, make_folds
 
@@ -112,11 +112,11 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
         showing("compare", show=progress) as report_progress,
         in_float64(dict(fits)) as fits,
     ):
-        laid = {name: LaidOutFit(fits[name]) for name in names}
+        laid = {name: fits[name].solved.laid_out() for name in names}
         for name in names[1:]:
             _check_same_pixels(names[0], laid[names[0]], name, laid[name])
         tightest = min(names, key=lambda name: (fits[name].rmse, name))
-        folds = make_folds(laid[tightest])
+        folds = make_folds(fits[tightest])
         scale = min(float(fits[name].likelihood.sigma) for name in names)
         scores = {
             name: cross_validate(
@@ -181,9 +181,9 @@ def _numbers(noise: Any) -> np.ndarray | None:
     return None if noise is None else np.array(jax.tree.leaves(noise), float)
 
 
-def _check_same_pixels(one: str, a: LaidOutFit, other: str, b: LaidOutFit) -> None:
+def _check_same_pixels(one: str, a: LaidOut, other: str, b: LaidOut) -> None:
     """Refuse fits that use different pixels, because of other surfaces, cameras or clipping."""
-    for i, (s, t) in enumerate(zip(a.samples, b.samples, strict=True)):
+    for i, (s, t) in enumerate(zip(a.problem.samples, b.problem.samples, strict=True)):
         if not np.array_equal(s.pixels, t.pixels):
             raise ValueError(
                 f"fits['{one}'] and fits['{other}'] must use the same pixels; in views[{i}] they use "

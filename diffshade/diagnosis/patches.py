@@ -16,7 +16,6 @@ from ..inverse.data.views import setups
 from ..inverse.forward.gram import Gram
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.sums import waves
-from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.pixels.blocks import Block, Piece
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
@@ -33,8 +32,8 @@ def find_clusters(fit: Fit) -> Clusters:
         return fit.clusters
     differences, counts = residual_images(fit)
     width = patch_width(differences, counts)
-    laid = LaidOutFit(fit)
-    parts, patch = cut_in_patches(fit, laid.samples, width)
+    laid = fit.solved.laid_out()
+    parts, patch = cut_in_patches(fit, laid.problem.samples, width)
     count = len(set(patch))
     if count < FEWEST:
         return independent(fit.evidence, f"{count} patches of {width} x {width} pixels")

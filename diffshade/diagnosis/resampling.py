@@ -9,7 +9,6 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..inverse.data.views import setups
-from ..inverse.laid_out_fit import LaidOutFit
 from ..inverse.result import Fit
 from ..inverse.unknowns.unknown import values_at
 
@@ -50,11 +49,11 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         showing("bootstrap", show=progress) as report_progress,
         in_float64(fit) as fit,
     ):
-        laid = LaidOutFit(fit)
+        laid = fit.solved.laid_out()
         chunks = laid.by_view()
         for draw in range(draws):
             report_progress(f"draw {draw + 1} of {draws}", draw / draws)
             drawn = [v for g in random.integers(len(groups), size=len(groups)) for v in groups[g]]
-            theta = laid.minimise({}, laid.theta, [chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
+            theta = laid.minimise(chunks=[chunk for v in drawn for chunk in chunks[v]], rtol=1e-10).theta
             found[draw] = values_at(theta, fit.unknowns)
     return found

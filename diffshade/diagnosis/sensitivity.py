@@ -11,14 +11,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..core.backend import SOONER, in_float64, jit_quickly
 from ..core.fields import Array, check_kind
 from ..inverse.forward.gram import directions_of
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.rendered import costs
-from ..inverse.laid_out_fit import LaidOutFit
+from ..inverse.laid_out import LaidOut
 from ..inverse.pixels.blocks import Block, total
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
@@ -63,7 +63,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
             if (path, channel) in places:
                 raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a parameter that was known.")
     with in_float64(fit) as fit:
-        at = _FitAtMinimum(fit)
+        at = _laid_out(fit)
         slots = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, known))
         phi = values_in(fit.scene, fit.views, known)
         bases = [x.base for u in fit.unknowns for x in u.products]
@@ -75,7 +75,7 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
         second = total(
             on_all_cores(lambda chunk: _second_derivatives(z, slots, along, shown, at.model, chunk), at.chunks)
         )
-        moves = at.solve(second[:p, :p], second[:p, p:])
+        moves = _moves(fit, at, second[:p, :p], second[:p, p:])
     values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
     for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
         moves[:, unit] /= np.linalg.norm(values[known[unit[0]].places[0][0]])
@@ -104,7 +104,7 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
             f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Give the index of one of the fit's views."
         )
     with in_float64(fit) as fit:
-        at = _FitAtMinimum(fit)
+        at = _laid_out(fit)
         theta, p = jnp.asarray(at.theta), len(at.theta)
         empty = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, []))
         along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
@@ -116,14 +116,14 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
         slopes = on_all_cores(lambda chunk: _by_sample(theta, shown, at.model, chunk), some)
         views = np.concatenate([np.asarray(chunk.view) for chunk in some])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, most, channels, pixels)
-        samples = at.samples[view]
+        samples = fit.solved.problem.samples[view]
         _, channels, size = by_block.shape[1:]
         number = -(-len(samples.pixels) // size)
         flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(shown[view]), number * size, channels)
         used = samples.photograph.shape[2]
         mixed = np.zeros((p + 1, len(samples.pixels) * used))
         mixed[shown[view]] = flat[:, : len(samples.pixels), :used].reshape(len(flat), -1)
-        moves = at.solve(second, mixed[:p])
+        moves = _moves(fit, at, second, mixed[:p])
     image = np.zeros((len(moves), samples.inside.size, used))
     image[:, samples.pixels] = moves.reshape(len(moves), -1, used)
     return image.reshape(len(moves), *samples.inside.shape, used)
@@ -145,25 +145,22 @@ def _shown(fit: Fit, known: Sequence[Unknown], *, followed: bool) -> Int[np.ndar
     return np.concatenate([of(fit.unknowns, p + k), p + of_known], 1)
 
 
-class _FitAtMinimum(LaidOutFit):
-    """A fit laid out at its minimum, with the forward model that serves any scene."""
+def _laid_out(fit: Fit) -> LaidOut:
+    """Return a fit laid out at its minimum, with the forward model that serves any scene."""
+    singular = ~fit.evidence.regular
+    if singular.any():
+        name = fit.names[int(singular.argmax())]
+        raise ValueError(f"{name} is not determined, so the fit has no derivative. Fix {name} and fit again.")
+    return fit.solved.beside(()).laid_out()
 
-    def __init__(self, fit: Fit):
-        singular = ~fit.evidence.regular
-        if singular.any():
-            name = fit.names[int(singular.argmax())]
-            raise ValueError(f"{name} is not determined, so the fit has no derivative. Fix {name} and fit again.")
-        super().__init__(fit, rendered=True)
-        self.free: Bool[np.ndarray, " p"] = ~fit.at_bound
-        self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
 
-    def solve(self, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
-        """Return -H^-1 of the mixed derivatives, in the values' own units."""
-        whole = np.asarray(hessian) + np.asarray(_prior_hessian(self.priors, jnp.asarray(self.theta)))
-        inner = np.ix_(self.free, self.free)
-        moves = np.zeros((len(self.theta), np.shape(mixed)[1]))
-        moves[self.free] = -inverse(whole[inner]) @ np.asarray(mixed)[self.free]
-        return moves * self.unit[:, None]
+def _moves(fit: Fit, laid: LaidOut, hessian: Any, mixed: Any) -> Float[np.ndarray, "p k"]:
+    """Return -H^-1 of the mixed derivatives, in the values' own units."""
+    whole = np.asarray(hessian) + np.asarray(_prior_hessian(laid.priors, jnp.asarray(laid.theta)))
+    free = ~fit.at_bound
+    moves = np.zeros((len(free), np.shape(mixed)[1]))
+    moves[free] = -inverse(whole[np.ix_(free, free)]) @ np.asarray(mixed)[free]
+    return moves / coordinate_slopes(fit.values, fit.unknowns)[:, None]
 
 
 @jax.jit

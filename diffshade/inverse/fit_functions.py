@@ -19,9 +19,8 @@ from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .forward.layout import lay_plain
-from .pixels.blocks import Block, pieces
-from .problem import fit_problem
-from .running import samples_for
+from .pixels.blocks import Block
+from .problem import fit_problem, samples_for
 from .solve.descent import TINY, box_step
 from .solve.elimination import Dense
 from .solve.solvers import Box, PriorResiduals, minimum_in_jax, point_of
@@ -286,7 +285,7 @@ def fit_function(
                 "or use fit."
             )
         problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
-        gathered = problem.gather(pieces(samples, problem.block_size), problem.block_size)
+        gathered = problem.gather(problem.block_size)
         shapes = tuple(np.shape(view.image) for view in views)
         made = FitFunction(
             tuple(unknown.name for unknown in unknowns),
@@ -294,7 +293,7 @@ def fit_function(
             problem.model,
             problem.priors(1.0),
             problem.box,
-            lay_plain(None, problem.model, gathered),
+            lay_plain(problem.model, gathered),
             _index(gathered, shapes),
             coordinates(np.array([unknown.start for unknown in unknowns]), unknowns),
             _groups(unknowns, scene),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -15,19 +13,15 @@ from jaxtyping import ArrayLike, Float
 
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64, check, check_kind, refuse_traced
-from ..core.progress import ReportProgress, showing
+from ..core.progress import showing
 from ..model.scenes import Scene
-from ..parallel.checkpoints import Checkpoint
-from ..parallel.devices import DeviceGroup, open_checkpoint
 from ..parallel.threads import ONE_BLAS_THREAD
-from .data.samples import Counts, check_enough, count_samples
-from .data.views import View, find_repeats, in_channels_of, is_grey
+from .data.views import View, in_channels_of, is_grey
 from .forward.losses import LOSSES
-from .forward.streams import surveyed
-from .pixels.tiles import Tiles
-from .problem import laid_bytes
-from .result import MEMORY, Fit
-from .running import moves_surface, run, samples_for
+from .problem import fit_problem, samples_for
+from .result import Fit
+from .solving import solve
+from .summary import summarise
 from .unknowns.constraints import Grey, Proportional
 from .unknowns.light_priors import stated_errors
 from .unknowns.parameters import find_unknowns
@@ -35,10 +29,11 @@ from .unknowns.unknown import Unknown
 from .verdicts.contradictions import check_priors
 from .verdicts.known_lights import widen_by_lights
 from .verdicts.outlines import check_outlines
-from .verdicts.stability import note_unchecked, withdraw_unstable
+from .verdicts.stability import withdraw_unstable
 
 DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or ds.image_sensitivity(fit, view)."
 CLIPPED = ("hinge", "tobit", "exclude")
+MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
 
 
 def fit(
@@ -56,7 +51,6 @@ def fit(
     clipped: str = "hinge",
     start: str = "search",
     memory: float | int = MEMORY,
-    checkpoint: str | Path | None = None,
     mesh: Mesh | None = None,
     progress: bool = False,
 ) -> Fit:
@@ -78,8 +72,7 @@ def fit(
     inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from
     the value that the images alone give, and values that it moves by two errors are not determined. If the images
     of integer files have less noise than a step, the steps are found from the values, and the effect of rounding is
-    added to the errors (`Fit.rounding`). A fit by tiles (of `checkpoint`, `mesh`, or more pixels than `memory`
-    holds) is not repeated, and has a note on that; lazy images are not compared with the silhouette.
+    added to the errors (`Fit.rounding`). Lazy images are not compared with the silhouette.
 
     Args:
         scene: The scene. Its values of free parameters matter only if the search begins at them (see above).
@@ -107,14 +100,10 @@ def fit(
             value is there or beyond. `"tobit"`: by the censored likelihood, which needs the views' noise; only this has
             no bias if many samples lie within the noise of the sensor's floor. `"exclude"`: its pixel is excluded.
         start: `"search"`, or `"scene"` to begin at the scene's values.
-        memory: Bytes that the pixels may take, about 100 each. If they need more, each pass reads them again, in tiles
-            of rows; lazy images (`open_image`) are never whole in memory.
-        checkpoint: A folder, made if it does not exist, for the result of every pass and, every few seconds, the sums
-            of the current one. If the fit is stopped, the same call resumes there and gives the same bits. With several
-            processes, the first one writes.
-        mesh: A `jax.sharding.Mesh` whose devices share the tiles; each step has one sum over all of them. After
-            `jax.distributed.initialize` in every process, give `jax.devices()`. Each process makes the same call, must
-            be able to read all views, and gets the same fit.
+        memory: Bytes that the pixels may take, about 100 each; default 4e9. Of more pixels each view has its share,
+            evenly spread over the image and over brightness, and a note says what that costs; lazy images
+            (`open_image`) are never whole in memory.
+        mesh: A `jax.sharding.Mesh` whose devices share the pixels; by default one device has all.
         progress: Whether to show a line on the terminal.
 
     Returns:
@@ -125,12 +114,12 @@ def fit(
         TypeError: As ValueError, for arguments of another type.
         FloatingPointError: Where the scene gives no finite image.
         RuntimeError: Where this jaxlib adds up wrongly.
-        LostProcess: Where another process of the fit was lost.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
     check_choices(scene, views, constraints, loss, clipped, start)
-    check_scale(memory, checkpoint, mesh)
+    check_scale(memory, mesh)
+    devices = [] if mesh is None else own_devices(mesh)
     check_backend()
     scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
     grey = all(is_grey(view) for view in views)
@@ -154,52 +143,22 @@ def fit(
         ONE_BLAS_THREAD,
     ):
         report_progress("reading the views")
-        by_tiles = checkpoint is not None or mesh is not None or laid_bytes(scene, views) > memory
-        device_group = None if mesh is None else DeviceGroup(mesh)
-        kept = None
-        if by_tiles:
-            kept = open_checkpoint(
-                checkpoint, device_group, scene, views, tuple(unknowns), loss, clipped, start == "scene"
-            )
-            samples, counts = survey_tiles(scene, views, unknowns, clipped, kept, device_group, report_progress)
-        else:
-            samples, counts = samples_for(scene, views, unknowns, clipped)
-        found = run(
-            scene,
-            views,
-            unknowns,
-            samples,
-            counts,
-            loss,
-            clipped,
-            from_scene=start == "scene",
-            memory=memory,
-            checkpoint=kept,
-            device_group=device_group,
-            report_progress=report_progress,
-        )
-        found = note_unchecked(found) if by_tiles else withdraw_unstable(found, report_progress)
+        samples, counts = samples_for(scene, views, unknowns, clipped, memory=memory)
+        problem = fit_problem(scene, views, unknowns, samples, counts, loss, clipped)
+        laid, end, begun = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
+        found = withdraw_unstable(summarise(laid, end, begun.step_variance), report_progress)
         stated = stated_errors(scene, light_error, intensity_error)
-        found = widen_by_lights(check_priors(check_outlines(found)), stated, by_tiles, report_progress)
-        return dataclasses.replace(found, memory=memory)
+        return widen_by_lights(check_priors(check_outlines(found)), stated, report_progress)
 
 
-def survey_tiles(
-    scene: Scene,
-    views: tuple[View, ...],
-    unknowns: Sequence[Unknown],
-    clipped: str,
-    kept: Checkpoint,
-    device_group: DeviceGroup | None,
-    report_progress: ReportProgress,
-) -> tuple[Tiles, Counts]:
-    """Return the tiles from which a fit reads its samples, and the counts: `samples_for` for views not in memory."""
-    again = find_repeats(scene, views)
-    tiles = Tiles(scene, views, list(again), moving=moves_surface(unknowns), leave_out=clipped == "exclude")
-    ends = tiles.settle(surveyed(tiles, kept, device_group, report_progress))
-    counts = count_samples(views, again, tiles.pixels, *ends)
-    check_enough(counts, len(unknowns), tiles.brightest.tolist())
-    return tiles, counts
+def own_devices(mesh: Mesh) -> list[Any]:
+    """Return the devices of a mesh; refuse one with devices of other processes."""
+    devices = list(mesh.devices.flat)
+    if any(device.process_index != jax.process_index() for device in devices):
+        raise ValueError(
+            "a fit runs in one process, but mesh has devices of several. Make the mesh of jax.local_devices()."
+        )
+    return devices
 
 
 def check_free(unknowns: Sequence[Unknown]) -> None:
@@ -250,11 +209,9 @@ def check_choices(
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 
-def check_scale(memory: Any, folder: Any, mesh: Any, name: str = "checkpoint") -> None:
-    """Refuse a memory size, folder or mesh of a wrong type or value."""
+def check_scale(memory: Any, mesh: Any) -> None:
+    """Refuse a memory size or mesh of a wrong type or value."""
     if isinstance(memory, bool) or not isinstance(memory, int | float | np.number) or not memory > 0:
         raise ValueError(f"memory must be a number of bytes above 0; got {memory!r}. Give for example 4e9.")
-    if folder is not None and not isinstance(folder, str | Path):
-        raise TypeError(f"{name} must be the name of a folder; got {folder!r}. Give for example 'run.{name}'.")
     if mesh is not None:
         check_kind("mesh", mesh, Mesh, "jax.sharding.Mesh(jax.devices(), ('devices',))")

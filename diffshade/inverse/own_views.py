@@ -20,9 +20,10 @@ from jaxtyping import Array, Float, Int
 from ..core import fields
 from ..core.backend import SOONER, UNFUSED, jit_quickly
 from .forward.gram import Gram, Point
-from .laid_out_fit import LaidOutFit, hold
+from .laid_out import LaidOut, hold
 from .pixels.blocks import Block, Piece, pieces
 from .problem import MAX_STEPS, fit_problem
+from .result import Fit
 from .solve.solvers import PriorResiduals, minimum_in_jax, point_of
 from .statistics.uncertainty import Vector, inverse
 from .unknowns.visibility import Arrow, part_of, views_that_show
@@ -70,18 +71,19 @@ class PriorsAndOthers(PriorResiduals):
 class OthersAsQuadratics:
     """For each block of a fit, the quadratic cost of the border from the views that do not show it. In float64."""
 
-    def __init__(self, laid: LaidOutFit, end: Point, held: Mapping[int, float] | None = None):
+    def __init__(self, fit: Fit, laid: LaidOut, end: Point, held: Mapping[int, float] | None = None):
         """Sum up the views at `end`; `held`: unknowns, and where they are held, in the solver's coordinates."""
+        self.fit = fit
         arrow, p = laid.problem.box.arrow, len(laid.theta)
         assert arrow is not None
         self.laid, self.theta, self.held = laid, np.asarray(end.theta), dict(held or {})
         self.border, blocks = np.asarray(arrow.border), np.asarray(arrow.blocks)
         self.members = [of[of < p] for of in blocks]
-        shows = views_that_show(laid.fit.scene, laid.fit.views, laid.unknowns)
+        shows = views_that_show(fit.scene, fit.views, laid.problem.unknowns)
         self.views = [np.flatnonzero(shows[of].any(0)).tolist() for of in self.members]
         known = jax.tree.map(np.asarray, _known(self.theta, laid.priors, arrow))
         every = jax.tree.map(np.asarray, end.total)
-        ratio = laid.fit.evidence.loss_ratio  # a robust loss curves less than its weights say
+        ratio = fit.evidence.loss_ratio  # a robust loss curves less than its weights say
 
         def curvature(part: str) -> np.ndarray:
             of_priors = getattr(known.hessian, part)
@@ -114,12 +116,12 @@ class OthersAsQuadratics:
         inverse: in the reflection itself only to a few per cent. A reflection that is not clearly above 0 is measured
         as it is: its logarithm and inverse have no meaning there.
         """
-        unknowns, border = self.laid.unknowns, self.border
+        unknowns, border = self.laid.problem.unknowns, self.border
         lights = [unknowns[j] for of in self.members for j in of if unknowns[j].parameter.gauge < 0]
         scales = np.array([unknowns[j].parameter.role == "reflection" for j in border], bool)
         if not lights or not scales.any():
             return np.zeros(len(border), int)
-        surely = self.theta > SURELY * self.laid.fit.clusters.standard_errors()
+        surely = self.theta > SURELY * self.fit.clusters.standard_errors()
         power = 1 if any(unknown.logarithmic for unknown in lights) else 2
         return np.where(scales & surely[border] & (self._moves()[border] > 0), power, 0)
 
@@ -151,12 +153,12 @@ class OwnViews:
 
     def __init__(self, others: OthersAsQuadratics, block: int):
         laid, some = others.laid, others.views[block]
-        fit, likelihood = laid.fit, laid.model.likelihood
+        fit, likelihood = others.fit, laid.model.likelihood
         self.index = np.concatenate([others.border, others.members[block]])
         self.held = {k: others.held[j] for k, j in enumerate(self.index.tolist()) if j in others.held}
-        samples = [laid.samples[v] for v in some]
+        samples = [laid.problem.samples[v] for v in some]
         problem = fit_problem(
-            *part_of(fit.scene, fit.views, laid.unknowns, some, self.index.tolist()),
+            *part_of(fit.scene, fit.views, laid.problem.unknowns, some, self.index.tolist()),
             samples,
             laid.problem.counts,  # of all, so that one program serves
             fit.likelihood.loss,

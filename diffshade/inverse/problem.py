@@ -1,8 +1,8 @@
 """Problem: what a fit minimises: the unknowns, the samples, and the model that predicts them.
 
-A fit goes on in stages that each add something and change nothing. `Start`, found by `starting.find_start` on a part of
-the pixels, has the first values, the scale of the residuals and the steps of the files. `LaidOutProblem` has all pixels
-with their weights, and is minimised (both in `laid_out_problem`).
+A fit goes on in stages that each add something and change nothing. A `Start`, found by `starting.find_start` on a part
+of the pixels, has the first values, the scale of the residuals and the steps of the files. A `LaidOut` has all pixels
+with their weights, and is minimised. A `Solved` is the problem and its minimum: what a `Fit` holds.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from ..model.scenes import Object, Scene
 from ..parallel.threads import on_all_cores
-from .data.samples import Counts, Samples
+from .data.samples import Counts, Samples, collect_samples
 from .data.views import View, camera_key, is_grey, lights_on
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
@@ -43,7 +43,6 @@ from .pixels.blocks import (
     shares,
     views_of,
 )
-from .pixels.tiles import Tiles
 from .solve.solvers import Box, PriorResiduals, Task
 from .solve.start_search import steepest
 from .unknowns.slots import apart
@@ -64,8 +63,8 @@ class FitProblem:
     scene: Scene
     views: Sequence[View]
     unknowns: Sequence[Unknown]
-    samples: Sequence[Samples] | Tiles
-    """The samples of each view, in memory; or the tiles of rows from which they are read."""
+    samples: Sequence[Samples]
+    """Those of each view that count."""
     counts: Counts
     loss: str
     clipped: str
@@ -100,7 +99,7 @@ class FitProblem:
     @property
     def pixels(self) -> list[int]:
         """How many pixels of each view count."""
-        return self.samples.pixels if isinstance(self.samples, Tiles) else [len(s.pixels) for s in self.samples]
+        return [len(s.pixels) for s in self.samples]
 
     def with_scale(self, sigma: float, loss: str) -> FitProblem:
         """Return the problem with another scale of the residuals and another loss."""
@@ -141,9 +140,7 @@ class FitProblem:
         return self.lay_out(self.pieces(at_most, size), size)
 
     def pieces(self, at_most: int | None, size: int) -> list[Piece]:
-        """Return the pieces of all pixels, or of some, evenly spread; tiles are read here."""
-        if isinstance(self.samples, Tiles):
-            return pieces(self.samples.part(at_most or self.counts.pixels), size)
+        """Return the pieces of all pixels, or of some, evenly spread."""
         return pieces(self.samples, size, at_most)
 
     def lay_out(self, parts: Sequence[Piece], size: int) -> list[Block]:
@@ -157,7 +154,7 @@ class FitProblem:
         def chunk(of: tuple[list[Piece], Any]) -> Block:
             of_chunk, shown = of
             laid = Block(views_of(of_chunk), shown, self.observed(of_chunk, size))
-            return with_weights(None, self.model, laid, noise_known=self.noise_known)
+            return with_weights(self.model, laid, noise_known=self.noise_known)
 
         return on_all_cores(chunk, zip(found, points, strict=True))
 
@@ -176,9 +173,10 @@ class FitProblem:
         most = 1 if self.grey else len(self.scene.channels)
         return observed(parts, self.views, size, most, clipping=self.clips, length=length)
 
-    def gather(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Block:
-        """Return a chunk as NumPy arrays, with the places of its pixels instead of the points that they show."""
-        length = length or padded_length(len(parts))
+    def gather(self, size: int) -> Block:
+        """Return all pixels as one chunk of NumPy arrays, with their places instead of the points that they show."""
+        parts = pieces(self.samples, size)
+        length = padded_length(len(parts))
         where = place(parts, self.views, size, self.over_pixels, length)
         return Block(views_of(parts, length), where, self.observed(parts, size, length))
 
@@ -222,7 +220,7 @@ def fit_problem(
     scene: Scene,
     views: Sequence[View],
     unknowns: Sequence[Unknown],
-    samples: Sequence[Samples] | Tiles,
+    samples: Sequence[Samples],
     counts: Counts,
     loss: str,
     clipped: str,
@@ -235,7 +233,7 @@ def fit_problem(
         scene: The scene; it has values for the unknowns too.
         views: The photographs.
         unknowns: What is to be found.
-        samples: The samples of each view that count, or the tiles to read them by.
+        samples: The samples of each view that count.
         counts: How many there are.
         loss: "squares", "huber", "cauchy" or "geman-mcclure".
         clipped: What clipped samples say: "hinge", "tobit" or "exclude".
@@ -255,8 +253,7 @@ def fit_problem(
     linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
     box = Box(lower, upper, linear, arrow, bool(in_border))
-    pixels = samples.pixels if isinstance(samples, Tiles) else [len(s.pixels) for s in samples]
-    size = block_size(pixels, len(AROUND) if setting.blurred else 1)
+    size = block_size([len(s.pixels) for s in samples], len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
     return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, over_pixels)
 
@@ -265,8 +262,29 @@ def _homoscedastic(views: Sequence[View]) -> bool:
     return all(view.noise is None or view.noise.is_uniform for view in views)
 
 
-def laid_bytes(scene: Scene, views: Sequence[View], pixels: int | None = None) -> float:
-    """Return the approximate bytes of laid-out pixels, by default all of the views: samples, and numbers per light."""
-    pixels = sum(view.image.shape[0] * view.image.shape[1] for view in views) if pixels is None else pixels
+def samples_for(
+    scene: Scene,
+    views: Sequence[View],
+    unknowns: Sequence[Unknown],
+    clipped: str,
+    *,
+    memory: float = np.inf,
+    forecast: bool = False,
+) -> tuple[list[Samples], Counts]:
+    """Return the samples that a fit of these unknowns looks at, and their counts; see `collect_samples`."""
     lights = max(len(lights_on(scene, view)) for view in views)
-    return 8.0 * pixels * (2 * len(scene.channels) + 4 * min(lights, MOST_LIGHTS))
+    numbers = 2 * len(scene.channels) + 4 * min(lights, MOST_LIGHTS)  # samples and weights, and what lights do there
+    return collect_samples(
+        scene,
+        views,
+        clipped,
+        unknowns=len(unknowns),
+        moving=moves_surface(unknowns),
+        at_most=memory / (8 * numbers),
+        forecast=forecast,
+    )
+
+
+def moves_surface(unknowns: Sequence[Unknown]) -> bool:
+    """Whether a surface is free."""
+    return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)

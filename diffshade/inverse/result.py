@@ -17,24 +17,21 @@ from .data.samples import Counts, find_samples
 from .data.views import View, has_mask, in_channels_of
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
+from .problem import moves_surface
+from .solved import Solved
 from .statistics.clusters import Clusters
 from .statistics.evidence import Evidence
 from .statistics.intensities import taken_as_exact
 from .unknowns.slots import values_in
 from .unknowns.unknown import Unknown
 
-MEMORY = 4e9  # bytes that the pixels of a fit may take laid out
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:
     """The outcome of a fit; `print` it for the table. Every array is NumPy float64, one entry an unknown."""
 
-    scene: Scene
-    """The scene with the fitted values; a value that is not `determined` is one of many that fit equally well."""
-    views: tuple[View, ...]
-    """The views, with the fitted exposures and blacks."""
-    unknowns: tuple[Unknown, ...]
+    solved: Solved
+    """The problem that was solved, from which checks and examinations go on."""
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
     """Standard errors: the true value lies within 1.96 of them 95 % of the time; infinite if it is not determined.
@@ -58,28 +55,57 @@ class Fit:
     is given, in units of that noise, so that 1 is expected."""
     condition: float
     """Condition number of the Jacobian with columns of unit length; infinite where it is singular."""
-    counts: Counts
     steps: int
     """Passes over all pixels of the last minimisation; the search and the settling of a scale come before."""
     converged: bool
     costs: Float[np.ndarray, " passes"]
     """The cost at the start of the last minimisation, and the lowest after each of its passes."""
-    likelihood: Likelihood
-    """The loss, and the scale of the residuals that it was used with."""
-    clipped: str
-    """How clipped samples count, as given to the fit."""
-    squares: float
-    """The weighted sum of squares of the samples, with which residuals are compared."""
     clusters: Clusters
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
     notes: tuple[Note, ...]
     """What these views do not determine, what is at a bound, and what was left out: a sentence each."""
-    rounding: Rounding
-    """The steps of the views' files where their rounding adds to the errors, else none."""
-    memory: float | int = MEMORY
-    """Bytes that the pixels may take laid out, as given to the fit."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the fitted values; a value that is not `determined` is one of many that fit equally well."""
+        return self.solved.problem.scene
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """The views, with the fitted exposures and blacks."""
+        return tuple(self.solved.problem.views)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """The numbers that were free."""
+        return tuple(self.solved.problem.unknowns)
+
+    @property
+    def counts(self) -> Counts:
+        """How many pixels and samples the fit looked at."""
+        return self.solved.problem.counts
+
+    @property
+    def likelihood(self) -> Likelihood:
+        """The loss, and the scale of the residuals that it was used with."""
+        return self.solved.problem.model.likelihood
+
+    @property
+    def clipped(self) -> str:
+        """How clipped samples count, as given to the fit."""
+        return self.solved.problem.clipped
+
+    @property
+    def squares(self) -> float:
+        """The weighted sum of squares of the samples, with which residuals are compared."""
+        return self.solved.squares
+
+    @property
+    def rounding(self) -> Rounding:
+        """The steps of the views' files where their rounding adds to the errors, else none."""
+        return self.solved.problem.model.setting.rounding
 
     @property
     def evidence(self) -> Evidence:
@@ -112,9 +138,10 @@ class Fit:
         """Return the fit as if some unknowns had been known; its errors still allow for theirs."""
         free = ~held
         clusters = self.clusters
+        unknowns = [unknown for unknown, kept in zip(self.unknowns, free, strict=True) if kept]
         return dataclasses.replace(
             self,
-            unknowns=tuple(unknown for unknown, kept in zip(self.unknowns, free, strict=True) if kept),
+            solved=self.solved.changed(theta=self.solved.theta[free], unknowns=unknowns),
             covariance=self.covariance[np.ix_(free, free)],
             clusters=dataclasses.replace(
                 clusters,
@@ -134,10 +161,9 @@ class Fit:
 
     def predict(self, view: View) -> Prediction:
         """Return a view's photograph together with this fit's prediction of it; the view may be fitted or held out."""
-        moving = any("surface" in path.split(".") for unknown in self.unknowns for path, _ in unknown.places)
         (view,) = in_channels_of(self.scene, (view,))
         with in_float64((self.scene, view)) as (scene, view):
-            samples = find_samples(scene, view, moving=moving and has_mask(view))
+            samples = find_samples(scene, view, moving=moves_surface(self.unknowns) and has_mask(view))
             image = photograph(scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..core.progress import ReportProgress
+from ..core.progress import ReportProgress, silent
 from ..core.robust_scale import robust_scale
 from ..parallel.threads import on_all_cores
 from .data.views import View
 from .forward.layout import without_clipped
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
-from .forward.rounding import find_rounding
+from .forward.rounding import Rounding, find_rounding
 from .forward.sums import residuals, variance_of_steps
-from .laid_out_problem import Start
 from .pixels.blocks import Block, Piece, total
 from .problem import MAX_STEPS, PART, FitProblem, Theta
 from .solve.interchangeable import by_rising_exponent
@@ -33,13 +33,30 @@ STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a fit begins, and the scale and steps, all found on a part of the pixels."""
+
+    theta: Theta
+    sigma: float
+    """The scale of the residuals."""
+    squares: float
+    """Sum of squares of that part of the images, weighted."""
+    rounding: Rounding
+    """The steps of the views' files."""
+    step_variance: float
+    """Mean square of the weighted residuals that rounding alone makes."""
+    damping: float
+    """Of the first step from theta: `NEAR` if that is the minimum over that part, so that the one over all is near."""
+
+
 def find_start(
     problem: FitProblem,
     parts: list[Piece],
     part: list[Block],
     *,
     from_scene: bool,
-    report_progress: ReportProgress,
+    report_progress: ReportProgress = silent,
 ) -> Start:
     """Search on a part of the pixels, `PART` of them at most, and settle weights, scale and steps there.
 
@@ -69,7 +86,8 @@ def find_start(
         step_variance = float(sum_ / max(count, 1.0))
     sigma = float(settled.model.likelihood.sigma)
     damping = NEAR if near else STATED if from_scene else FAR
-    return Start(theta, sigma, squares, jax.tree.map(np.asarray, rounding), step_variance, damping)
+    steps = jax.tree.map(np.asarray, rounding)
+    return Start(theta, sigma, squares, steps, step_variance, damping)
 
 
 def needs_part(problem: FitProblem, *, from_scene: bool) -> bool:

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -18,10 +17,11 @@ from .data.samples import Counts
 from .data.views import View, note_repeats, setups
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
-from .laid_out_problem import LaidOutProblem
+from .laid_out import LaidOut
 from .result import Fit
 from .solve.interchangeable import note_order
 from .solve.solvers import Minimum
+from .solved import Solved
 from .statistics.clusters import compared, independent
 from .statistics.evidence import Evidence
 from .statistics.gauges import set_by_priors
@@ -36,7 +36,6 @@ from .statistics.identifiability import (
 )
 from .statistics.uncertainty import Matrix, Vector
 from .unknowns.names import everything as everything_in
-from .unknowns.slots import put_back
 from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
 
 
@@ -51,12 +50,13 @@ class _Values:
     """The unknowns that are a unit vector together."""
 
 
-def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> Fit:
+def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, forecast: bool = False) -> Fit:
     """Return what is known at the minimum of a fit: values, errors, bounds, and what is not determined.
 
     Args:
         laid: The problem that was minimised.
         end: Its minimum.
+        step_variance: Mean square of the weighted residuals that rounding alone makes.
         forecast: Whether nothing was measured, so that no view can disagree with another.
 
     Raises:
@@ -65,12 +65,13 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
     problem = laid.problem
     scene, views, unknowns, likelihood = problem.scene, problem.views, problem.unknowns, problem.model.likelihood
     found, spread = _values_at(end, unknowns), laid.spread(end)
-    rounded = laid.rounded(end, spread)
+    rounded = laid.rounded(end, spread, step_variance)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
     evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
     everything, regular = evidence.total, evidence.regular
-    fitted, seen = put_back(scene, views, unknowns, found.values)
-    scales = _scales(fitted, seen, unknowns, np.diag(everything), laid.squares)
+    steps = no_rounding(len(views)) if rounded is None else rounded.rounding
+    solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
+    scales = _scales(solved.problem.scene, solved.problem.views, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
     if found.at_bound.any():
         held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
@@ -96,14 +97,13 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         *_too_bright(unknowns, found.values, regular & ~lost),
         *note_repeats(problem.counts.repeats),
         *_clipped(problem.counts),
+        *_beyond_memory(problem.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
     ]
     return Fit(
-        scene=fitted,
-        views=seen,
-        unknowns=tuple(unknowns),
+        solved=solved,
         values=found.values,
         errors=errors,
         plain_errors=plain_errors,
@@ -113,17 +113,12 @@ def summarise(laid: LaidOutProblem, end: Minimum, *, forecast: bool = False) -> 
         at_lower=found.at_lower,
         rmse=rmse,
         condition=condition_number(everything),
-        counts=problem.counts,
         steps=end.steps,
         converged=not end.message,
         costs=np.array(end.costs),
-        likelihood=jax.tree.map(np.asarray, likelihood),
-        clipped=problem.clipped,
-        squares=laid.squares,
         clusters=clusters,
         scales=scales,
         notes=tuple(notes),
-        rounding=no_rounding(len(views)) if rounded is None else rounded.rounding,
     )
 
 
@@ -147,7 +142,7 @@ def _values_at(end: Minimum, unknowns: Sequence[Unknown]) -> _Values:
 
 
 def _evidence(
-    laid: LaidOutProblem,
+    laid: LaidOut,
     end: Minimum,
     found: _Values,
     slope: Vector,
@@ -155,7 +150,7 @@ def _evidence(
     rounded: Rounded | None,
 ) -> tuple[Evidence, list[list[int]], tuple[Bool[np.ndarray, " p"], Float[np.ndarray, "m p"]]]:
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
-    problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end), len(end.theta)
+    problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end.theta), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
     zero, directions = null_directions(np.asarray(point.views.total(p).hessian) * np.outer(slope, slope) + H_0)
     regular = ~zero & ~directions.any(0)
@@ -176,9 +171,9 @@ def _evidence(
     return evidence, groups, (zero, directions)
 
 
-def _held_by_priors(laid: LaidOutProblem, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
+def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
     """Return the directions of several unknowns along which no pixel changes, and which their priors hold."""
-    priors = laid.problem.priors(laid.squares)
+    priors = laid.priors
     if not len(priors.index):
         return np.zeros((0, len(slope)))
     without = np.array(everything)
@@ -264,6 +259,19 @@ def _clipped(counts: Counts) -> list[Note]:
         text = f"the fit uses {count(counts.clipped, 'clipped sample')} as limits: the true value is there or beyond."
         return [Note(text, "clipped")]
     return []
+
+
+def _beyond_memory(counts: Counts) -> list[Note]:
+    """Say that pixels were left out to save memory, and what that costs."""
+    if not counts.beyond_memory:
+        return []
+    every = counts.pixels + counts.beyond_memory
+    times = np.sqrt(every / counts.pixels)
+    text = (
+        f"the fit uses {counts.pixels:,} of {every:,} pixels, evenly spread, since memory holds no more: errors are up "
+        f"to {times:.2g} times those of all pixels. Give {times**2:.2g} times the memory for all."
+    )
+    return [Note(text, "memory")]
 
 
 def _beyond_noise(rmse: float) -> list[Note]:

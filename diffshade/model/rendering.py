@@ -33,7 +33,7 @@ from .vectors import Vec3, where
 MANY = 6  # transparent objects; from this number on, compiling with fusion takes longer than it saves
 BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies between them and the image in its cache
 FEW = 2 * BLOCK  # up to so many, all are rendered at once
-GIVEN = 16 * BLOCK  # the same for a G-buffer under one light: little lies between it and the image
+GIVEN = 16 * BLOCK  # the same where little lies between the pixels and the image: a G-buffer under one light, outlines
 MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
@@ -213,21 +213,26 @@ def _silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Arr
     return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
 
 
-silhouette = jit_quickly(_silhouette, options=SOONER)
+_whole_silhouette = jit_quickly(_silhouette, options=SOONER)
 
 
-def silhouette_of_rows(
-    objects: tuple[Object, ...], camera: AbstractCamera, first: int, last: int
-) -> Bool[np.ndarray, "r w"]:
-    """Return `silhouette` of some rows alone, in a program for the next power of two of rows, so that these are few."""
-    rows = np.minimum(first + np.arange(1 << (last - first - 1).bit_length()), camera.shape[0] - 1)
+def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.ndarray, "h w"]:
+    """Return the pixels that show an object; of a large image some rows after others, so that memory stays flat."""
+    height, width = camera.shape
+    if height * width <= GIVEN:
+        return np.asarray(_whole_silhouette(objects, camera))
+    count = max(GIVEN // width, 1)
+    rows = [np.minimum(first + np.arange(count), height - 1) for first in range(0, height, count)]
 
-    def of_rows(item: Object) -> AbstractSurface:
+    def of_rows(item: Object, which: np.ndarray) -> AbstractSurface:
         surface = item.surface
-        return jax.tree.map(lambda leaf: leaf[rows], surface) if isinstance(surface, GBuffer) else surface
+        return jax.tree.map(lambda leaf: leaf[which], surface) if isinstance(surface, GBuffer) else surface
 
-    surfaces = tuple(of_rows(item) for item in objects)
-    return np.asarray(_silhouette_of_rows(surfaces, camera, rows.astype(float)))[: last - first]
+    parts = [
+        np.asarray(_silhouette_of_rows(tuple(of_rows(item, which) for item in objects), camera, which.astype(float)))
+        for which in rows
+    ]
+    return np.concatenate(parts)[:height]
 
 
 @jax.jit

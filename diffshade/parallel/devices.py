@@ -7,27 +7,21 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
-from .checkpoints import Checkpoint
-from .run_folders import fingerprint
-
 T = TypeVar("T")
 LANE = "lane"
-FORMAT = 4  # version of a checkpoint's contents; it enters the fingerprint
 
 
 class LostProcess(RuntimeError):
-    """Another process of the fit was lost, so the sum over all processes cannot be computed.
+    """Another process of the run was lost, so the sum over all processes cannot be computed.
 
-    The fit's checkpoint holds the results so far. JAX's runtime soon ends the remaining processes by force; a program
+    The folder of the run holds the results so far. JAX's runtime soon ends the remaining processes by force; a program
     that needs an exit status of its own must end at once, by `os._exit`.
     """
 
@@ -49,11 +43,6 @@ class DeviceGroup:
         self.here = Mesh(np.array([devices[lane] for lane in self.own]), (LANE,))
         self.everywhere = Mesh(np.array(devices), (LANE,))
 
-    def put(self, items: Sequence[Any]) -> Any:
-        """Put one tree of NumPy arrays on each device of this process; return them stacked along a leading axis."""
-        sharding = NamedSharding(self.here, P(LANE))
-        return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves), sharding), *items)
-
     def total(self, items: Sequence[T]) -> T:
         """Return the sum over all processes of trees of float64 arrays, given one tree a lane, by one `psum`."""
         vectors = [_ravel(item) for item in items]
@@ -67,7 +56,7 @@ class DeviceGroup:
             if not self.several:
                 raise
             raise LostProcess(
-                "a process of this fit was lost, so the sum over all processes cannot be computed. Start the same fit "
+                "a process of this run was lost, so the sum over all processes cannot be computed. Start the same run "
                 "again: it resumes from the files on disk."
             ) from error
         return _unravel(everything, items[0])
@@ -76,18 +65,6 @@ class DeviceGroup:
         """Return the value of the process that has the first lane; the shapes of all processes agree."""
         mine = [value if lane == 0 else np.zeros_like(value) for lane in self.own]
         return self.total(mine)
-
-    def gathered(self, value: np.ndarray) -> np.ndarray:
-        """Return the values of all processes, along a leading axis of lanes; 0 at a process's further lanes."""
-        slots = np.zeros((self.count, *value.shape))
-        slots[self.own[0]] = value
-        return self.total([slots, *[np.zeros_like(slots)] * (len(self.own) - 1)])
-
-    def text_from_first(self, text: bytes) -> bytes:
-        """Return the bytes of the process that has the first lane."""
-        length = int(self.from_first(np.array([float(len(text))]))[0])
-        mine = np.frombuffer(text, np.uint8) if self.first else np.zeros(length, np.uint8)
-        return self.from_first(mine.astype(np.float64)).astype(np.uint8).tobytes()
 
 
 def _ravel(tree: Any) -> np.ndarray:
@@ -108,38 +85,3 @@ def _sum(mesh: Mesh) -> Callable[[Any], Any]:
     """Return the compiled sum over the lanes of a mesh."""
     add = jax.shard_map(lambda x: jax.lax.psum(x[0], LANE), mesh=mesh, in_specs=P(LANE), out_specs=P(), check_vma=False)
     return jax.jit(add)
-
-
-@functools.lru_cache
-def on_devices(program: Callable[..., Any], mesh: Mesh, options: Any = None) -> Callable[..., Any]:
-    """Compile `program(shared, of_lane)` to run on every device of this process's mesh, each with its own `of_lane`."""
-
-    def each(shared: Any, of_lane: Any) -> Any:
-        return jax.tree.map(lambda x: x[None], program(shared, jax.tree.map(lambda x: x[0], of_lane)))
-
-    spread = jax.shard_map(each, mesh=mesh, in_specs=(P(), P(LANE)), out_specs=P(LANE), check_vma=False)
-    return jax.jit(spread, compiler_options=dict(options) if options else None)
-
-
-def zeros(shapes: Any) -> Any:
-    """Return a tree of zeros, shaped like the given tree."""
-    return jax.tree.map(lambda shape: np.zeros(shape.shape, np.dtype(jnp.float64)), shapes)
-
-
-def open_checkpoint(folder: str | Path | None, device_group: DeviceGroup | None, *problem: Any) -> Checkpoint:
-    """Open the checkpoint of a problem; of several processes the first one opens it and sends its results to all."""
-    known = fingerprint(FORMAT, *problem)
-    if device_group is None or not device_group.several:
-        return Checkpoint(folder, known)
-    mine = Checkpoint(None, known)
-    refused: Exception | None = None
-    if device_group.first:
-        try:
-            mine = Checkpoint(folder, known, parts=False)
-        except (ValueError, OSError) as error:
-            refused = error
-    results = device_group.text_from_first(b"" if refused else mine.to_bytes())
-    if refused or not results:
-        raise refused or ValueError("the first process refused the checkpoint. Read its message.")
-    mine.replace_from(results)
-    return mine

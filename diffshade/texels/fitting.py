@@ -113,7 +113,9 @@ def fit_texels(
         RuntimeError: This jaxlib adds up wrongly.
     """
     views = (views,) if isinstance(views, View) else tuple(views)
-    check_scale(memory, out, mesh, "out")
+    check_scale(memory, mesh)
+    if out is not None and not isinstance(out, str | Path):
+        raise TypeError(f"out must be the name of a folder; got {out!r}. Give for example 'run.out'.")
     free = checked(scene, views, free, regions, loss)
     sensor = views[0].sensor
     one_sensor = all(eqx.tree_equal(view.sensor, sensor) for view in views)

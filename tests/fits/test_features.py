@@ -16,8 +16,7 @@ from diffshade.inverse.forward.features import FeatureModel, features_can_serve
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
 from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates

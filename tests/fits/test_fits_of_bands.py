@@ -13,8 +13,7 @@ from refusals import refuses
 
 import diffshade as ds
 from diffshade.inverse.data.views import in_channels_of
-from diffshade.inverse.problem import fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import fit_problem, samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.inverse.problem import fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import fit_problem, samples_for
 from diffshade.inverse.solve.light_search import at_better_places
 from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.solve.start_search import candidates

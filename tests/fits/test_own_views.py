@@ -13,7 +13,7 @@ import diffshade as ds
 from diffshade.diagnosis import intervals as module
 from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.diagnosis.patches import find_clusters
-from diffshade.inverse.laid_out_fit import LaidOutFit
+from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.own_views import OwnViews
 from diffshade.inverse.unknowns.unknown import Product, Unknown
 from diffshade.inverse.unknowns.visibility import part_of
@@ -81,7 +81,7 @@ def test_intervals_by_own_views_are_those_by_all_views(loss, monkeypatch):
 
 def test_passes_over_all_views_do_not_become_more_with_the_views(monkeypatch):
     calls = dict.fromkeys(("all", "own"), 0)
-    whole, own = LaidOutFit.minimise, OwnViews.rise
+    whole, own = LaidOut.minimise, OwnViews.rise
 
     def counted(name, method):
         def call(*of, **options):
@@ -90,7 +90,7 @@ def test_passes_over_all_views_do_not_become_more_with_the_views(monkeypatch):
 
         return call
 
-    monkeypatch.setattr(LaidOutFit, "minimise", counted("all", whole))
+    monkeypatch.setattr(LaidOut, "minimise", counted("all", whole))
     monkeypatch.setattr(OwnViews, "rise", counted("own", own))
     numbers = []
     for count in (8, 16):
@@ -122,8 +122,8 @@ def test_the_scale_that_all_reflections_share_with_the_lights_is_followed(name, 
     away = np.abs(by_own_views_alone(fit, monkeypatch) - by_all).max(-1)
     assert np.all(away <= near * np.ptp(by_all, axis=-1))
     monkeypatch.undo()
-    whole = LaidOutFit.minimise
-    monkeypatch.setattr(LaidOutFit, "minimise", lambda *of, **options: asked.append(of) or whole(*of, **options))
+    whole = LaidOut.minimise
+    monkeypatch.setattr(LaidOut, "minimise", lambda *of, **options: asked.append(of) or whole(*of, **options))
     found(fit)
     assert len(asked) <= most  # of the border, and of the farthest few
 

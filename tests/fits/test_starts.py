@@ -10,9 +10,7 @@ from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, stand
 
 import diffshade as ds
 from diffshade.core.progress import silent
-from diffshade.inverse.laid_out_problem import Start
-from diffshade.inverse.problem import fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import fit_problem, samples_for
 from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.solvers import FAR, NEAR
 from diffshade.inverse.solve.start_search import (
@@ -87,7 +85,6 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         laid = problem.lay_out(parts, problem.block_size)
         start = find_start(problem, parts, laid, from_scene=False, report_progress=silent)
     assert start.damping == (NEAR if near else FAR)
-    assert Start.from_array(start.to_array(), len(views)).damping == start.damping
 
 
 # --- what a search tries

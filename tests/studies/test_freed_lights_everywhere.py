@@ -8,18 +8,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 import pytest
-from jax.sharding import Mesh
 
 import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
 from diffshade.diagnosis.misfit import laid_samples
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
-from diffshade.inverse.laid_out_fit import LaidOutFit
-from diffshade.inverse.problem import laid_bytes
+from diffshade.inverse.laid_out import LaidOut
 from tests.support.textured import lights_about
 
 pytestmark = pytest.mark.thorough
@@ -32,10 +29,8 @@ import sys
 import jax, numpy as np
 from tests.studies.test_freed_lights_everywhere import fitted
 assert len(jax.devices()) == 8
-mesh = jax.make_mesh((8,), ("devices",))
-fits = [fitted(96, mesh=mesh, **options) for options in ({}, {"memory": 1e6, "checkpoint": sys.argv[1]})]
-names = ("values", "plain_errors", "errors")
-np.savez(sys.argv[2], **{f"{name}{i}": getattr(fit, name) for name in names for i, fit in enumerate(fits)})
+fit = fitted(96, mesh=jax.make_mesh((4, 2), ("a", "b")))
+np.savez(sys.argv[1], **{name: getattr(fit, name) for name in ("values", "plain_errors", "errors")})
 """
 
 
@@ -107,37 +102,25 @@ def test_plans_and_intervals_are_those_of_dense_matrices(by_blocks, dense):
     assert found.notes == whole.notes
 
 
-@pytest.mark.parametrize("road", ["tiles", "devices"])
-def test_by_tiles_and_over_devices_the_fit_is_that_in_memory(by_blocks, road):
-    options: dict[str, Any] = (
-        {"memory": 4e5} if road == "tiles" else {"mesh": Mesh(np.array(jax.devices()), ("devices",))}
-    )
-    found = fitted(**options)
-    assert laid_bytes(found.scene, found.views) > 4e5  # so that less memory makes tiles
-    for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
-        same(getattr(found, name), getattr(by_blocks, name), rtol)
-
-
-def test_on_eight_devices_each_with_a_part_of_a_view_the_fit_is_that_in_memory(tmp_path):
+def test_on_eight_devices_the_fit_is_that_on_one(tmp_path):
     flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=8", "PYTHONPATH": f"{ROOT}", "JAX_ENABLE_X64": "1"}
-    command = [sys.executable, "-W", "error", "-c", ON_EIGHT, tmp_path / "checkpoint", tmp_path / "out.npz"]
+    command = [sys.executable, "-W", "error", "-c", ON_EIGHT, tmp_path / "out.npz"]
     done = subprocess.run(command, env={**os.environ, **flags}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     in_memory = fitted(96)
     with np.load(tmp_path / "out.npz") as file:
         for name, rtol in (("values", 1e-9), ("plain_errors", 1e-9), ("errors", 1e-7)):
-            for i in range(2):
-                same(file[f"{name}{i}"], getattr(in_memory, name), rtol)
+            same(file[name], getattr(in_memory, name), rtol)
 
 
 def test_an_examination_passes_over_all_views_as_often_with_twice_the_views(monkeypatch):
-    calls, minimise = [], LaidOutFit.minimise
+    calls, minimise = [], LaidOut.minimise
 
     def counted(self: Any, *of: Any, **options: Any) -> Any:
         calls.append(1)
         return minimise(self, *of, **options)
 
-    monkeypatch.setattr(LaidOutFit, "minimise", counted)
+    monkeypatch.setattr(LaidOut, "minimise", counted)
     numbers = []
     for count in (10, 20):
         monkeypatch.setattr(sys.modules[__name__], "COUNT", count)

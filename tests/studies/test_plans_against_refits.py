@@ -22,7 +22,6 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.laid_out_fit import LaidOutFit
 from diffshade.inverse.unknowns.unknown import natural
 
 pytestmark = pytest.mark.slow
@@ -63,7 +62,7 @@ def refits_with(shot: ds.Shot, draws: int) -> np.ndarray:
     clean = ds.fit(scene, [*one_light_each(photographs(SCENE)), view], free=FREE, tied=TIED)
     found = []
     with jax.enable_x64(True):
-        laid = LaidOutFit(clean)
+        laid = clean.solved.laid_out()
         log = np.array([u.logarithmic for u in clean.unknowns])
         for draw in range(draws):
             random = np.random.default_rng(draw)  # the same noise in the views that all candidates share

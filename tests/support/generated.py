@@ -1,7 +1,7 @@
-"""Views larger than memory, whose rows are made when they are read, and a fit of them as a process that can be killed.
+"""Views larger than memory, whose rows are made when they are read.
 
-python generated.py SIZE MEMORY CHECKPOINT OUT SECONDS fits 8 views of SIZE x SIZE, with sums written every so many
-seconds, and writes OUT.npz: the answer, and by how many bytes the process's own memory (RssAnon) grew in the fit.
+python generated.py SIZE MEMORY OUT fits 8 views of SIZE x SIZE and writes OUT.npz: the answer, and by how many bytes
+the process's own memory (RssAnon) grew in the fit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import synthetic
 from memory import watched
 
 import diffshade as ds
-from diffshade.parallel import checkpoints
 
 FOV = 60.0  # the ball fills a sixth of a view
 SMALL = ds.Camera(eye=(0, 0, 4), fov=FOV, shape=(64, 64))
@@ -50,10 +49,9 @@ def fit(size: int, **options: Any) -> ds.Fit:
 
 def main() -> None:
     """Fit, and watch the memory meanwhile."""
-    size, memory, checkpoint, out = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3], sys.argv[4]
-    checkpoints.SECONDS = float(sys.argv[5])
+    size, memory, out = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
     jax.block_until_ready(jax.numpy.zeros(3))
-    grown, found = watched(lambda: fit(size, memory=memory, checkpoint=checkpoint))
+    grown, found = watched(lambda: fit(size, memory=memory))
     np.savez(out, values=found.values, errors=found.plain_errors, pixels=found.counts.pixels, grown=grown)
 
 

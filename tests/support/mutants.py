@@ -30,8 +30,8 @@ GROUPS = {
     ),
     "solver": (
         "inverse/data/views inverse/fitting inverse/forward/features inverse/forward/gram inverse/forward/losses "
-        "inverse/forward/rendered inverse/pixels/blocks inverse/pixels/tiles inverse/problem "
-        "inverse/laid_out_problem inverse/running "
+        "inverse/forward/rendered inverse/pixels/blocks inverse/problem "
+        "inverse/laid_out inverse/solving inverse/solved inverse/data/samples "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/start_search inverse/unknowns/constraints "
         "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
         "inverse/starting inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
@@ -41,7 +41,7 @@ GROUPS = {
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
         "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice "
         "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
-        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability inverse/laid_out_fit "
+        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (

@@ -15,8 +15,7 @@ from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
 from diffshade.inverse.unknowns.unknown import Unknown
 from diffshade.parallel.threads import on_all_cores
 

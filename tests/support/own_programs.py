@@ -191,11 +191,6 @@ def _fit(scene: ds.Scene, views: Any, **options: Any) -> Any:
     return fit.values, fit.plain_errors
 
 
-def _fit_tiles(h: Given) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        return _fit(h.scene, h.views, memory=1e5, checkpoint=folder)
-
-
 def _texels(h: Given) -> Any:
     maps = ds.fit_texels(h.far, h.far_views, free=("k_d", "k_s", "n_s"))
     return list(maps.values.values())
@@ -252,7 +247,7 @@ FUNCTIONS: dict[str, Callable[[Given], Any]] = {
     "fit a light's place": lambda h: ds.fit(h.scene, h.views, free=("k_d", "lights.0.position")).values,
     "fit a G-buffer": lambda h: _fit(h.shaded, h.seen),
     "fit directions": lambda h: _fit(h.far, h.far_views),
-    "fit by tiles": _fit_tiles,
+    "fit of some pixels": lambda h: _fit(h.scene, h.views, memory=1e5),
     "fit on a mesh": lambda h: _fit(h.scene, h.views, mesh=jax.make_mesh((1,), ("a",))),
     "fit_texels": _texels,
     "integrate_normals": lambda h: (m := ds.integrate_normals(*_normals(h)), m.height, m.position)[1:],

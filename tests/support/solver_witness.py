@@ -23,8 +23,7 @@ import diffshade as ds
 from diffshade.inverse.forward.gram import Gram, Point
 from diffshade.inverse.forward.interface import AbstractForwardModel
 from diffshade.inverse.pixels.blocks import Block
-from diffshade.inverse.problem import FitProblem, fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
 from diffshade.inverse.solve.solvers import Minimum, minimise
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates

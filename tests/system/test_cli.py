@@ -126,7 +126,7 @@ def test_the_shell_completes():
     assert completed("new x.toml --material em") == ["emerald"]
     assert completed("fit ball.toml --loss ge") == ["geman-mcclure"]
     assert completed("figures out --only sn") == ["snell"]
-    assert "--checkpoint" in completed("fit --ch")
+    assert "--clipped" in completed("fit --cl")
 
 
 def test_a_new_scene_renders(typed):
@@ -249,7 +249,7 @@ def asked(typed, monkeypatch, *words: object) -> tuple[ds.Scene, Any, dict[str, 
 def test_what_is_said_of_a_fit_reaches_it(typed, monkeypatch):
     options = ["--free", "k_d,k_s,n_s", "--grey", "k_s", "--bounds", "n_s=0.1:10", "--bounds", "k_s=0:1"]
     options += ["--noise", "0.003", "--lobe", "blinn", "--loss", "huber", "--memory", "0.5", "--mask", "half.png"]
-    scene, views, given = asked(typed, monkeypatch, "fit", "ball.toml", *PHOTOS, *options, "--checkpoint", "run")
+    scene, views, given = asked(typed, monkeypatch, "fit", "ball.toml", *PHOTOS, *options)
     assert isinstance(scene.objects[0].material.lobe, ds.Blinn)
     assert [view.lit for view in views] == [(i,) for i in range(8)]
     np.testing.assert_array_equal(views[3].mask, np.indices((24, 24))[0] < 12)
@@ -257,7 +257,7 @@ def test_what_is_said_of_a_fit_reaches_it(typed, monkeypatch):
     assert given["free"] == ("k_d", "k_s", "n_s")
     assert given["bounds"] == {"n_s": [0.1, 10.0], "k_s": [0.0, 1.0]}
     assert [type(constraint) for constraint in given["constraints"]] == [ds.Grey]
-    assert (given["loss"], given["memory"], given["checkpoint"]) == ("huber", 0.5e9, Path("run"))
+    assert (given["loss"], given["memory"]) == ("huber", 0.5e9)
     _, views, given = asked(typed, monkeypatch, "fit", "ball.toml", "2.exr", "1.exr", "--lit", "2,0+1")
     assert [view.lit for view in views] == [(2,), (0, 1)]
     np.testing.assert_array_equal(views[0].image, ds.read_image("2.exr"))

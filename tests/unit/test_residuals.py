@@ -24,8 +24,7 @@ from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.features import FeatureModel
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
-from diffshade.inverse.problem import PART, fit_problem
-from diffshade.inverse.running import samples_for
+from diffshade.inverse.problem import PART, fit_problem, samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.parallel.threads import on_all_cores
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...inverse.data.views import lights_on
-from ...inverse.laid_out_fit import LaidOutFit
+from ...inverse.laid_out import LaidOut
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import evaluate
 from ...inverse.statistics.uncertainty import inverse
@@ -144,14 +144,16 @@ class Alternatives:
         added = [path for path, k in self.paths.items() if k in (("exposure", view), ("light", light))]
         laid, groups = self._lay(state, added)
         held = {j: laid.theta[j] for k, group in groups.items() if k != key for j in group}
-        end = laid.minimise(held, laid.theta, self._chunks(laid, state), rtol=RTOL)
-        values = values_at(end.theta, laid.unknowns)
-        scene, views = put_back(state.fit.scene, state.fit.views, laid.unknowns, values)
-        fit = dataclasses.replace(state.fit, scene=scene, views=views, values=values[: len(state.fit.unknowns)])
+        end = laid.minimise(held, chunks=self._chunks(laid, state), rtol=RTOL)
+        values = values_at(end.theta, laid.problem.unknowns)
+        scene, views = put_back(state.fit.scene, state.fit.views, laid.problem.unknowns, values)
+        p = len(state.fit.unknowns)
+        solved = state.fit.solved.changed(theta=end.theta[:p], scene=scene, views=views)
+        fit = dataclasses.replace(state.fit, solved=solved, values=values[:p])
         freed = state.freed if key is None or key in state.freed else (*state.freed, key)
         return State(fit, np.array(end.point.views.cost) * _inflation(laid, state), state.excluded, freed)
 
-    def _lay(self, state: State, paths: Iterable[str]) -> tuple[LaidOutFit, dict[Key, list[int]]]:
+    def _lay(self, state: State, paths: Iterable[str]) -> tuple[LaidOut, dict[Key, list[int]]]:
         """Lay a state out with these parameters added to its unknowns, and return their indices."""
         fit, paths = state.fit, tuple(paths)
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True)
@@ -163,7 +165,7 @@ class Alternatives:
         noise_known = fit.views[0].noise is not None
         # the noise that a prior's width is relative to
         sigma = fit.rmse if fit.likelihood.loss == "squares" and not noise_known else None
-        return LaidOutFit(fit, rendered=True, beside=added, at_most=PIXELS, sigma=sigma), groups
+        return fit.solved.beside(added, sigma=sigma).laid_out(PIXELS), groups
 
     def _prior(self, unknown: Unknown, path: str) -> tuple[float, float] | None:
         kind, i = self.paths[path]
@@ -174,7 +176,7 @@ class Alternatives:
             return unknown.start, DISTANCE_WIDTH * max(float(distance), 1e-9)
         return None
 
-    def _chunks(self, laid: LaidOutFit, state: State) -> list:
+    def _chunks(self, laid: LaidOut, state: State) -> list:
         return laid.chunks if all(mask is None for mask in state.excluded) else laid.without(state.excluded)
 
 
@@ -203,7 +205,7 @@ def _degrees(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)))
 
 
-def _inflation(laid: LaidOutFit, state: State) -> np.ndarray:
+def _inflation(laid: LaidOut, state: State) -> np.ndarray:
     """Return for each view all samples over those that are not excluded."""
     everything, excluded = np.zeros(len(state.excluded)), np.zeros(len(state.excluded))
     for part in laid.parts:

@@ -14,10 +14,9 @@ from ...inverse.data.recording import photograph
 from ...inverse.data.samples import Samples
 from ...inverse.data.views import View
 from ...inverse.forward.losses import LOSSES
-from ...inverse.laid_out_fit import samples_of
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
-from ...inverse.running import solve
+from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.images import srgb_decode, srgb_encode
@@ -76,8 +75,7 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
         decoded: Whether to decode the images from sRGB; else to encode them.
     """
     to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
-    samples, counts = samples_of(fit)
-    samples = _thinned(samples)
+    samples, counts = _thinned(fit.solved.problem.samples), fit.counts
     changed = [_through(to, s) for s in samples]
     views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
     unknowns = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
@@ -90,9 +88,10 @@ def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
         fit.likelihood.loss,
         "hinge" if fit.clipped == "tobit" else fit.clipped,
     )
-    theta = solve(problem)[1].theta
+    _, end, _ = solve(problem)
+    theta = end.theta
     scene, seen = put_back(fit.scene, fit.views, unknowns, values_at(theta, unknowns))
-    other = dataclasses.replace(fit, scene=scene, views=seen)
+    other = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
     before, after = _misfit(fit, samples, lambda image: image), _misfit(other, samples, back)
     number = max(before[:, 2].sum(), 1.0)
     rmse = tuple(float(np.sqrt(of[:, 1].sum() / number)) for of in (before, after))

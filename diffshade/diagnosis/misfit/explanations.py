@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool
 
-from ...inverse.laid_out_fit import samples_of
 from ...inverse.result import Fit
 from .alternatives import Alternatives, Key, State, share
 from .encodings import Encoding, cost_and_noise, other_encoding
@@ -53,7 +52,7 @@ class MisfitSearch:
 
     def __init__(self, fit: Fit):
         self.fit = fit
-        self.samples, _ = samples_of(fit)
+        self.samples = fit.solved.problem.samples
         self.alternatives = Alternatives(fit, center_of(fit.scene.objects, fit.views[0].camera))
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
 

@@ -14,7 +14,6 @@ from scipy import ndimage
 from ...inverse.data.recording import photograph
 from ...inverse.data.views import View, channels, lights_on
 from ...inverse.forward.rounding import sawtooth
-from ...inverse.laid_out_fit import LaidOutFit
 from ...inverse.result import Fit
 from ...inverse.unknowns.parameters import find_unknowns
 from ...model.bands import widened
@@ -70,14 +69,14 @@ def linearised(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> Linea
         fit: The fit.
         excluded: The pixels of each view that do not count.
     """
-    keep = None if excluded is None else [None if mask is None else ~mask for mask in excluded]
     paths = _paths(fit)
     added = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
-    laid = LaidOutFit(fit, keep, rendered=True, beside=added, at_most=PIXELS)
+    solved = fit.solved if excluded is None else fit.solved.keeping([None if m is None else ~m for m in excluded])
+    laid = solved.beside(added).laid_out(PIXELS)
     p = len(fit.unknowns)
     at = {unknown.places[0]: p + j for j, unknown in enumerate(added)}
     moves = _moves(fit, at, len(laid.theta))
-    laid_samples = LaidSamples(laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
+    laid_samples = LaidSamples(fit, laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
     end = laid_samples.at(laid.theta)
     samples = Samples(laid_samples.view, laid_samples.pixel, laid_samples.channel, end.predicted)
     inside, known = laid_samples.inside, laid_samples.known(laid.theta)

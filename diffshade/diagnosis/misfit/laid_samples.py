@@ -14,10 +14,10 @@ from ...core.fields import Array
 from ...inverse.data.views import channels
 from ...inverse.forward.gram import Gram, directions_of
 from ...inverse.forward.interface import AbstractForwardModel
-from ...inverse.laid_out_fit import LaidOutFit
-from ...inverse.laid_out_problem import prior_gram
+from ...inverse.laid_out import LaidOut
 from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
+from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector, inverse
 from ...inverse.unknowns.visibility import shown_unknowns
 from .jacobian import Jacobian
@@ -77,9 +77,9 @@ class End:
 class LaidSamples:
     """A fit laid out with parameters added to its own unknowns. Runs in float64."""
 
-    def __init__(self, laid: LaidOutFit, along: Float[np.ndarray, "k p"]):
+    def __init__(self, fit: Fit, laid: LaidOut, along: Float[np.ndarray, "k p"]):
         """Find the pixel of each sample; `along`: directions of the parameters."""
-        fit, own, p = laid.fit, len(laid.fit.unknowns), len(laid.theta)
+        own, p = len(fit.unknowns), len(laid.theta)
         self.laid, self.along = laid, along
         self.inside = np.flatnonzero(~fit.at_bound)
         shown = shown_unknowns(fit.scene, fit.views, fit.unknowns)
@@ -115,7 +115,7 @@ class LaidSamples:
 
     def known(self, theta: Vector) -> Gram:
         """Return the Gram matrix of the priors."""
-        return prior_gram(jnp.asarray(theta), self.laid.priors)
+        return self.laid.prior_gram(theta)
 
     def search(self, along: Sequence[int]) -> End:
         """Return the minimum along some of the directions and over the unknowns, by Gauss-Newton steps."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +16,14 @@ from ...model.cameras import AbstractCamera
 from ...model.gbuffers import as_mask
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
-from .views import Image, View, camera_key, channels, colours, find_repeats, has_alpha, has_mask
+from .views import Image, View, camera_key, colours, find_repeats, has_alpha, has_mask
 
 Outline = Bool[np.ndarray, "h w"]
+Masks = Sequence[Bool[np.ndarray, "h w"] | None]
+"""For each view the pixels to keep; None keeps all."""
+
+RUN = 1 << 16  # pixels that are ordered by their brightness at a time
+LEAST = 256  # pixels of a view, if it has as many, among those of a part
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +41,13 @@ class Samples:
     level: float
     brightest: float
     """The largest sample."""
-    first: int = 0
-    """The row of the image at which `inside` and `photograph` begin, where they are a tile of it."""
 
     def values(self, pixels: Int[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
         """Return the photograph at some of its pixels."""
         if isinstance(self.photograph, LazyImage):
             return self.photograph.at(pixels)
         h, w, c = self.photograph.shape
-        return self.photograph.reshape(h * w, c).take(pixels - self.first * w if self.first else pixels, 0)
+        return self.photograph.reshape(h * w, c).take(pixels, 0)
 
     def whole(self) -> Float[np.ndarray, "h w c"]:
         """Return the whole photograph, which is read here where it is lazy."""
@@ -73,21 +76,32 @@ class Counts(eqx.Module):
     """Samples at an end of the sensor's range that were left out, with their pixels."""
     repeats: tuple[tuple[int, int], ...] = ()
     """Pairs of a view that repeats an earlier one, and that earlier view; the two are counted once."""
+    beyond_memory: int = 0
+    """Pixels that were not looked at, since they did not fit into memory."""
 
     def of(self, samples: Sequence[Samples]) -> Counts:
         """Return the counts of other samples of the same views, of which fewer may be left."""
         pixels = [len(s.pixels) for s in samples]
         number = sum(n * s.photograph.shape[2] for n, s in zip(pixels, samples, strict=True))
         clipped = sum(int(np.abs(s.ends()).sum()) for s in samples)
-        return Counts(sum(n > 0 for n in pixels), sum(pixels), number, clipped, self.left_out, self.repeats)
+        return dataclasses.replace(
+            self, views=sum(n > 0 for n in pixels), pixels=sum(pixels), samples=number, clipped=clipped
+        )
 
 
 def collect_samples(
-    scene: Scene, views: Sequence[View], clipped: str, *, unknowns: int, moving: bool, forecast: bool = False
+    scene: Scene,
+    views: Sequence[View],
+    clipped: str,
+    *,
+    unknowns: int,
+    moving: bool,
+    at_most: float = np.inf,
+    forecast: bool = False,
 ) -> tuple[list[Samples], Counts]:
     """Find the samples of every view; raise ValueError that names the view, or says that there are too few.
 
-    A view that is an earlier one again has none. `forecast` says that the photographs are still to be taken.
+    A view that is an earlier one again has none.
 
     Args:
         scene: The scene, whose objects the pixels must show.
@@ -95,9 +109,11 @@ def collect_samples(
         clipped: What samples at an end of the sensor's range say; "exclude" leaves their pixels out.
         unknowns: How many numbers are to be found, which there must be as many samples for.
         moving: Whether a surface is free, which takes a mask.
-        forecast: Whether equal photographs are no repetition.
+        at_most: The most pixels of all views; of more, each view has its share.
+        forecast: Whether the photographs are still to be taken, so that equal ones are no repetition.
     """
-    samples, clipping, again = [], 0, {} if forecast else find_repeats(scene, views)
+    samples, again = [], {} if forecast else find_repeats(scene, views)
+    left_out = 0
     outlines: dict[Any, Outline] = {}
     shown: dict[Any, Int[np.ndarray, " n"]] = {}
 
@@ -114,24 +130,45 @@ def collect_samples(
             raise ValueError(f"views[{i}]: {error}") from None
         if i in again:  # the same numbers tell nothing more
             found = dataclasses.replace(found, pixels=found.pixels[:0])
-        ends = found.ends()
-        clipping += int(np.abs(ends).sum())
-        if clipped == "exclude" and ends.any():
+        if clipped == "exclude" and (ends := found.ends()).any():
+            left_out += int(np.abs(ends).sum())
             found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
         same = shown.setdefault((camera_key(view.camera), found.pixels.tobytes()), found.pixels)
         samples.append(dataclasses.replace(found, pixels=same))
-    kept, left = (0, clipping) if clipped == "exclude" else (clipping, 0)
-    counts = count_samples(views, again, [len(s.pixels) for s in samples], kept, left)
+    whole = sum(len(s.pixels) for s in samples)
+    if whole > at_most:
+        samples = [share_of(s, max(int(len(s.pixels) * at_most / whole), LEAST)) for s in samples]
+    beyond = whole - sum(len(s.pixels) for s in samples)
+    counts = Counts(0, 0, 0, 0, left_out, tuple(again.items()), beyond).of(samples)
+    counts = dataclasses.replace(counts, views=len(views) - len(again))
     check_enough(counts, unknowns, [s.brightest for s in samples])
     return samples, counts
 
 
-def count_samples(
-    views: Sequence[View], again: Mapping[int, int], pixels: Sequence[int], clipped: int, left_out: int
-) -> Counts:
-    """Return the counts of a fit, given the views that repeat others and the pixels of each view that count."""
-    number = sum(n * channels(view) for n, view in zip(pixels, views, strict=True))
-    return Counts(len(views) - len(again), sum(pixels), number, clipped, left_out, tuple(again.items()))
+def share_of(samples: Samples, count: int) -> Samples:
+    """Return so many of the samples' pixels, evenly spread over the image and over their brightness.
+
+    The pixels of each run are taken at equal steps in the order of their brightness, so that each part of a highlight,
+    however small, has its share, whatever the width of the image.
+    """
+    n = len(samples.pixels)
+    if count >= n:
+        return samples
+    kept = []
+    for start in range(0, n, RUN):
+        run = samples.pixels[start : start + RUN]
+        few = (start + len(run)) * count // n - start * count // n
+        order = np.argsort(samples.values(run).mean(-1), kind="stable")
+        kept.append(np.sort(run[order[((np.arange(few) + 0.5) * len(run) / max(few, 1)).astype(int)]]))
+    return dataclasses.replace(samples, pixels=np.concatenate(kept))
+
+
+def keep_pixels(samples: Sequence[Samples], masks: Masks) -> list[Samples]:
+    """Return the samples of the pixels that masks keep."""
+    return [
+        s if kept is None else dataclasses.replace(s, pixels=s.pixels[kept.reshape(-1)[s.pixels]])
+        for s, kept in zip(samples, masks, strict=True)
+    ]
 
 
 def check_enough(counts: Counts, unknowns: int, brightest: Sequence[float]) -> None:

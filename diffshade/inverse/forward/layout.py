@@ -107,32 +107,19 @@ def _repeats(key: Sequence[tuple]) -> bool:
     return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
 
 
-def lay_out(theta: Array | None, model: AbstractForwardModel, gathered: Block, *, noise_known: bool) -> Block:
-    """Return a chunk laid out: the points its pixels show, and weights by the noise at the level that theta predicts.
-
-    Without theta the level is the photograph's.
-    """
+def lay_plain(model: AbstractForwardModel, gathered: Block) -> Block:
+    """Return a chunk laid out: the points that its pixels show, and equal weights for all samples."""
     seen = gathered.observed
     points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
-    return with_weights(theta, model, Block(gathered.view, jax.device_put(points), seen), noise_known=noise_known)
+    return with_weights(model, Block(gathered.view, jax.device_put(points), seen), noise_known=False)
 
 
-def with_weights(theta: Array | None, model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
-    """Replace which samples of a chunk count by weights, as `lay_out` does."""
+def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
+    """Replace which samples of a chunk count by weights: by the noise at the photograph's level where it is known."""
     weight = None if model.projects else jnp.asarray(chunk.observed.weight, float)
     observed = eqx.tree_at(lambda o: o.weight, chunk.observed, weight)
     chunk = Block(jax.device_put(chunk.view), chunk.points, jax.device_put(observed))
-    return weigh(theta, model, chunk) if noise_known and not model.projects else chunk
-
-
-def lay_plain(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out, with equal weights for all samples."""
-    return lay_out(theta, model, gathered, noise_known=False)
-
-
-def lay_weighed(theta: Array | None, model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out, with weights by the noise."""
-    return lay_out(theta, model, gathered, noise_known=True)
+    return weigh(None, model, chunk) if noise_known and not model.projects else chunk
 
 
 def weigh(theta: Array | None, model: AbstractForwardModel, chunk: Block) -> Block:

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.backend import jit_quickly
+from ...core.backend import UNFUSED, jit_quickly
 from ...core.fields import Array
-from ..pixels.blocks import Block
+from ...parallel.threads import on_all_cores
+from ..pixels.blocks import Block, total
 from .gram import directions_of
 from .interface import AbstractForwardModel
 from .rounding import HARMONICS, damping, harmonics
 
+T = TypeVar("T")
 Theta = Float[Array, " p"]
+
+
+def sum_over(
+    chunks: Sequence[Block],
+    program: Callable[[Any, AbstractForwardModel, Block], T],
+    theta: Any,
+    model: AbstractForwardModel,
+) -> T:
+    """Return the sum of `program(theta, model, chunk)` over all chunks: one pass, on all cores."""
+    run = compiled(program, model.transparent)
+    return total(on_all_cores(lambda chunk: run(theta, model, chunk), chunks))
+
+
+@functools.lru_cache
+def compiled(program: Callable[..., Any], unfused: bool = False) -> Callable[..., Any]:
+    """Return a compiled program; `unfused` turns off fusion, with which XLA's CPU compiler can be slow."""
+    return jax.jit(program, compiler_options=UNFUSED if unfused and jax.default_backend() == "cpu" else None)
 
 
 def sum_of_squares(of_view: Float[np.ndarray, " views"], chunk: Block) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from ...core.fields import Array
-from ..data.samples import Samples
+from ..data.samples import LEAST, Samples
 from ..data.views import View
 from ..data.views import channels as channels_of
 
@@ -21,7 +21,6 @@ T = TypeVar("T")
 BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
 MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
-LEAST = 256  # pixels of each view, if it has as many, among those of a part
 CACHE_LINE = 64  # bytes
 OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
 SEVERAL = 16 * OF_PART  # the most blocks that are cut as a part of them is

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,6 @@ from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Gram, Point, ViewGrams
 from ..forward.interface import AbstractForwardModel
-from ..forward.streams import AllPixels, StreamingReduction
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
@@ -149,15 +148,8 @@ def _evaluate(structure: Any, leaves: list[Any], theta: Array, summary: Any) -> 
     return point_of(theta, model, priors, box, summary)
 
 
-def summary_of(theta: Any, model: AbstractForwardModel, chunk: Block) -> Any:
-    """Return what a chunk adds to a pass."""
-    return model.summary(theta, chunk)
-
-
-def evaluate(theta: Any, task: Task, chunks: AllPixels) -> Point:
+def evaluate(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     """Return the point at theta, or, for a model that projects, at its best linear unknowns: one pass, on all cores."""
-    if isinstance(chunks, StreamingReduction):
-        return _evaluate(task.structure, task.leaves, theta, chunks.summed(summary_of, theta, task.model))
     program = _summary_unfused if task.model.transparent and jax.default_backend() == "cpu" else _summary
     summaries = on_all_cores(lambda chunk: program(task.model_structure, task.model_leaves, theta, chunk), chunks)
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
@@ -231,7 +223,7 @@ def minimum_in_jax(
 def minimise(
     theta: Any,
     task: Task,
-    chunks: AllPixels,
+    chunks: Sequence[Block],
     *,
     squares: float,
     max_steps: int,

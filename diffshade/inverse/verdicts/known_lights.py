@@ -14,7 +14,6 @@ from jaxtyping import Float
 
 from ...core.progress import ReportProgress
 from ...core.words import Note, listing
-from ..laid_out_fit import LaidOutFit
 from ..result import Fit
 from ..unknowns.light_priors import LightErrors
 from ..unknowns.unknown import values_at
@@ -22,27 +21,21 @@ from ..unknowns.unknown import values_at
 PAIRS = 16  # of fits, each to lights moved one way and the opposite way
 LARGE = 0.5  # share of an error's square that makes a value one of those that depend on the lights
 SHIFTED = 1.0  # errors of independent noise by which a mean change is named
-LEFT_OUT = (
-    "this fit was made by tiles, so its errors do not hold the stated errors of the lights that are not fitted. Give "
-    "fit more memory, and neither checkpoint nor mesh; or free the directions and intensities."
-)
 
 
-def widen_by_lights(fit: Fit, errors: LightErrors, by_tiles: bool, report_progress: ReportProgress) -> Fit:
+def widen_by_lights(fit: Fit, errors: LightErrors, report_progress: ReportProgress) -> Fit:
     """Return a fit whose errors are at least those that the stated errors of its known lights give. In float64."""
     free = {path for unknown in fit.unknowns for path, _ in unknown.places}
     if not errors.of_known(fit.scene, free):
         return fit
-    if by_tiles:
-        return dataclasses.replace(fit, notes=(*fit.notes, Note(LEFT_OUT, "lights")))
     draws = _draws(4 * len(fit.scene.lights))
     changes = np.zeros((PAIRS, 2, len(fit.values)))
     for pair in range(PAIRS):
         report_progress("errors of the lights", pair / PAIRS)
         draw = draws[pair].reshape(-1, 4)
         for side, sign in enumerate((1.0, -1.0)):
-            laid = LaidOutFit(dataclasses.replace(fit, scene=errors.moved(fit.scene, free, sign * draw)))
-            end = laid.minimise({}, laid.theta, laid.chunks, rtol=1e-8)
+            under = fit.solved.changed(scene=errors.moved(fit.scene, free, sign * draw))
+            end = under.laid_out().minimise(rtol=1e-8)
             changes[pair, side] = values_at(end.theta, fit.unknowns) - fit.values
     from_lights = np.sqrt(np.mean(changes**2, (0, 1)))
     # the views' own scatter, where the errors are made of it, holds the lights' already

@@ -15,15 +15,18 @@ from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
 from ...model.scenes import Scene
+from ..data.samples import Masks, keep_pixels
 from ..data.views import View, lights_on
 from ..forward.gram import Point
-from ..laid_out_fit import LaidOutFit, Masks, refit, samples_of
+from ..laid_out import LaidOut
 from ..own_views import OthersAsQuadratics
+from ..problem import fit_problem, samples_for
 from ..result import Fit
-from ..running import samples_for
+from ..solving import solve
 from ..statistics.clusters import Clusters
 from ..statistics.identifiability import relative_errors
 from ..statistics.uncertainty import Vector, inverse
+from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
@@ -32,10 +35,6 @@ CLEARLY = 1.5  # by how much a rise by an unknown's own views must differ from t
 OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
 SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
-UNCHECKED = (
-    "this fit was made by tiles, so it was not checked whether values depend on saturated pixels or on the brightest "
-    "half of the highlight. Give fit more memory, and neither checkpoint nor mesh; or fit some of the rows."
-)
 SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
 
 
@@ -70,7 +69,7 @@ def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Ma
     if fit.clipped == "exclude":  # with those that the fit left out
         samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")
     else:
-        samples, _ = samples_of(fit)
+        samples = fit.solved.problem.samples
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
     for end, of_view in zip(ends, samples, strict=True):
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
@@ -158,6 +157,23 @@ def refits(
         blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
 
 
+def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
+    """Fit anew on the pixels to keep, with a search of its own and some unknowns held where they are. In float64.
+
+    An unknown that none of the pixels shows is not determined; one that is held counts as at a bound.
+    """
+    unknowns = [
+        replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
+        for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
+    ]
+    samples = keep_pixels(fit.solved.problem.samples, keep)
+    again = fit_problem(
+        fit.scene, fit.views, unknowns, samples, fit.counts.of(samples), fit.likelihood.loss, fit.clipped
+    )
+    laid, end, begun = solve(again)
+    return summarise(laid, end, begun.step_variance)
+
+
 def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
     """Return the values that move by 30 % together with the blamed ones; they stay only while those are held."""
     far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
@@ -166,7 +182,7 @@ def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
 
 def _enough(fit: Fit, keep: Masks) -> bool:
     """Whether the pixels to keep are as many as the unknowns."""
-    _, counts = samples_of(fit, keep)
+    counts = fit.counts.of(keep_pixels(fit.solved.problem.samples, keep))
     return min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns)
 
 
@@ -197,18 +213,18 @@ def moved(
     found = np.zeros(len(known), bool)
     if not len(suspects):
         return found
-    laid = LaidOutFit(fit, keep)
+    laid = fit.solved.keeping(keep).laid_out()
     held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
     there = coordinates(again.values, fit.unknowns)
 
     def lowest(held: dict[int, float], *begins: Vector) -> Point:
-        ends = [laid.minimise(held, theta, laid.chunks, rtol=1e-8).point for theta in begins]
+        ends = [laid.minimise(held, theta, rtol=1e-8).point for theta in begins]
         return min(ends, key=lambda end: float(end.total.cost))
 
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
     best = lowest(held, there, laid.theta)
-    alone = _contradicted_by_own_views(laid, best, held, suspects.tolist(), there, ERRORS**2 * rises)
+    alone = _contradicted_by_own_views(fit, laid, best, held, suspects.tolist(), there, ERRORS**2 * rises)
     for j in suspects.tolist():
         if j in alone:
             found[j] = alone[j]
@@ -219,7 +235,8 @@ def moved(
 
 
 def _contradicted_by_own_views(
-    laid: LaidOutFit,
+    fit: Fit,
+    laid: LaidOut,
     best: Point,
     held: Mapping[int, float],
     suspects: Sequence[int],
@@ -231,7 +248,8 @@ def _contradicted_by_own_views(
     All other views count to second order, so that the time for each unknown does not grow with the views.
 
     Args:
-        laid: The fit on the pixels that are kept.
+        fit: The fit.
+        laid: Its problem, with the pixels that are kept.
         best: Its minimum.
         held: Unknowns that are held, and where.
         suspects: The unknowns to be held at their old values.
@@ -243,7 +261,7 @@ def _contradicted_by_own_views(
         return found
     if not np.isin(suspects, np.asarray(laid.problem.box.arrow.blocks)).any():
         return found
-    others = OthersAsQuadratics(laid, best, held)
+    others = OthersAsQuadratics(fit, laid, best, held)
     for b, members in others.blocks(suspects).items():
         own = others.of(b)
         for j in members:
@@ -311,13 +329,6 @@ def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
     shifted[~alone] = moves
     notes = (*dependence(shared, again, moves), *fit.notes)
     return replace(fit, determined=fit.determined & ~shifted, notes=notes)
-
-
-def note_unchecked(fit: Fit) -> Fit:
-    """Return a fit by tiles, with a note if `withdraw_unstable` would have repeated it."""
-    if not _doubtful(fit):
-        return fit
-    return replace(fit, notes=(*fit.notes, Note(UNCHECKED, "not checked")))
 
 
 def _doubtful(fit: Fit) -> bool:

@@ -150,13 +150,15 @@ def _write_fit(
         in_float64(fit) as fit,
     ):
         with_sensor = any(view.sensor is not None for view in fit.views)
-        fit = dataclasses.replace(fit, views=tuple(map(developed, fit.views)))  # the page draws linear light
+        fit = dataclasses.replace(
+            fit, solved=fit.solved.drawn_as(fit.scene, tuple(map(developed, fit.views)))
+        )  # the page draws linear light
         residuals = collect_residuals(fit, report_progress)
         which = _spread(residuals.rmse)
         report_progress("drawing")
         drawn = drawn_bands(fit.scene.bands)
         gallery = build_gallery([fit.predict(fit.views[i]) for i in which], [names[i] for i in which], drawn)
-        fit_drawn = dataclasses.replace(fit, scene=drawn.scene(fit.scene))
+        fit_drawn = dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn.scene(fit.scene), fit.views))
         ball, missing = ball_scene(fit_drawn, names[:number], gallery.white)
         whole = scene_to_render(fit_drawn)
         rms = float(np.sqrt(np.mean(residuals.values**2)))

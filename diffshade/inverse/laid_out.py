@@ -1,0 +1,183 @@
+"""Laid out: a problem with its pixels in blocks, weighed by their noise, ready to be minimised."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..core.backend import jit_quickly
+from ..core.fields import Array
+from ..core.progress import ReportProgress, silent
+from .data.samples import Masks
+from .data.views import channels
+from .forward.gram import Gram
+from .forward.interface import AbstractForwardModel
+from .forward.rounding import MOST_NOISE, Rounded, share_of_waves
+from .forward.sums import spread, sum_over, waves
+from .pixels.blocks import Block, Piece
+from .pixels.blocks import chunks as in_chunks
+from .problem import MAX_STEPS, FitProblem, Theta
+from .solve.solvers import FAR, Box, Minimum, PriorResiduals, Task, minimise
+
+
+@dataclass(frozen=True, eq=False)
+class LaidOut:
+    """A problem with its pixels, or an even part of them, in chunks of blocks. To be used in float64."""
+
+    problem: FitProblem
+    theta: Theta
+    """Where the samples are weighed by their noise, and where a minimisation begins."""
+    squares: float
+    """Weighted sum of squares of the images, with which costs are compared."""
+    parts: list[Piece]
+    chunks: list[Block]
+
+    @property
+    def model(self) -> AbstractForwardModel:
+        """The model that predicts the samples."""
+        return self.problem.model
+
+    @cached_property
+    def task(self) -> Task:
+        """What is to be minimised."""
+        return self.problem.task(self.squares)
+
+    @property
+    def priors(self) -> PriorResiduals:
+        """What is known of the unknowns beside the views."""
+        return self.problem.priors(self.squares)
+
+    @property
+    def size(self) -> int:
+        """Pixels of a block."""
+        return self.chunks[0].observed.target.shape[-1]
+
+    def minimise(
+        self,
+        held: Mapping[int, float] | None = None,
+        theta: Theta | None = None,
+        chunks: Sequence[Block] | None = None,
+        *,
+        rtol: float = 1e-16,
+        damping: float = FAR,
+        report_progress: ReportProgress = silent,
+    ) -> Minimum:
+        """Return the minimum; all numbers are in the solver's coordinates.
+
+        Args:
+            held: Unknowns, and the values at which they are held.
+            theta: Where to begin, by default where the problem was laid out.
+            chunks: Other chunks of the same problem.
+            rtol: The decrease, relative to the cost, below which the solver stops.
+            damping: That of the first step.
+            report_progress: Reports progress.
+        """
+        theta, task = self.theta if theta is None else theta, self.task
+        if held:
+            theta, lower, upper = hold(self.problem.box, theta, held)
+            box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
+            task = Task(self.model, self.priors, box)
+        return minimise(
+            theta,
+            task,
+            self.chunks if chunks is None else chunks,
+            squares=self.squares,
+            max_steps=MAX_STEPS,
+            rtol=rtol,
+            damping=damping,
+            report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
+        )
+
+    def lay_out(self, parts: Sequence[Piece], size: int | None = None) -> list[Block]:
+        """Return the chunks of pieces, a block each, weighed at theta; blocks of another size where it is given."""
+        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.size))
+
+    def without(self, masks: Masks) -> list[Block]:
+        """Return the chunks with no weight on the masked pixels: the same programs serve."""
+        size = self.size
+
+        def weigh(chunk: Block, parts: Sequence[Piece]) -> Block:
+            kept = np.ones((len(chunk.view), 1, size))
+            for b, part in enumerate(parts):
+                if (mask := masks[part.view]) is not None:
+                    kept[b, 0, : len(part.pixels)] = ~mask.reshape(-1)[part.pixels]
+            return eqx.tree_at(lambda c: c.observed.weight, chunk, chunk.observed.weight * kept)
+
+        return [weigh(*of) for of in zip(self.chunks, in_chunks(self.parts), strict=True)]
+
+    def by_view(self) -> list[list[Block]]:
+        """Return the chunks of each view apart."""
+        parts = self.problem.pieces(None, self.size)
+        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.views))]
+
+    def prior_gram(self, theta: Theta) -> Gram:
+        """Return the Gram of the priors and unit vectors."""
+        return prior_gram(theta, self.priors)
+
+    def spread(self, end: Minimum) -> Float[np.ndarray, "5"]:
+        """Return the sums of `Likelihood.spread` at a minimum."""
+        cost, model = float(end.point.views.cost.sum()), self.model
+        if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
+            sizes = zip(self.problem.pixels, self.problem.views, strict=True)
+            count = float(sum(n * channels(view) for n, view in sizes))
+            return np.array([count, *[2 * cost] * 2, *[count] * 2])
+        return np.asarray(sum_over(self.chunks, spread, end.point.theta, model))
+
+    def rounded(self, end: Minimum, of: Float[np.ndarray, "5"], step_variance: float) -> Rounded | None:
+        """Return what rounding adds to the errors; None without steps, or where noise hides them.
+
+        Args:
+            end: The minimum.
+            of: Its `spread`.
+            step_variance: Mean square of the weighted residuals that rounding alone makes.
+        """
+        square, steps = float(of[2] / of[0]), self.model.setting.rounding
+        beyond = max(square - step_variance, 0.0)
+        if not steps.exists or beyond > 12.0 * MOST_NOISE**2 * step_variance:
+            return None
+        rounding = dataclasses.replace(steps, noise=np.asarray(np.sqrt(beyond)))
+        model = self.problem.with_rounding(rounding).model
+        held = step_variance * share_of_waves(beyond / (12.0 * step_variance))
+        rows = np.asarray(sum_over(self.chunks, waves, end.point.theta, model))
+        return Rounded(jax.tree.map(np.asarray, rounding), rows, min(held / max(square, 1e-300), 1.0))
+
+
+def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | None = None) -> LaidOut:
+    """Return a problem with its pixels laid out, or with so many at most, evenly spread, weighed at theta."""
+    size = problem.size_for(at_most)
+    parts = problem.pieces(at_most, size)
+    return LaidOut(problem, theta, squares, parts, problem.reweigh(theta, problem.lay_out(parts, size)))
+
+
+def hold(
+    box: Box, theta: Theta, held: Mapping[int, float]
+) -> tuple[Theta, Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """Return theta within a box, and the box's lower and upper ends, all with some unknowns held at a value."""
+    which, at = np.array(list(held), int), np.array(list(held.values()), float)
+    lower, upper = (np.array(bound) for bound in (box.lower, box.upper))
+    theta = np.clip(theta, lower, upper)
+    for array in (lower, upper, theta):
+        array[which] = at
+    return theta, lower, upper
+
+
+@jit_quickly
+def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
+    gram = priors.gram(theta)
+    return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
+
+
+def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
+    """Return the Gram of priors and unit vectors, as NumPy arrays."""
+    if not (len(priors.index) or len(priors.units)):
+        p = len(theta)
+        return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
+    return jax.tree.map(np.asarray, _prior_gram(theta, priors))
