@@ -63,7 +63,6 @@ STRANGERS = {
 # Packages that one place alone knows.
 ONLY_IN = {
     "optimistix": "inverse.solve",
-    "lineax": "inverse.solve",
     "click": "cli",
     "imageio": "io",
     "jinja2": "report",

@@ -155,15 +155,15 @@ def evaluate(theta: Any, task: Task, chunks: Sequence[Block]) -> Point:
     return _evaluate(task.structure, task.leaves, theta, total(summaries))
 
 
-def _given(y: Array, point: Point) -> tuple[Any, Point]:
-    """Pass a point that is already known through optimistix's interface of a function to minimise."""
+def _cost(y: Array, point: Point) -> tuple[Any, Point]:
+    """Return the cost at y and, as optimistix's auxiliary output, the point that a pass over the pixels found there."""
     return point.total.cost, point
 
 
 @jit_quickly
 def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
-    f_struct, aux_struct = jax.eval_shape(_given, theta, point)
-    state = solver.init(_given, theta, point, {}, f_struct, aux_struct, frozenset())
+    f_struct, aux_struct = jax.eval_shape(_cost, theta, point)
+    state = solver.init(_cost, theta, point, {}, f_struct, aux_struct, frozenset())
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)  # of no weak type, as all later ones
 
 
@@ -171,9 +171,10 @@ def _begin(theta: Array, solver: GramLevenbergMarquardt, point: Point) -> State:
 def _advance(
     theta: Array, state: State, solver: GramLevenbergMarquardt, point: Point
 ) -> tuple[Array, State, Array, Array]:
-    theta, state, _ = solver.step(_given, theta, point, {}, state, frozenset())
-    failed = state.result != optx.RESULTS.successful
-    return theta, state, state.done | failed, failed
+    theta, state, _ = solver.step(_cost, theta, point, {}, state, frozenset())
+    done, result = solver.terminate(_cost, theta, point, {}, state, frozenset())
+    failed = result != optx.RESULTS.successful
+    return theta, state, done | failed, failed
 
 
 def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
@@ -197,27 +198,20 @@ def minimum_in_jax(
     projects: bool,
     max_steps: int,
     rtol: Any = 1e-14,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Any, Any, Array]:
     """Return the minimum, its cost and whether the solver converged, as one pure JAX function.
 
     It takes the steps of `minimise`, which runs its passes on all cores and cannot be traced.
     """
-    solver = _solver(box, squares, projects=projects, rtol=rtol)
-
-    def step(carry: tuple) -> tuple:
-        theta, state = carry
-        theta, state, _ = solver.step(_given, theta, evaluate_at(state.y_eval), {}, state, frozenset())
-        return theta, state
-
-    def goes_on(carry: tuple) -> Array:
-        state = carry[1]
-        return ~state.done & (state.result == optx.RESULTS.successful) & (state.steps < max_steps)
-
-    f_struct, point = jax.eval_shape(lambda theta: _given(theta, evaluate_at(theta)), theta)
-    state = solver.init(_given, theta, point, {}, f_struct, point, frozenset())
-    state = jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
-    _, state = jax.lax.while_loop(goes_on, step, (theta, state))
-    return state.point.theta, state.point.total.cost, state.done & (state.result == optx.RESULTS.successful)
+    found = optx.minimise(
+        lambda theta, _: _cost(theta, evaluate_at(theta)),
+        _solver(box, squares, projects=projects, rtol=rtol),
+        theta,
+        has_aux=True,
+        max_steps=max_steps,
+        throw=False,
+    )
+    return found.aux.theta, found.aux.total.cost, found.result == optx.RESULTS.successful
 
 
 def minimise(
@@ -240,7 +234,8 @@ def minimise(
     Ends as well where `PATIENCE` steps together lower the cost by less than `stalled` of it: where a pixel turns from
     lit to dark the cost has a kink, and steps that promise much keep little.
 
-    The steps are decided by a compiled program; the passes between them run on all cores.
+    This is `optimistix.minimise` step by step: a compiled program asks the solver for each step, and the passes between
+    the steps run on all cores, which no traced loop can.
     """
     solver = _solver(task.box, squares, projects=task.model.projects, rtol=rtol, damping=damping)
     theta = np.asarray(theta)
