@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
+
+LONGEST = 86400.0  # seconds over which the pace is measured: a step may take minutes
 
 
 @runtime_checkable
@@ -18,64 +19,45 @@ class ReportProgress(Protocol):
 
 @contextlib.contextmanager
 def showing(title: str, *, show: bool = True) -> Iterator[ReportProgress]:
-    """Show a line with a title and the time while the block runs, and the time left; yield what sets its words.
+    """Show a line with a title, the time and the time left while the block runs; yield what sets its words.
 
     Nothing is shown in the first two seconds, nor where standard error is not a terminal, nor unless `show`.
     """
     if not show:
         yield silent
         return
+    from rich import progress
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    with Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        TimeElapsedColumn(),
+    with progress.Progress(
+        progress.SpinnerColumn(),
+        progress.TextColumn("{task.description}", markup=False),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+        progress.TextColumn("{task.fields[left]}"),
         console=console,
         transient=True,
         disable=not console.is_terminal,
+        speed_estimate_period=LONGEST,
     ) as bar:
-        task = bar.add_task(title, visible=False, total=None)
+        task = bar.add_task(title, visible=False, total=None, left="")
         appear = threading.Timer(2.0, lambda: bar.update(task, visible=True))  # compiling may come before any step
         appear.daemon = True
         appear.start()
-        pace = _Pace()
 
         def report_progress(words: str, share: float | None = None) -> None:
-            bar.update(task, description=", ".join([f"{title}: {words}", *pace.words(share)]))
+            if share is None or share < bar.tasks[task].completed:  # something new, with a pace of its own
+                bar.update(task, total=None, completed=0.0, left="")
+            done = "" if share is None else f", {share:.0%}"
+            bar.update(task, description=f"{title}: {words}{done}")
+            if share is not None:
+                bar.update(task, total=1.0, completed=share, left="left")
 
         try:
             yield report_progress
         finally:
             appear.cancel()
-
-
-class _Pace:
-    """How fast a share grows. One that is smaller than the last one begins something new."""
-
-    def __init__(self) -> None:
-        self.begun, self.first, self.last = 0.0, 1.0, 1.0
-
-    def words(self, share: float | None) -> list[str]:
-        """Return the share and the time left, in words."""
-        if share is None:
-            return []
-        now = time.monotonic()
-        if share < self.last:
-            self.begun, self.first = now, share
-        self.last = share
-        done = [f"{share:.0%}"]
-        if share > self.first:
-            done.append(f"about {_duration((now - self.begun) * (1.0 - share) / (share - self.first))} left")
-        return done
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def silent(words: str, share: float | None = None) -> None:
