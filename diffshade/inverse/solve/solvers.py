@@ -185,7 +185,7 @@ def _advance(
 
 
 def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
-    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
         descent=BoxNewton(box.lower, box.upper, linear),
@@ -205,8 +205,8 @@ def minimum_in_jax(
     projects: bool,
     max_steps: int,
     rtol: Any = 1e-14,
-) -> tuple[Array, Array, Array]:
-    """Return the minimum, its cost and whether the solver converged, as one pure JAX function.
+) -> tuple[Point, Array]:
+    """Return the point at the minimum and whether the solver converged, as one pure JAX function.
 
     It takes the steps of `minimise`, which runs its passes on all cores and cannot be traced.
     """
@@ -225,7 +225,7 @@ def minimum_in_jax(
     state = solver.init(_given, theta, point, {}, f_struct, point, frozenset())
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, leaf.dtype), state)
     _, state = jax.lax.while_loop(goes_on, step, (theta, state))
-    return state.point.theta, state.point.total.cost, state.done & (state.result == optx.RESULTS.successful)
+    return state.point, state.done & (state.result == optx.RESULTS.successful)
 
 
 def minimise(
