@@ -83,6 +83,8 @@ class Scores:
     squares: Float[np.ndarray, " folds"]
     """Sum of squares of each fold, predicted without it."""
     samples: Float[np.ndarray, " folds"]
+    rounding: float
+    """The mean square of what float32 rounds away of a sample: a smaller error tells nothing of a model."""
     rmse: float
     held: tuple[str, ...]
     """The unknowns that only one view determines."""
@@ -105,7 +107,7 @@ def cross_validate(laid: LaidOut, folds: Folds, scale: float, report_progress: C
     # Without its view, a view's own exposure is unknown.
     single_view = single_views(evaluate(laid.theta, laid.task, weighed).views.seen(len(laid.theta)))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
-    squares, samples, converged = np.zeros(folds.count), np.zeros(folds.count), True
+    squares, samples, signal, converged = np.zeros(folds.count), np.zeros(folds.count), 0.0, True
     for k in range(folds.count):
         report_progress(k / folds.count)
         views = [part.view for part, fold in zip(folds.pieces, folds.fold, strict=True) if fold == k]
@@ -121,11 +123,14 @@ def cross_validate(laid: LaidOut, folds: Folds, scale: float, report_progress: C
             if (blocks == k).any():
                 mine = np.flatnonzero(blocks == k)
                 m, weight = (x[mine] for x in _predictions(jnp.asarray(end.theta), laid.model, chunk))
-                s = weight * (m - np.asarray(chunk.observed.target)[mine]) ** 2 / scale**2
+                target = np.asarray(chunk.observed.target)[mine]
+                s = weight * (m - target) ** 2 / scale**2
                 squares[k] += scale**2 * float(np.sum(rho(s)))
                 samples[k] += float(np.sum(weight > 0))
+                signal += float(np.sum(weight * target**2))
     own = dict.fromkeys(u.quantity for u, alone in zip(problem.unknowns, single_view, strict=True) if alone >= 0)
-    scores = Scores(laid, chunks, squares, samples, 0.0, tuple(own), converged)
+    rounding = float(np.finfo(np.float32).eps) ** 2 * signal / float(samples.sum())
+    scores = Scores(laid, chunks, squares, samples, rounding, 0.0, tuple(own), converged)
     residual = 0.0
     for c, chunk in enumerate(chunks):
         m, weight = scores.predicted(c)

@@ -21,6 +21,7 @@ from .cross_validation import Folds, Scores, cross_validate, make_folds
 
 ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
 SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
+TIMES = 1.0 / SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
 GREY_LEVEL = 1.0 / 255.0  # half a grey level is the least visible difference in a file of 8 bits
 
 
@@ -44,7 +45,7 @@ class ModelChoice:
     image_differences: Float[np.ndarray, " fits"]
     """Root mean square difference between the fitted images and the best fit's."""
     worse: Bool[np.ndarray, " fits"]
-    """Whether a fit is worse than the best one by all criteria; otherwise it is undecided."""
+    """Whether a fit is worse than the best one; otherwise it is undecided between the two."""
     bic: Float[np.ndarray, " fits"]
     folds: int
     """How many views or patches were held out, one at a time."""
@@ -53,9 +54,14 @@ class ModelChoice:
     notes: tuple[str, ...]
 
     @property
+    def undecided(self) -> tuple[str, ...]:
+        """The names of the fits that are not worse than the best one, and its own first."""
+        return tuple(name for name, worse in zip(self.names, self.worse, strict=True) if not worse)
+
+    @property
     def best(self) -> str | None:
         """The name of the best fit; None if it is undecided."""
-        return self.names[0] if self.worse[1:].all() else None
+        return self.names[0] if len(self.undecided) == 1 else None
 
     def __str__(self) -> str:
         """Return the table of fits, the best first, and the verdicts below it."""
@@ -84,6 +90,10 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     A verdict needs all of these: the paired errors differ by two standard errors (jackknife); the fitted images differ
     by a tenth of the residuals; and they differ by half a grey level of 8 bits, all root mean square and for images in
     [0, 1]. A smaller difference may come from the lens, the lamp or the file.
+
+    In renders, and in photographs with hardly any noise, the best fit's own errors show that no such thing is in them:
+    a fit whose error is ten times as large in every photograph or patch is worse, however small both are. Errors
+    within the rounding of float32 count as none.
 
     Args:
         fits: Name to fit, two or more, all of the same views and with the same loss.
@@ -132,11 +142,15 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
     rmse = np.array([scores[name].rmse for name in names])
     differences, their_errors = (np.array(column) for column in zip(*pairs, strict=True))
     visible = image_differences >= max(SHARE * rmse[0], 0.5 * GREY_LEVEL)
-    worse = (differences > 0) & (differences >= ERRORS * their_errors) & visible
+    ratios = np.array([least_ratio(scores[name], best) for name in names])
+    worse = ((differences > 0) & (differences >= ERRORS * their_errors) & visible) | (ratios >= TIMES)
     number = np.array([count_determined(fits[name]) for name in names])
     bic = folds.count * np.log(np.maximum(rmse**2, 1e-300)) + number * np.log(folds.count)
     notes = [
-        *(verdict(names, i, differences, their_errors, image_differences, rmse, worse) for i in range(1, len(names))),
+        *(
+            verdict(names, i, differences, their_errors, image_differences, rmse, worse, ratios)
+            for i in range(1, len(names))
+        ),
         *_of_few_views(folds, worse),
         *_of_single_views(names, scores),
         *_of_convergence(names, scores, fits),
@@ -209,6 +223,15 @@ def paired_difference(
     return float(difference.sum() / count.sum()), float(error)
 
 
+def least_ratio(one: Scores, best: Scores) -> float:
+    """Return the least ratio of the errors of a model to those of the best one, of all folds; 0 if all are rounding."""
+    rounding = best.rounding * best.samples
+    told = one.squares >= TIMES**2 * rounding
+    if not told.any():
+        return 0.0
+    return float(np.sqrt(np.min(one.squares[told] / np.maximum(best.squares, rounding)[told])))
+
+
 def _image_difference(one: Scores, other: Scores) -> float:
     """Return the root mean square difference of two fitted images where samples count."""
     squares = 0.0
@@ -226,10 +249,16 @@ def verdict(
     image_differences: np.ndarray,
     rmse: np.ndarray,
     worse: np.ndarray,
+    ratios: np.ndarray,
 ) -> str:
     """Return whether a model is worse than the best, or why this is undecided."""
     best, other, apart = names[0], names[i], image_differences[i]
     times = differences[i] / errors[i] if errors[i] > 0 else np.inf if differences[i] > 0 else 0.0
+    if worse[i] and ratios[i] >= TIMES:
+        return (
+            f"{best} predicts held-out samples better than {other}, whose errors are at least {ratios[i]:.2g} times as "
+            "large, whatever is held out."
+        )
     if worse[i]:
         return (
             f"{best} predicts held-out samples better than {other}: the mean square errors differ by {times:.1f} "

@@ -41,7 +41,11 @@ class FittedValues(eqx.Module):
     cost: Float[Array, "..."]
     """Half the sum of squares of the residuals."""
     converged: Bool[Array, "..."]
-    """Whether the solver converged."""
+    """Whether the solver ended because no step within the bounds lowers the cost by more than rounding does."""
+    determined: dict[str, Bool[Array, "..."]]
+    """Whether the images determine an unknown. They do not if the prediction is the same at its other values, such as
+    those of n_s where k_s is 0, or at other values of several unknowns together. The value is then one of many that
+    cost the same."""
 
 
 class FitFunction(eqx.Module):
@@ -65,27 +69,36 @@ class FitFunction(eqx.Module):
     groups: tuple[tuple[Int[fields.Array, " m"], Float[fields.Array, "n m"]], ...]
     """For each group of unknowns that a search tries together: their indices, and the values, in coordinates."""
 
+    __hash__ = object.__hash__  # jax.jit looks the program of a function up by it; arrays have none
+    __eq__ = object.__eq__
+
     def __call__(self, *images: Float[ArrayLike, "..."]) -> FittedValues:
         """Fit the images.
 
         The minimum is searched for as by `fit`: the image is linear in some unknowns, which are solved for at each
         candidate of the others; from the best, Levenberg-Marquardt steps within bounds follow. The derivative by the
         images is that of the minimum (implicit function theorem): with C the cost, d theta = -(d2C/dtheta2)^-1
-        d2C/dtheta dy dy, over the unknowns that are not at a bound.
+        d2C/dtheta dy dy. It is 0 for an unknown at a bound, for one that changes no prediction, and along a direction
+        that changes none.
 
         Args:
             images: The image of each view, of the shape of the one given to `fit_function`.
 
         Returns:
-            The values, the cost, and whether the solver converged.
+            The values, the cost, whether the solver converged, and which values the images determine.
 
         Raises:
             ValueError: An image has another shape.
         """
         of = self._in_jax()
-        theta, cost, converged = _solved(of, of._targets(images))
+        targets = of._targets(images)
+        theta, cost, converged, gram = _solved(of, targets)
         values = natural(theta, of.model.setting.slots.logarithmic)
-        return FittedValues({name: values[j] for j, name in enumerate(self.names)}, cost, converged)
+        shown = of.shown(theta, gram, targets)
+        _, idle = _idle(gram, shown)
+        determined = shown & jnp.all(jnp.abs(idle) < _half_the_digits(idle), -1)
+        by_name = [dict(zip(self.names, of_each, strict=True)) for of_each in (values, determined)]
+        return FittedValues(by_name[0], cost, converged, by_name[1])
 
     def residuals(self, theta: Float[Array, " p"], *images: Float[ArrayLike, "..."]) -> Float[Array, " samples"]:
         """Return prediction - image, for every sample that counts; 0 for padding.
@@ -130,10 +143,21 @@ class FitFunction(eqx.Module):
         """Return half the sum of squares of the residuals."""
         return 0.5 * jnp.sum(self._residuals(theta, targets) ** 2) + self.priors.gram(theta).cost
 
-    def minimum(self, targets: Array) -> tuple[Array, Array, Array]:
-        """Return the minimum, its cost and whether the solver converged."""
+    def minimum(self, targets: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the minimum, its cost, whether the solver converged, and J^T J there."""
         first = self._candidates(jnp.asarray(self.start), 0)
-        return _searched(self, self._prepared(first), targets)
+        theta, converged, gram = _searched(self, self._prepared(first), targets)
+        return theta, self.cost(theta, targets), converged, gram
+
+    def shown(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
+        """Return the unknowns that change the prediction, given J^T J, by more than rounding.
+
+        Of an unknown that the prediction is linear in, any change will do; another one changes by 1 (of an exponent its
+        logarithm) or by its value. Normal equations keep half of the digits.
+        """
+        effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
+        rounding = _half_the_digits(gram) * jnp.sqrt(jnp.sum(self._weights() * targets**2))
+        return effect > jnp.where(jnp.asarray(self.box.linear), 0.0, rounding)
 
     def _candidates(self, theta: Array, group: int) -> Float[Array, "n p"]:
         """Return theta with the unknowns of a group at each of their values; theta alone where there is no group."""
@@ -170,7 +194,7 @@ class FitFunction(eqx.Module):
         return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
 
     def search(self, first: Prepared, targets: Array) -> tuple[Array, Array, Array]:
-        """Return the minimum, its cost and whether the solver converged, from the best of the candidates."""
+        """Return the minimum, whether the solver converged, and J^T J there, from the best of the candidates."""
         chunk = eqx.tree_at(lambda c: c.observed.target, self.chunk, targets)
 
         def evaluate(theta: Array) -> Point:
@@ -182,7 +206,8 @@ class FitFunction(eqx.Module):
             theta = self._best(self._prepared(self._candidates(theta, group)), targets)
         squares = jnp.sum(self._weights() * targets**2)
         projects = self.model.projects
-        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
+        point, converged = minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
+        return jnp.asarray(point.theta), converged, point.total.hessian.as_matrix()
 
 
 class Prepared(eqx.Module):
@@ -199,8 +224,22 @@ class Prepared(eqx.Module):
     cost: Float[Array, "..."]
 
 
+def _half_the_digits(of: Array) -> float:
+    return float(jnp.finfo(of.dtype).eps) ** 0.5
+
+
+def _idle(gram: Float[Array, "p p"], among: Bool[Array, " p"]) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
+    """Return a scale for some unknowns, 0 for others, and directions of the scaled ones that change no prediction.
+
+    Scaled, each changes the prediction as much as any other. A direction is a column of the matrix; others are 0.
+    """
+    scale = jnp.where(among, jax.lax.rsqrt(jnp.where(among, jnp.diagonal(gram), 1.0)), 0.0)
+    size, direction = jnp.linalg.eigh(gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(among, 0.0, 1.0)))
+    return scale, jnp.where(size < len(gram) * jnp.finfo(gram.dtype).eps, direction, 0.0)
+
+
 @jax.custom_jvp
-def _solved(function: FitFunction, targets: Array) -> tuple[Array, Array, Array]:
+def _solved(function: FitFunction, targets: Array) -> tuple[Array, Array, Array, Array]:
     return function.minimum(targets)
 
 
@@ -208,13 +247,17 @@ def _solved(function: FitFunction, targets: Array) -> tuple[Array, Array, Array]
 def _(primals: tuple, tangents: tuple) -> tuple:
     """Return the implicit derivative, by the images alone."""
     (of, targets), along = primals, tangents[1]
-    theta, _, converged = found = _solved(of, targets)
-    slope, mixed = jax.jvp(lambda y: jax.grad(of.cost)(theta, y), (targets,), (along,))
-    at_end = (theta <= of.box.lower) & (slope > 0) | (theta >= of.box.upper) & (slope < 0)
-    free = jnp.where(at_end, 0.0, 1.0)
-    H = jax.hessian(of.cost)(theta, targets) * jnp.outer(free, free) + jnp.diag(1.0 - free)
+    theta, _, converged, gram = found = _solved(of, targets)
+    free = of.shown(theta, gram, targets) & (theta > of.box.lower) & (theta < of.box.upper)
+    scale, idle = jax.lax.stop_gradient(_idle(gram, free))
+    mixed = jax.jvp(lambda y: jax.grad(of.cost)(theta, y), (targets,), (along,))[1]
+    held = idle @ idle.T
+    kept = jnp.eye(len(theta)) - held
+    H = jax.hessian(of.cost)(theta, targets) * jnp.outer(scale, scale) + jnp.diag(jnp.where(free, 0.0, 1.0))
+    d_theta = -scale * jnp.linalg.solve(kept @ H @ kept + held, kept @ (scale * mixed))
     d_cost = jax.jvp(lambda y: of.cost(theta, y), (targets,), (along,))[1]
-    return found, (-jnp.linalg.solve(H, free * mixed), d_cost, np.zeros(converged.shape, jax.dtypes.float0))
+    no_slope = np.zeros(converged.shape, jax.dtypes.float0)
+    return found, (d_theta, d_cost, no_slope, jnp.zeros_like(gram))  # of the Gram, only what it shows is asked
 
 
 @jax.custom_batching.custom_vmap

@@ -226,9 +226,9 @@ def _minimise(
     def at(theta: Array) -> Point:
         return point_of(theta, model, priors, box, model.summary(theta, chunk))
 
-    found = minimum_in_jax(theta, at, box, squares, projects=model.projects, max_steps=MAX_STEPS, rtol=rtol)
-    away = priors.away(found[0])
-    return found[1], 0.5 * away @ priors.curvature @ away
+    found, _ = minimum_in_jax(theta, at, box, squares, projects=model.projects, max_steps=MAX_STEPS, rtol=rtol)
+    away = priors.away(found.theta)
+    return jnp.asarray(found.total.cost), 0.5 * away @ priors.curvature @ away
 
 
 _minimum = jit_quickly(_minimise, 0, SOONER)  # over pixels, but of few views

@@ -48,6 +48,8 @@ class Projection(eqx.Module):
     eye: Vec3
     backward: Vec3
     local_viewer: Float[Array, "..."]
+    parallel: Float[Array, "..."]
+    """1 where all rays have one direction, 0 where they begin at the eye."""
 
     def rays(self, row: Float[Array, "..."], column: Float[Array, "..."]) -> Rays:
         """Return the rays through the centres of pixels, which lie at +.5."""
@@ -64,8 +66,12 @@ class Projection(eqx.Module):
         return where(self.local_viewer > 0, normalize(self.eye - p), self.backward)
 
     def depth(self, p: Vec3, *, radial: bool) -> Float[Array, "..."]:
-        """Return how far p is from the eye: along the view axis, or in a straight line where `radial` is true."""
-        return length(p - self.eye) if radial else -dot(p - self.eye, self.backward)
+        """Return how far p is from the eye along the view axis or, where `radial` is true, along the ray.
+
+        Parallel rays begin on the plane through the eye, so that along them p is as far as along the axis.
+        """
+        along_axis = -dot(p - self.eye, self.backward)
+        return jnp.where(self.parallel > 0, along_axis, length(p - self.eye)) if radial else along_axis
 
 
 class AbstractCamera(Checked):
@@ -203,9 +209,8 @@ class Camera(AbstractCamera):
         zero = right * 0.0
         corner = -backward - right * (across * column) + up * (pixel * row)
         eye = Vec3.of(self.eye)
-        return Projection(
-            eye, zero, zero, corner, right * across, up * -pixel, eye, backward, jnp.asarray(1.0 * self.local_viewer)
-        )
+        local_viewer, parallel = jnp.asarray(1.0 * self.local_viewer), jnp.asarray(0.0)
+        return Projection(eye, zero, zero, corner, right * across, up * -pixel, eye, backward, local_viewer, parallel)
 
 
 class OrthographicCamera(AbstractCamera):
@@ -259,6 +264,7 @@ class OrthographicCamera(AbstractCamera):
             eye,
             backward,
             jnp.asarray(1.0 * self.local_viewer),
+            jnp.asarray(1.0),
         )
 
 

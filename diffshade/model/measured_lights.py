@@ -23,9 +23,10 @@ from ..core.fields import (
     is_concrete,
     parameter,
 )
+from ..core.words import listing
 from .attenuation import RadialAttenuation
 from .lights import AbstractLamp, Path, along_one_line, check_direction
-from .photometry import beam_angle, flux, symmetry
+from .photometry import beam_angles, flux, symmetry
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
 
 CONTRADICTS = 0.01  # of the flux: more is no rounding
@@ -144,6 +145,25 @@ class LampLabel(eqx.Module):
     unit: str = eqx.field(static=True, default="cd")
 
 
+def _beams(vertical: Any, horizontal: Any, values: Any) -> tuple[str, list[str]]:
+    """Return the beam angles in words, and what is to be said of them: across C0 and C90, or where the peak is."""
+    planes = (0.0,) if len(horizontal) == 1 else (0.0, 90.0)
+    beams = {C: beam_angles(vertical, horizontal, values, C) for C in planes}
+    if not any(map(len, beams.values())):
+        C = float(horizontal[values.max(1).argmax()]) % 180.0
+        beams[C] = beam_angles(vertical, horizontal, values, C)
+    of_plane = {C: f" across C{C:g}" if len(horizontal) > 1 else "" for C in beams}
+    words = [(" + ".join(f"{beam:.3g}" for beam in beams[C]) or "-") + of_plane[C] for C in beams]
+    said = []
+    for C, lobes in beams.items():
+        where = f"Across C{C:g}" if len(horizontal) > 1 else "In every plane"
+        if len(lobes) == 0:
+            said.append(f"{where} no direction reaches half of the peak, so that no beam angle is defined there.")
+        elif len(lobes) > 1:
+            said.append(f"{where} {len(lobes)} lobes reach half of the peak, each with a beam angle of its own.")
+    return listing(words), said
+
+
 class MeasuredLight(AbstractLamp):
     r"""A point light with a measured beam, `profile`, around `direction`, attenuated with distance (E2).
 
@@ -198,15 +218,12 @@ class MeasuredLight(AbstractLamp):
         lines.append(f"flux        {lumens:.4g} {whole} integrated" + "".join(f", {of}" for of in stated))
         at = f"gamma {vertical[highest[1]]:g}" + (f", C {horizontal[highest[0]]:g}" if len(horizontal) > 1 else "")
         lines.append(f"peak        {values.max():.4g} {unit} at {at}")
-        beams = [beam_angle(vertical, horizontal, values, C) for C in ((0.0,) if len(horizontal) == 1 else (0.0, 90.0))]
-        across = " across C0 and " if len(beams) > 1 else ""
-        lines.append(
-            f"beam angle  {across.join(f'{beam:.3g}' for beam in beams)}{' across C90' if across else ''} degrees"
-        )
+        beams, of_beams = _beams(vertical, horizontal, values)
+        lines.append(f"beam angle  {beams} degrees")
         if about.watts:
             lines.append(f"power       {about.watts:.4g} W, {lumens / about.watts:.3g} {whole}/W")
         lines.append(f"symmetry    {symmetry(horizontal, values)}")
-        return "\n".join([*lines, *self._contradictions(lumens, whole)])
+        return "\n".join([*lines, *of_beams, *self._contradictions(lumens, whole)])
 
     def _contradictions(self, lumens: float, whole: str) -> list[str]:
         """Return where the flux is other than stated."""

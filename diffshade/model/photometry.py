@@ -38,20 +38,31 @@ def plane(horizontal: Angles, values: Values, C: float) -> Float[np.ndarray, " v
     return np.array([np.interp(C % 360.0, horizontal, column) for column in values.T])
 
 
-def beam_angle(vertical: Angles, horizontal: Angles, values: Values, C: float, share: float = 0.5) -> float:
-    """Return the full angle, degrees, across C and C + 180, out to where a share of the peak is last reached."""
-    return sum(_outermost(vertical, plane(horizontal, values, at), share * values.max()) for at in (C, C + 180.0))
+def beam_angles(vertical: Angles, horizontal: Angles, values: Values, C: float) -> Float[np.ndarray, " lobes"]:
+    """Return the beam angle of each lobe in the plane through the axis and C, degrees: none that reaches half, no lobe.
 
-
-def _outermost(vertical: Angles, row: Float[np.ndarray, " v"], level: float) -> float:
-    """Return the largest angle at which a row reaches a level; 0 if nowhere."""
-    above = np.flatnonzero(row >= level)
-    if not len(above):
-        return 0.0
-    i = above[-1]
-    if i + 1 == len(row):
-        return float(vertical[i])
-    return float(vertical[i] + (vertical[i + 1] - vertical[i]) * (row[i] - level) / (row[i] - row[i + 1]))
+    It is the angle between the two directions, on either side of a lobe's peak, in which the intensity falls below half
+    of the lamp's peak (ANSI/IES LS-1, "beam angle"; CIE S 017, "half-peak divergence"), wherever in the plane they are.
+    Beyond the angles of the table it is dark.
+    """
+    ahead, behind = (plane(horizontal, values, at) for at in (C, C + 180.0))
+    dark = np.zeros(1)
+    angle = np.concatenate([vertical[:1], vertical, vertical[-1:]])
+    row, other = (
+        np.concatenate([dark if vertical[0] > 0 else of[:1], of, dark if vertical[-1] < 180 else of[-1:]])
+        for of in (ahead, behind)
+    )
+    angle, around = np.concatenate([angle, 360.0 - angle[::-1]]), np.concatenate([row, other[::-1]])
+    above = around >= 0.5 * values.max()
+    if above.all():
+        return np.array([360.0])
+    first = int(np.argmin(above))  # from a direction that is not in a lobe, once around
+    turns = np.concatenate([angle[first:], angle[:first] + 360.0, angle[first : first + 1] + 360.0])
+    above, around = (np.concatenate([of[first:], of[:first], of[first : first + 1]]) for of in (above, around))
+    i = np.flatnonzero(above[:-1] != above[1:])
+    share = (0.5 * values.max() - around[i]) / (around[i + 1] - around[i])
+    edges = turns[i] + share * (turns[i + 1] - turns[i])
+    return edges[1::2] - edges[::2]
 
 
 def symmetry(horizontal: Angles, values: Values) -> str:

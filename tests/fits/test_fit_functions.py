@@ -75,6 +75,64 @@ def test_the_gradient_through_a_fit_is_that_of_finite_differences(few):
     np.testing.assert_allclose(np.sum(reverse * along), slope[3], rtol=1e-8)
 
 
+MATTE = ds.Material(0.1, 0.5, 0.0, 20)
+SURFACES = {"glossy": ds.Material(0.1, 0.5, 0.3, 20), "matte": MATTE, "black": ds.Material(0, 0), "flat": MATTE}
+
+
+def of_surfaces(side):
+    """Return a grey photograph of each surface, the last one all of one value, and the fit of one of them."""
+    scenes = [ds.Scene(ds.Object(ds.Sphere(), material), LAMPS) for material in SURFACES.values()]
+    images = np.stack([np.asarray(ds.render(scene, camera(side)), np.float64).mean(-1) for scene in scenes])
+    images[-1] = 0.5
+    return images, ds.fit_function(TOLD, ds.View(images[0], camera(side), mask=images[0] > 0), free=FREE)
+
+
+def check_surfaces(tolerance):
+    """Where k_s is 0 no n_s is determined, and no derivative is by it; the glossy one is as it is alone."""
+    images, function = of_surfaces(12)
+
+    def total(images):
+        found = jax.vmap(function)(images)
+        return sum(value.sum() for value in found.values.values()), found
+
+    (_, found), slopes = jax.jit(jax.value_and_grad(total, has_aux=True))(images)
+    assert found.converged.all()
+    assert (found.cost >= 0).all()
+    expected = [(0.1, 0.5, 0.3), (0.1, 0.5, 0), (0, 0, 0), (0.5, 0, 0)]
+    np.testing.assert_allclose(np.stack([found.values[k] for k in FREE[:3]], -1), expected, atol=tolerance)
+    assert np.isfinite(found.values["n_s"]).all()
+    np.testing.assert_array_equal(found.determined["n_s"], [True, False, False, False])
+    assert all(found.determined[name].all() for name in FREE[:3])
+    assert np.isfinite(slopes).all()
+    np.testing.assert_array_equal(slopes[2], 0)  # all at their bounds
+    assert np.abs(slopes[1]).max() < 1
+    alone = jax.jit(jax.grad(lambda image: sum(function(image).values.values())))(images[0])
+    np.testing.assert_allclose(slopes[0], alone, atol=tolerance * np.abs(alone).max())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-9), (False, 1e-4)])
+def test_an_image_that_does_not_determine_n_s_has_a_derivative_and_spoils_no_other(x64, tolerance):
+    with jax.enable_x64(x64):
+        check_surfaces(tolerance)
+
+
+@pytest.mark.thorough
+def test_what_cannot_be_told_apart_is_not_determined_and_moves_together():
+    """k_d, k_s and the lights' intensities share a scale; the derivative of what they make is that of the image."""
+    images, _ = of_surfaces(12)
+    free = (*FREE, "lights.0.intensity", "lights.1.intensity")
+    function = ds.fit_function(TOLD, ds.View(images[0], camera(12), mask=images[0] > 0), free=free)
+    found = jax.jit(function)(images[0])
+    assert [name for name in function.names if found.determined[name]] == ["k_a", "n_s"]
+
+    def brightness(scale):
+        values = function(scale * images[0]).values
+        return values["k_d"] * values["lights.0.intensity"]
+
+    np.testing.assert_allclose(jax.jit(jax.grad(brightness))(1.0), 0.5 * 20, rtol=1e-6)
+
+
 def test_what_it_does_not_know_is_refused():
     images = np.linspace(0.1, 0.9, 6 * 16 * 16).reshape(6, 16, 16)
     view = ds.View(images[0], camera(16))

@@ -20,6 +20,7 @@ from diffshade.diagnosis.model_choice import (
     _of_few_views,
     _of_single_views,
     count_determined,
+    least_ratio,
     paired_difference,
     verdict,
 )
@@ -121,12 +122,60 @@ def test_the_jackknife_of_equal_clusters_is_that_of_a_mean():
     np.testing.assert_allclose(paired_difference(np.array([2.0, 5.0, 5.0]), count), (2.0, error))
 
 
+@pytest.mark.parametrize(
+    ("errors", "of_best", "ratio"),
+    [
+        ((1e-4, 3e-4), (1e-15, 1e-9), 1e-4 / 6e-8),  # a best error below the rounding counts as it
+        ((1e-4, 3e-4), (1e-5, 1e-4), 3.0),
+        ((1e-4, 5e-7), (1e-5, 1e-9), 10.0),  # in the second fold both are within ten roundings
+        ((1e-9, 5e-7), (1e-15, 1e-15), 0.0),
+    ],
+)
+def test_the_ratio_is_that_of_the_fold_that_tells_the_models_least_apart(errors, of_best, ratio):
+    samples = np.array([100.0, 300.0])
+    one, best = (
+        SimpleNamespace(squares=samples * np.square(of), samples=samples, rounding=6e-8**2) for of in (errors, of_best)
+    )
+    found: Any = least_ratio
+    np.testing.assert_allclose(found(one, best), ratio)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("views", "scale"), [(5, 1.0), (5, 1e-3), (1, 1.0)])
+def test_renders_without_noise_are_told_apart_however_little_the_models_differ(views, scale):
+    """A highlight so weak that the best Blinn one is 1.6e-5 away, far less than a grey level; and dark photographs."""
+    lights = [ds.DirectionalLight(d) for d in ((1, -1, -1), (-1, -1, -1), (0, 1, -1), (0.3, -0.2, -1), (-0.7, 0.5, -1))]
+    camera = ds.Camera((0, 0, 4), fov=35, shape=(32, 32))
+
+    def of(k_s: float, lobe: Any) -> ds.Scene:
+        return ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.5, k_s, 20, lobe)), lights)
+
+    shown = [
+        ds.View(scale * np.asarray(ds.render(of(0.002, ds.Phong()), camera, lit=i)), camera, lit=i)
+        for i in range(views)
+    ]
+    fits = {
+        lobe: ds.fit(of(0.002, getattr(ds, lobe)()), shown, free=("k_a", "k_d", "k_s", "n_s"))
+        for lobe in ("Phong", "Blinn")
+    }
+    fits["matte"] = ds.fit(of(0.0, ds.Phong()), shown, free=("k_a", "k_d"))
+    found = ds.compare(fits)
+    assert found.best == "Phong"
+    assert "whose errors are at least" in str(found)
+    same = ds.compare({"one": fits["Phong"], "other": fits["Phong"]})
+    assert same.best is None
+    assert set(same.undecided) == {"one", "other"}
+
+
 # --- words
 
 
-def verdict_on(difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01) -> str:
-    differences, errors, images = (np.array([0.0, x]) for x in (difference, error, apart))
-    return verdict(["a", "b"], 1, differences, errors, images, np.array([rmse, rmse]), np.array([False, worse]))
+def verdict_on(
+    difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01, ratio: float = 1.0
+) -> str:
+    differences, errors, images, ratios = (np.array([0.0, x]) for x in (difference, error, apart, ratio))
+    rmses, verdicts = np.array([rmse, rmse]), np.array([False, worse])
+    return verdict(["a", "b"], 1, differences, errors, images, rmses, verdicts, ratios)
 
 
 def test_a_verdict_says_why():
@@ -136,6 +185,7 @@ def test_a_verdict_says_why():
             ("a predicts", "better than b", "3.0 standard errors", "0.1"),
             "undecided",
         ),
+        (verdict_on(1e-9, 1e-9, 1e-5, worse=True, ratio=230.0), ("a predicts", "better than b", "2.3e+02"), "standard"),
         (verdict_on(0.5, 0.0, 0.1, worse=True), ("inf standard errors",), "undecided"),
         (verdict_on(1.9, 1.0, 0.1), ("undecided between a and b", "1.9 standard errors", "needs 2"), "grey level"),
         (verdict_on(3.0, 1.0, 0.0019), ("half a grey level",), "needs"),

@@ -201,7 +201,9 @@ def fogged(scene, camera, colour, p):
     if air is None:
         return colour
     from_eye = add(p, camera["eye"], -1)
-    z = math.sqrt(dot(from_eye, from_eye)) if air.get("radial", False) else -dot(from_eye, axes(camera)[2])
+    z = -dot(from_eye, axes(camera)[2])
+    if air.get("radial", False) and "fov" in camera:  # the rays of an orthographic camera are along its axis
+        z = math.sqrt(dot(from_eye, from_eye))
     s = visibility(air, z)
     return [s * colour[c] + (1 - s) * air["I_dc"][c] for c in range(3)]
 

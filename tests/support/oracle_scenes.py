@@ -315,6 +315,10 @@ SCENES = {
     ),
     "depth cueing towards the viewer": (scene_of(ROW, TWO, atmosphere=depth_cueing(2, 6, 0.1, 0.8)), perspective()),
     "depth cueing, orthographic": (scene_of(ROW, TWO, atmosphere=depth_cueing()), orthographic(eye=(0.5, 0.3, 4))),
+    "depth cueing, orthographic, along the ray": (
+        scene_of(ROW, TWO, atmosphere=depth_cueing(radial=True)),
+        orthographic(eye=(0.5, 0.3, 4)),
+    ),
     "fog": (scene_of(ROW, TWO, atmosphere=fog()), perspective(eye=(1.5, 0.5, 4), up=(0.2, 1, 0))),
     "fog, along the ray": (scene_of(ROW, TWO, atmosphere=fog(radial=True)), perspective(fov=45)),
     "fog, squared": (scene_of(ROW, TWO, atmosphere=fog(squared=True)), perspective(fov=45)),
@@ -416,6 +420,7 @@ SCENES = {
     ),
     "glass in depth cueing": (scene_of([BALL, WALL], ONE, atmosphere=depth_cueing(3, 7)), perspective()),
     "glass in fog along the ray": (scene_of([BALL, WALL], ONE, atmosphere=fog(radial=True)), perspective()),
+    "glass in fog along parallel rays": (scene_of([BALL, WALL], ONE, atmosphere=fog(radial=True)), orthographic()),
     "six deep": (scene_of(MANY, ONE), perspective()),
     # several of everything
     "every lobe, Fresnel term and kind of n_s": (scene_of(MIXED, TWO), perspective(eye=(0.3, 0.5, 4))),

@@ -1,4 +1,4 @@
-"""E2 and E3 at values that can be worked out by hand."""
+"""E2, E3 and E14 at values that can be worked out by hand."""
 
 import jax
 import jax.numpy as jnp
@@ -139,6 +139,29 @@ def test_what_is_left_of_a_colour():
     found = jax.jit(lambda air, z: air(Vec3.of(jnp.array([[1.0, 0.5, 0.0]])), z).stack())(air, np.array([2.0]))
     s = np.exp(-1)
     np.testing.assert_allclose(found, [[s + 0.2 * (1 - s), 0.5 * s + 0.4 * (1 - s), 0.6 * (1 - s)]], rtol=1e-14)
+
+
+@pytest.mark.parametrize("radial", [False, True])
+@pytest.mark.parametrize("eta", [None, 1.5])
+def test_parallel_rays_are_fogged_by_their_own_length(radial, eta):
+    """A wall 4 before the camera, behind glass and beside it: (1 - s) I_dc alone, s = exp(-4/2) everywhere."""
+    camera = ds.OrthographicCamera((0.4, 0.3, 4), target=(0.4, 0.3, 0), height=5, shape=(6, 6))
+    glass = ds.Object(ds.Box((0, 0, 1), (2, 2, 0.5)), ds.Material(0, 0, k_t=1, eta=eta))
+    wall = ds.Object(ds.Plane((0, 0, 0), (0, 0, 1)), ds.Material(0, 0))
+    air = ds.Fog(0.5, I_dc=1, radial=radial)
+    for objects in (wall, (glass, wall)):
+        image = ds.render(ds.Scene(objects, (), atmosphere=air), camera)
+        np.testing.assert_allclose(image, 1 - np.exp(-2), rtol=1e-12)
+    buffer = ds.intersect(ds.Scene(wall), camera)
+    np.testing.assert_allclose(ds.shade(ds.Scene(wall, (), atmosphere=air), buffer, camera), 1 - np.exp(-2), rtol=1e-12)
+
+
+def test_rays_from_the_eye_are_fogged_by_their_own_length():
+    camera = ds.Camera((0, 0, 4), fov=60, shape=(1, 1), principal_point=(-2, 0.5))
+    wall = ds.Object(ds.Plane((0, 0, 0), (0, 0, 1)), ds.Material(0, 0))
+    z = 4 * np.hypot(1, 2.5 * 2 * np.tan(np.deg2rad(30)))
+    image = ds.render(ds.Scene(wall, (), atmosphere=ds.Fog(0.1, I_dc=1, radial=True)), camera)
+    np.testing.assert_allclose(image, np.full((1, 1, 3), 1 - np.exp(-0.1 * z)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -178,7 +178,7 @@ def _advance(
 
 
 def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
-    rounding = 4.0 * float(np.finfo(float).eps) * squares if projects else 0.0
+    rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
         descent=BoxNewton(box.lower, box.upper, linear),
@@ -198,8 +198,8 @@ def minimum_in_jax(
     projects: bool,
     max_steps: int,
     rtol: Any = 1e-14,
-) -> tuple[Any, Any, Array]:
-    """Return the minimum, its cost and whether the solver converged, as one pure JAX function.
+) -> tuple[Point, Array]:
+    """Return the point at the minimum and whether the solver converged, as one pure JAX function.
 
     It takes the steps of `minimise`, which runs its passes on all cores and cannot be traced.
     """
@@ -211,7 +211,7 @@ def minimum_in_jax(
         max_steps=max_steps,
         throw=False,
     )
-    return found.aux.theta, found.aux.total.cost, found.result == optx.RESULTS.successful
+    return found.aux, found.result == optx.RESULTS.successful
 
 
 def minimise(

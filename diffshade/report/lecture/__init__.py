@@ -57,7 +57,7 @@ def write_figures(
 
     Args:
         folder: The folder to write to; it is created if needed.
-        only: Names of figures, without number and suffix; by default all 31 figures.
+        only: Names of figures, without number and suffix; all of them by default.
         progress: Show a progress line on the terminal.
 
     Returns:

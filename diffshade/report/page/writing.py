@@ -191,7 +191,7 @@ def _write_fit(
             convergence=charts.convergence(fit),
             profiles=_profiles(examination),
             models=None if choice is None else tables.models(choice),
-            best=None if choice is None else choice.best,
+            undecided=() if choice is None else choice.undecided,
             shots=None if plan is None else tables.shots(plan, 0, MOST_SHOTS),
             other_shots=None if plan is None or len(plan.shots) <= MOST_SHOTS else tables.shots(plan, MOST_SHOTS),
         )
