@@ -106,16 +106,21 @@ def encoding(name: str, curves: tuple[Curve, ...], xyz: Float[np.ndarray, "3 3"]
         name: What to call it otherwise.
         curves: As in `Encoding`.
         xyz: XYZ of the primaries as columns, under the white of ICC profiles; None for those of sRGB.
+
+    Raises:
+        ValueError: If the curves or primaries are no numbers.
     """
     to_srgb = None
     if xyz is not None:
         to_srgb = np.linalg.solve(xyz_of(SRGB_XY), xyz)
-        to_srgb = to_srgb / to_srgb.sum(1, keepdims=True)
+        with np.errstate(all="ignore"):
+            to_srgb = to_srgb / to_srgb.sum(1, keepdims=True)
         if not np.isfinite(to_srgb).all():
             raise ValueError
         to_srgb = None if np.abs(to_srgb - np.eye(3)).max() < SAME_PRIMARIES else to_srgb
     x = np.linspace(0.0, 1.0, 256)
-    values = np.stack([curve(x) for curve in curves])
+    with np.errstate(all="ignore"):
+        values = np.stack([curve(x) for curve in curves])
     if not np.isfinite(values).all() or np.abs(values).max() > 2.0:
         raise ValueError
     for known in (SRGB, LINEAR):

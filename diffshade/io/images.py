@@ -160,7 +160,7 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     applied.
 
     Args:
-        path: The image file, in one of the formats of `read_image`.
+        path: The image file, in one of the formats of `read_image`, which turns it as the file states.
 
     Returns:
         The mask, of shape (H, W).
@@ -171,8 +171,7 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
         ValueError: As `read_image` raises it.
         OSError: As `read_image` raises it.
     """
-    path = Path(path)
-    image = as_fractions(path, _read(path))
+    image, _ = load_image(Path(path), srgb=False)
     if not _has_alpha(image):
         return image.mean(axis=-1) >= 0.5
     colours, alpha = image[..., :-1], image[..., -1]
