@@ -28,7 +28,7 @@ SOURCE = (
     click.argument("source", type=click.Path(path_type=Path)),
     click.argument("photos", nargs=-1, type=click.Path(path_type=Path)),
 )
-ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: as stated, or by type]")
+ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by the file]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
     click.option("--lit", type=Lit(), help="each (default: one per photo), all, or 0,1,0+1"),

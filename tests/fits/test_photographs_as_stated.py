@@ -39,16 +39,16 @@ def adobe(x):
 
 
 KINDS = {
-    "Adobe RGB": (".jpg", lambda i, x: adobe(x), "8 photographs state that they are Adobe-like, and are read so"),
+    "Adobe RGB": (".jpg", lambda i, x: adobe(x), "8 photographs state Adobe-like, and are read so"),
     "linear PNG": (
         ".png",
         lambda i, x: by.png(x, 8, (b"gAMA", (100_000).to_bytes(4, "big"))),
-        "8 photographs state that they are linear, and are read so; such files are otherwise read as sRGB",
+        "8 photographs state linear, and are read so; such files are otherwise read as sRGB",
     ),
     "16-bit sRGB": (
         ".png",
         lambda i, x: by.png(ds.srgb_encode(x), 16, (b"sRGB", b"\0")),
-        "8 photographs state that they are sRGB, and are read so; such files are otherwise read as linear",
+        "8 photographs state sRGB, and are read so; such files are otherwise read as linear",
     ),
     "one of another profile": (
         ".jpg",
@@ -69,7 +69,7 @@ KINDS = {
     "all on their side": (
         ".jpg",
         lambda i, x: jpeg(x, exif=by.exif(orientation=6)),
-        "state the EXIF orientation 6, but the mask has the size of what is stored: they are not turned",
+        "state the EXIF orientation 6, but the mask or camera has the size of what is stored: they are not turned",
     ),
 }
 
@@ -125,4 +125,4 @@ def test_the_command_says_so_and_a_flag_wins(tmp_path, ball, capfd, caplog):
     assert said in caplog.text
     told = json.loads(run("--srgb", "--json"))
     assert told["read_as"] == ["sRGB"] * 8
-    assert "8 photographs state that they are Adobe-like, and are read as sRGB, as requested." in caplog.text
+    assert "8 photographs state Adobe-like; read as sRGB, as requested." in caplog.text

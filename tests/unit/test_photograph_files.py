@@ -36,7 +36,7 @@ def stating(*orientations):
         ((1, 8, 3, 1, 1), None, (1,) * 5, ["1.jpg and 2.jpg state the EXIF orientation 3 and 8, and the others 1."]),
         ((6, 6, 6, 1), (16, 8), (6,) * 4, ["3.jpg states the EXIF orientation 1, and the others 6.", "turned upright"]),
         ((6, 6), None, (6, 6), ["state the EXIF orientation 6 and are turned upright; mask, normals and lights"]),
-        ((6, 6), (8, 16), (1, 1), ["but the mask has the size of what is stored: they are not turned."]),
+        ((6, 6), (8, 16), (1, 1), ["but the mask or camera has the size of what is stored: they are not turned."]),
         ((3, 3), (8, 16), (3, 3), ["state the EXIF orientation 3 and are turned upright"]),
         ((1, *(6,) * 4, *(1,) * 9), None, (1,) * 14, ["4 photographs, such as 1.jpg, state the EXIF orientation 6"]),
     ],
@@ -67,7 +67,7 @@ def test_what_is_requested_wins_and_the_contradiction_is_one_line(files, srgb):
     paths = files(*({"icc_profile": ADOBE} for _ in range(3)))
     found = photograph_files(paths, srgb=srgb)
     name = "sRGB" if srgb else "linear"
-    assert found.notes == (f"3 photographs state that they are Adobe-like, and are read as {name}, as requested.",)
+    assert found.notes == (f"3 photographs state Adobe-like; read as {name}, as requested.",)
     assert abs(found.read(0).mean() - (ds.srgb_decode(0.5) if srgb else 0.5)) < 0.01
 
 
@@ -96,5 +96,6 @@ CHRM = by.chromaticities(0.3127, 0.329, 0.64, 0.33, 0.21, 0.71, 0.15, 0.06)
 
 
 def test_a_missing_file_is_named(tmp_path):
+    assert photograph_files([], srgb=None).notes == ()
     with pytest.raises(FileNotFoundError, match=r"there is no file .*a\.png\. Add it"):
         photograph_files([tmp_path / "a.png"], srgb=None)

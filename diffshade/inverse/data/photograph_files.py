@@ -85,15 +85,16 @@ def _orientations(
         others = [i for i, of in enumerate(stated) if sizes[i] == size and of != usual]
         if others:
             given = listing([f"{of}" for of in sorted({stated[i] for i in others})])
+            named = _named([files[i] for i in others])
             notes.append(
-                f"{_named([files[i] for i in others])} {_verb(others, 'states')} the EXIF orientation {given}, and the "
-                f"others {usual}. One camera has one orientation: all are read as the others are."
+                f"{named} {_verb('states', len(others))} the EXIF orientation {given}, and the others {usual}. "
+                "One camera has one orientation: all are read as the others are."
             )
         if usual != 1 and size is not None:
             told = f"the photographs state the EXIF orientation {usual}"
             if usual > 4 and shape == size and size[0] != size[1]:
                 most[size] = 1
-                notes.append(f"{told}, but the mask has the size of what is stored: they are not turned.")
+                notes.append(f"{told}, but the mask or camera has the size of what is stored: they are not turned.")
             else:
                 notes.append(f"{told} and are turned upright; mask, normals and lights must be of the upright picture.")
     return tuple(most[size] for size in sizes), notes
@@ -101,49 +102,44 @@ def _orientations(
 
 def _on_encodings(files: Sequence[Path], taken: Sequence[ReadAs], *, forced: bool) -> list[str]:
     """Return sentences on what the files state that is not what they are read as, or not what is usual."""
-    notes = []
-    stated = [of.statement.encoding for of in taken]
-    if unused := _groups(taken, lambda of: of.statement.unused):
-        told = "; ".join(f"{_count(n)} {'states' if n == 1 else 'state'} {what}" for what, n in unused.items())
+    notes: list[str] = []
+    if not taken:
+        return notes
+    if unused := _counted(taken, lambda of: of.statement.unused):
+        told = "; ".join(f"{count(n, 'photograph')} {_verb('states', n)} {what}" for what, n in unused.items())
         read = listing(sorted({of.encoding.name for of in taken if of.statement.unused}))
         notes.append(f"{told}. That is not used: read as {read}.")
-    if forced:
-        other = _groups(taken, lambda of: (s := of.statement.encoding) and s.name != of.encoding.name and s.name)
-        read = f"and {{}} read as {taken[0].encoding.name}, as requested."
-        return notes + [f"{_stating(n, name)}, {read.format('is' if n == 1 else 'are')}" for name, n in other.items()]
+    stated = [None if of.statement.encoding is None else of.statement.encoding.name for of in taken]
     names = Counter(of.encoding.name for of in taken)
-    if len(names) > 1 and any(stated):
-        usual = names.most_common(1)[0][0]
-        for name in (name for name in names if name != usual):
+    (usual, _), *others = names.most_common()
+    if forced:
+        for name, n in Counter(name for name in stated if name not in (None, usual)).items():
+            notes.append(f"{count(n, 'photograph')} {_verb('states', n)} {name}; read as {usual}, as requested.")
+    elif others and any(stated):
+        for name, _ in others:
             these = [i for i, of in enumerate(taken) if of.encoding.name == name]
             why = "as stated" if all(stated[i] for i in these) else "by the type of file"
             notes.append(
-                f"{_named([files[i] for i in these])} {_verb(these, 'is')} read as {name}, {why}, and the others as "
-                f"{usual}. If all are alike, give srgb= (--srgb or --linear)."
+                f"{_named([files[i] for i in these])} {_verb('is', len(these))} read as {name}, {why}, and the others "
+                f"as {usual}. If all are alike, give srgb= (--srgb or --linear)."
             )
-        return notes
-    unusual = _groups(taken, lambda of: of.statement.encoding and of.encoding.name != of.usual.name and of.usual.name)
-    return notes + [
-        f"{_stating(n, taken[0].encoding.name)}, and {'is' if n == 1 else 'are'} read so; such files are otherwise read "
-        f"as {usual}."
-        for usual, n in unusual.items()
-    ]
+    else:
+        for type_of, n in _counted(
+            taken, lambda of: of.usual.name if of.encoding.name != of.usual.name else ""
+        ).items():
+            notes.append(
+                f"{count(n, 'photograph')} {_verb('states', n)} {usual}, and {_verb('is', n)} read so; such files are "
+                f"otherwise read as {type_of}."
+            )
+    return notes
 
 
-def _stating(n: int, name: str) -> str:
-    return f"{_count(n)} {'states that it is' if n == 1 else 'state that they are'} {name}"
-
-
-def _groups(taken: Sequence[ReadAs], what: Callable[[ReadAs], Any]) -> Counter[str]:
+def _counted(taken: Sequence[ReadAs], what: Callable[[ReadAs], str]) -> Counter[str]:
     return Counter(found for of in taken if (found := what(of)))
 
 
-def _count(n: int) -> str:
-    return count(n, "photograph")
-
-
-def _verb(these: Sequence[int], verb: str) -> str:
-    return verb if len(these) == 1 else {"is": "are", "states": "state"}[verb]
+def _verb(verb: str, n: int) -> str:
+    return verb if n == 1 else {"is": "are", "states": "state"}[verb]
 
 
 def _named(files: Sequence[Path]) -> str:
