@@ -49,10 +49,10 @@ from .inverse.result import Fit as Fit
 from .inverse.result import Prediction as Prediction
 from .inverse.unknowns.constraints import Grey as Grey
 from .inverse.unknowns.constraints import Proportional as Proportional
+from .io.encodings import srgb_decode as srgb_decode
+from .io.encodings import srgb_encode as srgb_encode
 from .io.images import read_image as read_image
 from .io.images import read_mask as read_mask
-from .io.images import srgb_decode as srgb_decode
-from .io.images import srgb_encode as srgb_encode
 from .io.images import write_image as write_image
 from .io.lamps.lamp_files import read_lamp as read_lamp
 from .io.lazy_images import LazyImage as LazyImage

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,9 @@ from ..core.words import Note, count
 from ..inverse.data.exposures import exposures_of
 from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
+from ..inverse.data.photograph_files import PhotographFiles, photograph_files
 from ..inverse.data.photographs import as_given, mask_file, write_photographs
-from ..io.images import encoding_of, read_image, without_alpha
+from ..io.images import without_alpha
 from ..texels.lights.encoding import judge_encoding
 from .object_lights import ObjectLights, lights_at
 from .object_width import Width, find_width, picture_points, sample_of
@@ -29,10 +30,8 @@ Vectors = Float[np.ndarray, "photographs 3"]
 class AppliedLights:
     """Photographs of an object with the lights of balls; `print` it for what was assumed."""
 
-    files: tuple[Path, ...]
-    """The photographs of the object."""
-    srgb: tuple[bool, ...]
-    """Whether each is decoded from the sRGB curve."""
+    photographs: PhotographFiles
+    """The files of the object, and how they are read."""
     mask: Bool[np.ndarray, "h w"]
     lights: ObjectLights
     """Directions and distances of the lights at the object, with errors."""
@@ -44,7 +43,12 @@ class AppliedLights:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the photographs."""
-        return tuple(file.name for file in self.files)
+        return tuple(file.name for file in self.photographs.files)
+
+    @property
+    def encodings(self) -> tuple[str, ...]:
+        """What each photograph is read as: sRGB, linear, or the name of a colour profile."""
+        return tuple(of.encoding.name for of in self.photographs.read_as)
 
     @property
     def directions(self) -> Vectors:
@@ -88,13 +92,12 @@ class AppliedLights:
             FileExistsError: If `folder` holds other files.
             OSError: If a file cannot be written.
         """
-        images = (read_image(file, srgb=srgb) for file, srgb in zip(self.files, self.srgb, strict=True))
         about_each = self.errors / np.sqrt(2.0)
         folder = check_folder(folder)
         write_photographs(
             folder,
             self.names,
-            images,
+            (np.asarray(image[:], np.float64) for image in self.photographs.images()),
             self.mask,
             self.directions,
             self.intensities,
@@ -145,9 +148,9 @@ def apply_lights(
         photographs: The object's folder. A list of lights in it is not used.
         mask: A file or an array, True on the object. By default the folder's, else it is found before a darker
             background.
-        srgb: Whether to decode files from the sRGB curve. By default as the photographs show: linear ones of a matte
-            object are three numbers a texel times three a light; where that is not clear, by their type, as in
-            `read_image`.
+        srgb: Whether to decode files from the sRGB curve. By default as the files state, else as they show: linear
+            photographs of a matte object are three numbers a texel times three a light; where that is not clear, by
+            their type, as in `read_image`.
         exif: Whether exposures that the photographs' EXIF states become part of the intensities of a mirror ball's
             lights; default True. The intensities of another ball have the exposures of its own photographs, and the
             object's are taken to be the same.
@@ -181,19 +184,21 @@ def apply_lights(
                 "light, in one order."
             )
     files = tuple(folder / name for name in listed.names)
-    shapes = {read_image(file, srgb=False).shape[:2] for file in files}
+    given = as_given(mask_file(folder) if mask is None else mask) if mask is not None or listed.masks else None
+    read = photograph_files(files, srgb=srgb, shape=None if given is None else given.shape)
+    shapes = {image.shape[:2] for image in read.images()}
     if len(shapes) > 1:
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
     notes = [*listed.notes, *_on_names(listed.names, balls)]
-    given, how = _mask(folder, files, mask, in_folder=bool(listed.masks))
-    if how:
-        notes.append(how)
+    if given is None:
+        given = find_mask(replace(read, srgb=False).images())
+        notes.append("the mask was found before a darker background; look at mask.png, or give one with --mask.")
     if given.shape not in shapes:
         raise ValueError(f"the mask must have the photographs' shape {shapes.pop()}; got {given.shape}. Resize it.")
     if not given.any():
         raise ValueError(f"the mask of {folder} shows no pixel of an object. Give one that is white on it, with mask=.")
-    decode, why = _encodings(files, given, srgb)
-    notes += why
+    read, judged = _judged(read, given)
+    notes += [*judged, *read.notes]
     known = [ball.intensities for ball in balls if ball.intensities is not None]
     if known:
         intensities = np.mean(known, 0)
@@ -206,27 +211,23 @@ def apply_lights(
 
     def width_for(lamps: Lamps) -> Width | None:
         rows, columns = sample_of(given)
-        images = (read_image(file, srgb=curved) for file, curved in zip(files, decode, strict=True))
-        shown = np.stack([without_alpha(image)[rows, columns].mean(-1) for image in images], -1)
+        shown = np.stack([without_alpha(image[:])[rows, columns].mean(-1) for image in read.images()], -1)
         return find_width(shown, picture_points(given)[rows, columns], lamps, intensities.mean(-1))
 
     lights = lights_at(balls, given, width_for, apart, width)
-    return AppliedLights(
-        files, decode, given, lights, intensities, tuple(Note(n, "lights") for n in [*notes, *lights.notes])
-    )
+    return AppliedLights(read, given, lights, intensities, tuple(Note(n, "lights") for n in [*notes, *lights.notes]))
 
 
-def _encodings(
-    files: Sequence[Path], mask: Bool[np.ndarray, "h w"], srgb: bool | None
-) -> tuple[tuple[bool, ...], list[str]]:
-    """Return which photographs are decoded from the sRGB curve, and a sentence where they say so themselves."""
-    usual = tuple(encoding_of(file, srgb=srgb)[1] for file in files)
-    judged = judge_encoding((read_image(file, srgb=False) for file in files), mask) if srgb is None else None
+def _judged(read: PhotographFiles, mask: Bool[np.ndarray, "h w"]) -> tuple[PhotographFiles, list[str]]:
+    """Return how photographs that state no encoding are read, and a sentence where they show that themselves."""
+    if read.srgb is not None or any(of.statement.encoding for of in read.read_as):
+        return read, []
+    judged = judge_encoding(replace(read, srgb=False).images(), mask)
     if judged is None or not judged.clear:
-        return usual, []
+        return read, []
     names = ("linear", "sRGB") if not judged.srgb else ("sRGB", "linear")
     low, high = sorted(judged.misfits)
-    return (judged.srgb,) * len(files), [
+    return photograph_files(read.files, srgb=judged.srgb, shape=mask.shape), [
         f"the photographs are taken to be {names[0]}, as they show: their misfit is {low:.1%}; it is {high:.1%} as "
         f"{names[1]}."
     ]
@@ -240,13 +241,3 @@ def _on_names(names: Sequence[str], balls: Sequence[Calibration]) -> list[str]:
         return []
     i = next(i for i, name in enumerate(other.names) if Path(name).stem != stems[i])
     return [f"photographs are paired in their order: {names[i]} is taken to have the light of {other.names[i]}."]
-
-
-def _mask(folder: Path, files: Sequence[Path], mask: Any, *, in_folder: bool) -> tuple[Bool[np.ndarray, "h w"], str]:
-    """Return the mask, and a sentence where it was found."""
-    if mask is not None:
-        return as_given(mask), ""
-    if in_folder:
-        return as_given(mask_file(folder)), ""
-    found = find_mask(read_image(file, srgb=False) for file in files)
-    return found, "the mask was found before a darker background; look at mask.png, or give one with --mask."

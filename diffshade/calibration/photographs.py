@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.data.folders import list_folder
+from ..inverse.data.photograph_files import photograph_files
 from ..inverse.data.views import as_image
 from ..io.images import read_image, read_mask, without_alpha
 from ..model.gbuffers import as_mask
@@ -64,7 +65,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
         srgb: Whether to decode files from the sRGB curve.
         mirror: Whether the ball is a mirror, whose outline is found by its edge.
     """
-    names, images, in_same_folder, extras = _read(photographs, srgb, find_mask=mask is None)
+    names, images, mask, extras = _read(photographs, srgb, mask)
     shapes = [image.shape[:2] for image in images]
     if len(set(shapes)) > 1:
         other = next(i for i, shape in enumerate(shapes) if shape != shapes[0])
@@ -79,14 +80,12 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
             raise ValueError(
                 f"{name} must be linear radiance in floats; got {image.dtype}. Read it with ds.read_image."
             )
-    mask = in_same_folder if mask is None else mask
     mask = alpha if mask is None else mask
-    given = mask if isinstance(mask, tuple | list) else (mask,)
     edge = _edge(images, extras, srgb) if mask is None and mirror else None
     if edge is not None:
         masks = (disc(edge, shapes[0]),)
     else:
-        masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in given)
+        masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in _each(mask))
     for name, image in zip(names, images, strict=True):
         _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
     return Photographs(tuple(names), tuple(images), masks, mask is None, edge)
@@ -122,10 +121,12 @@ def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> P
     return own
 
 
-def _read(
-    photographs: Any, srgb: bool | None, *, find_mask: bool
-) -> tuple[list[str], list[Any], Path | None, tuple[Path, ...]]:
-    """Return names and images, the mask in the same folder if it is searched for, and images left out there."""
+def _each(mask: Any) -> Sequence[Any]:
+    return mask if isinstance(mask, tuple | list) else (mask,)
+
+
+def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], list[Any], Any, tuple[Path, ...]]:
+    """Return names and images, the mask, by default that in the same folder, and images left out there."""
     masks: list[Path] = []
     extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
@@ -146,16 +147,24 @@ def _read(
     if not files:
         raise ValueError("photographs must hold at least one; got none. Give a folder, files or arrays.")
     names = [Path(file).name if isinstance(file, str | Path) else f"photograph {i}" for i, file in enumerate(files)]
-    images = [read_image(f, srgb=srgb) if isinstance(f, str | Path) else as_image(f) for f in files]
+    if mask is None and len(masks) > 1:
+        listed = ", ".join(sorted(file.name for file in masks))
+        raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
+    mask = masks[0] if mask is None and masks else mask
+    first = None if mask is None else _each(mask)[0]
+    shape = None if first is None else read_mask(first).shape if isinstance(first, str | Path) else np.shape(first)
+    paths = [Path(file) for file in files if isinstance(file, str | Path)]
+    read = photograph_files(paths, srgb=srgb, shape=shape)
+    for note in read.notes:
+        _LOGGER.warning("%s: %s", paths[0].parent, note)
+    pictures = iter(read.images())
+    images = [next(pictures) if isinstance(file, str | Path) else as_image(file) for file in files]
     for name, image in zip(names, images, strict=True):
         if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
             raise ValueError(
                 f"{name} must be an image (H, W) or (H, W, C); got shape {image.shape}. Give one image each."
             )
-    if find_mask and len(masks) > 1:
-        listed = ", ".join(sorted(file.name for file in masks))
-        raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
-    return names, images, masks[0] if find_mask and masks else None, extras
+    return names, images, mask, extras
 
 
 def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:

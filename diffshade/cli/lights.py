@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import click
 from .sources import ENCODING, EXIF, Encodings, by_name, with_names
 from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
 
+_LOGGER = logging.getLogger("diffshade")
 BALLS = ("mirror", "matte", "glossy")
 
 
@@ -119,7 +121,7 @@ def calibrate(
         "balls": [{"photographs": one.names, "directions": one.directions, "errors": one.errors} for one in balls],
         "applied": applied
         and {
-            "read_as": ["sRGB" if curved else "linear" for curved in applied.srgb],
+            "read_as": applied.encodings,
             "photographs": applied.names,
             "directions": applied.directions,
             "errors": applied.errors,
@@ -241,13 +243,17 @@ def mask(photos: Path, out: Path | None, as_json: bool) -> None:
 
     from ..inverse.data.folders import list_folder
     from ..inverse.data.masks import find_mask
+    from ..inverse.data.photograph_files import photograph_files
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    found = find_mask(ds.read_image(photos / name) for name in list_folder(photos).names)
+    photographs = photograph_files((photos / name for name in list_folder(photos).names), srgb=None)
+    for note in photographs.notes:
+        _LOGGER.warning("%s: %s", photos, note)
+    found = find_mask(photographs.images())
     ds.write_image(out, found[..., None] * 1.0, srgb=False)
     answer(
         f"{out}: the object has {found.mean():.0%} of the picture; look at it",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,6 +19,7 @@ from .terminal import FILE, Bounds, Lit, Names, OneOf
 if TYPE_CHECKING:
     import diffshade as ds
 
+_LOGGER = logging.getLogger("diffshade")
 FREE = ("k_a", "k_d", "k_s", "n_s")
 LOBES = ("phong", "blinn")
 LOSSES = ("squares", "huber", "cauchy", "geman-mcclure")
@@ -26,7 +28,7 @@ SOURCE = (
     click.argument("source", type=click.Path(path_type=Path)),
     click.argument("photos", nargs=-1, type=click.Path(path_type=Path)),
 )
-ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by file type]")
+ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by the file]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
     click.option("--lit", type=Lit(), help="each (default: one per photo), all, or 0,1,0+1"),
@@ -58,36 +60,37 @@ ROOM = click.option("--memory", type=float, metavar="GB", help="Memory for pixel
 
 @dataclass(frozen=True)
 class Encodings:
-    """The file type of each photograph, and whether it was decoded from the sRGB curve."""
+    """The file type of each photograph, and the encoding that it was read as."""
 
-    read: tuple[tuple[str, bool], ...]
-    forced: bool
-    """Whether --srgb or --linear decided, rather than the file type."""
+    read: tuple[tuple[str, str], ...]
+    why: str
+    """What decided: the file type, the file's own statement, or --srgb or --linear."""
 
     @classmethod
     def of(cls, files: Iterable[Path], srgb: bool | None) -> Encodings:
         """Return the encodings of files that were read with `srgb`."""
-        from ..io.images import encoding_of
+        from ..io.images import read_as
 
-        return cls(tuple(encoding_of(file, srgb=srgb) for file in files), srgb is not None)
+        taken = [read_as(file, srgb=srgb) for file in files]
+        stated = [of.statement.encoding is not None for of in taken]
+        own = "as the files state" if all(stated) else "as stated, or by file type" if any(stated) else "by file type"
+        return cls(tuple((of.kind, of.encoding.name) for of in taken), "as requested" if srgb is not None else own)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The encoding of each photograph: sRGB or linear."""
-        return tuple(_curve(srgb) for _, srgb in self.read)
+        """The encoding of each photograph: sRGB, linear, or the name of a colour profile."""
+        return tuple(encoding for _, encoding in self.read)
 
     def __str__(self) -> str:
         """Return one line, with the flag for the other encoding."""
-        curves = sorted({srgb for _, srgb in self.read}, reverse=True)
-        kinds = [Counter(kind for kind, srgb in self.read if srgb == curve) for curve in curves]
+        encodings = sorted(set(self.names), key=["sRGB", "linear", *sorted(self.names)].index)
+        kinds = [Counter(kind for kind, encoding in self.read if encoding == of) for of in encodings]
         listed = [", ".join(f"{count} {kind}" for kind, count in of.items()) for of in kinds]
-        read = "; as ".join(f"{_curve(curve)}: {files}" for curve, files in zip(curves, listed, strict=True))
-        other = " or ".join(f"--{_curve(not curve).lower()}" for curve in curves)
-        return f"photographs read as {read} ({'as requested' if self.forced else f'by file type; {other} to change'})"
-
-
-def _curve(srgb: bool) -> str:
-    return "sRGB" if srgb else "linear"
+        read = "; as ".join(f"{encoding}: {files}" for encoding, files in zip(encodings, listed, strict=True))
+        flags = {"sRGB": "--linear", "linear": "--srgb"}
+        other = " or ".join(dict.fromkeys(flags.get(encoding, "--srgb or --linear") for encoding in encodings))
+        change = "" if self.why == "as requested" else f"; {other} to change"
+        return f"photographs read as {read} ({self.why}{change})"
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,7 @@ class Options:
     def _of_scene(self) -> Source:
         import diffshade as ds
 
-        from ..inverse.data.photographs import read_photograph
+        from ..inverse.data.photograph_files import photograph_files
 
         if self.source.suffix.lower() != ".toml":
             state = "is neither" if self.source.exists() else "does not exist"
@@ -204,11 +207,12 @@ class Options:
         if not self.photos:
             raise ValueError(f"{self.source} needs photographs to fit; got none. Give their files after it.")
         mask = None if self.mask is None else ds.read_mask(self.mask)
-        views = []
-        for path, lit in zip(self.photos, self._lights(scene), strict=True):
+        views, photographs = [], photograph_files(self.photos, srgb=self.srgb, shape=camera.shape)
+        for note in photographs.notes:
+            _LOGGER.warning("%s", note)
+        for i, (path, lit) in enumerate(zip(self.photos, self._lights(scene), strict=True)):
             try:
-                image = read_photograph(path, srgb=self.srgb)
-                views.append(ds.View(image, camera, mask, lit=lit, noise=self.noise))
+                views.append(ds.View(photographs.read(i), camera, mask, lit=lit, noise=self.noise))
             except (ValueError, TypeError) as error:
                 raise ValueError(f"{error}" if f"{path}" in f"{error}" else f"{path}: {error}") from None
         encodings = Encodings.of(self.photos, self.srgb)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ..io.images import srgb_decode, srgb_encode
+from ..io.encodings import srgb_decode, srgb_encode
 
 
 def to_hex(colour: Float[np.ndarray, "3"]) -> int:

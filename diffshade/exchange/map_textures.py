@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from ..io.images import srgb_decode, srgb_encode
+from ..io.encodings import srgb_decode, srgb_encode
 from ..io.triangles import Triangles, first_hits
 from ..model.gbuffers import GBuffer
 from ..model.lights import DirectionalLight

@@ -16,9 +16,10 @@ from jaxtyping import Float
 
 from ..core.fields import check_kind
 from ..inverse.data.relightable import dome
+from ..io.encodings import srgb_encode
 from ..io.files import replacing
 from ..io.image_formats import encode
-from ..io.images import read_image, srgb_encode
+from ..io.images import read_image
 from ..io.rti_files import PTM_TERMS, terms
 from ..model.lights import DirectionalLight
 from ..texels.heights.mesh import camera_axes

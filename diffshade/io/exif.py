@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from .heic_files import SUFFIXES as HEIC_SUFFIXES
+from .heic_files import exif_of_heic
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import exposure_of_raw
 
@@ -45,9 +47,13 @@ def _stated(file: Path) -> tuple[float, ...]:
 def _tagged(file: Path) -> tuple[Any, ...]:
     from PIL import Image
 
-    with Image.open(file) as image:
-        tags = image.getexif()
+    if file.suffix.lower() in HEIC_SUFFIXES:
+        tags = exif_of_heic(file)
         camera = {**tags, **tags.get_ifd(EXIF)}
+    else:
+        with Image.open(file) as image:
+            tags = image.getexif()
+            camera = {**tags, **tags.get_ifd(EXIF)}
     if camera.get(TAGS[2]) == LONGER_ISO:
         camera[TAGS[2]] = camera.get(INDEX)
     return tuple(camera.get(tag) for tag in TAGS)

@@ -1,7 +1,9 @@
 """Files that are written completely or not at all."""
 
+import errno
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,13 +18,20 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     stays as it was. A symbolic link at `path` stays a link: the file it points to is replaced.
 
     Raises FileNotFoundError where the folder does not exist, PermissionError where it cannot be written to, and
-    IsADirectoryError where `path` is a folder; all three before the block is entered.
+    IsADirectoryError where `path` is a folder; all three before the block is entered. Raises OSError with the name of
+    the file where the disk is full.
     """
     target = writable(path)
     temporary = target.with_name(f".{secrets.token_hex(8)}{Path(path).suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
+    except (OSError, RuntimeError) as error:  # NumPy's OSError has no number, and OpenEXR raises RuntimeError
+        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        if not full and shutil.disk_usage(target.parent).free > 0:
+            raise
+        message = f"cannot write {path}: No space left on device. Make room, or write to another disk."
+        raise OSError(message) from None
     finally:
         temporary.unlink(missing_ok=True)  # after the replacement there is nothing to remove
 

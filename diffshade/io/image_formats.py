@@ -1,11 +1,13 @@
 """Image formats: bytes to numbers and back. The only module that knows imageio, Pillow's pixels and OpenEXR.
 
 Pillow reads and writes files of 8 bits, and OpenCV the others: Pillow silently drops the low byte of 16-bit RGB, and
-OpenCV premultiplies the alpha of 8-bit TIFF and returns grey + alpha as RGBA. A file is checked before it is decoded
-(`image_headers`).
+OpenCV premultiplies the alpha of 8-bit TIFF and returns grey + alpha as RGBA. Neither scales PPM of more than 8 bits by
+its largest value, and OpenCV divides PFM by the factor that multiplies it: they are read here. A file is checked before
+it is decoded (`image_headers`).
 """
 
 import io
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.fields import MOST_BANDS
-from .image_headers import NPY_HEADER, UnsupportedError, check_exr, check_pixels, check_png, check_tiff
+from .heic_files import SUFFIXES as HEIC_SUFFIXES
+from .heic_files import decode_heic
+from .image_headers import (
+    NETPBM_HEADER,
+    NPY_HEADER,
+    UnsupportedError,
+    check_exr,
+    check_netpbm,
+    check_pixels,
+    check_png,
+    check_tiff,
+    netpbm_header,
+    radiance_header,
+)
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import decode_raw
 
@@ -30,6 +45,9 @@ class Format(NamedTuple):
     decode: Callable[[Path, bytes], np.ndarray]
     dtypes: tuple[type, ...]  # types that can be written, the default first; none if it is read alone
     channels: int = 4  # at most; more than 4 are bands
+    srgb: bool = False  # whether its 8-bit files have the sRGB curve where they do not state another
+    alpha: bool = True  # whether it is written with alpha
+    upright: bool = False  # whether `decode` turns it as the file states; the others return what is stored
 
 
 def format_of(path: Path) -> Format:
@@ -46,6 +64,13 @@ def png_depth(path: Path) -> int:
     with path.open("rb") as file:
         header = file.read(25)
     return 16 if header[24:] == b"\x10" else 8
+
+
+def netpbm_dtype(path: Path) -> np.dtype:
+    """Return the type of number that a PPM or PGM is read as."""
+    with path.open("rb") as file:
+        header = netpbm_header(file.read(NETPBM_HEADER))
+    return np.dtype(np.uint8 if header.maximum < 256 else np.uint16)
 
 
 def _decode_png(path: Path, data: bytes) -> np.ndarray:
@@ -93,6 +118,38 @@ def _decode_npy(path: Path, data: bytes) -> np.ndarray:
     return np.lib.format.open_memmap(path, "r", max_header_size=NPY_HEADER)
 
 
+def _decode_netpbm(path: Path, data: bytes) -> np.ndarray:
+    header = netpbm_header(data[:NETPBM_HEADER])
+    check_netpbm(header, len(data))
+    kind, width, height, maximum, start = header
+    if kind in (b"P1", b"P4"):  # a bit a pixel
+        return _decode_with_pillow("PPM", path, data)
+    shape = (height, width, 3 if kind in (b"P3", b"P6") else 1)
+    dtype, full = (np.uint8, 255) if maximum < 256 else (np.uint16, 65535)
+    if kind in (b"P2", b"P3"):  # text
+        stored = np.fromstring(data[start - 1 :].decode("ascii"), np.float64, math.prod(shape), sep=" ")
+    else:
+        stored = np.frombuffer(data, np.dtype(dtype).newbyteorder(">"), math.prod(shape), start)
+    if not 0 <= stored.min() <= stored.max() <= maximum:
+        raise ValueError
+    return np.rint(stored.reshape(shape) * (full / maximum)).astype(dtype)
+
+
+def _decode_pfm(path: Path, data: bytes) -> np.ndarray:
+    header = netpbm_header(data[:NETPBM_HEADER])
+    check_netpbm(header, len(data))
+    kind, width, height, factor, start = header
+    shape = (height, width, {b"PF": 3, b"Pf": 1}[kind])
+    stored = np.frombuffer(data, "<f4" if factor < 0 else ">f4", math.prod(shape), start).reshape(shape)
+    return stored[::-1].astype(np.float32) * np.float32(abs(factor))  # the last row is stored first
+
+
+def _decode_radiance(path: Path, data: bytes) -> np.ndarray:
+    header = radiance_header(data)
+    check_pixels("HDR", header.size, data)
+    return _decode_with_opencv(path) / np.float32(header.exposure)
+
+
 def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
     import imageio.v3 as iio
     from PIL import Image
@@ -106,7 +163,7 @@ def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
     if mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
         raise UnsupportedError(f"has pixels of the kind {mode}. Save it as grey or RGB.")
     mode = ("L" if mode in ("1", "L", "LA") else "RGB") + alpha
-    return iio.imread(path, plugin="pillow", index=0, mode=mode, rotate=True)
+    return iio.imread(path, plugin="pillow", index=0, mode=mode)
 
 
 def _decode_with_opencv(path: Path, page: Any = 0) -> np.ndarray:
@@ -160,17 +217,40 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     import imageio.v3 as iio
 
     name = FORMATS[suffix].name
+    if name in ("PPM", "PGM", "PFM"):
+        return _encode_netpbm(name, pixels)
+    if name == "HDR":
+        pixels = _rounded_to_rgbe(np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
     if pixels.shape[-1] > 4 or (name == "TIFF" and pixels.shape[-1] == 2 and pixels.dtype != np.uint8):
         pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
         return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
     if pixels.shape[-1] == 1:
         pixels = pixels[..., 0]
     if pixels.dtype == np.uint8:
-        jpeg, tiff = {"quality": quality, "subsampling": 0}, {"compression": "tiff_adobe_deflate"}
-        options = {"plugin": "pillow", "is_batch": False} | {"JPEG": jpeg, "TIFF": tiff}.get(name, {})
+        options = {"plugin": "pillow", "is_batch": False} | {
+            "JPEG": {"quality": quality, "subsampling": 0},
+            "TIFF": {"compression": "tiff_adobe_deflate"},
+            "WEBP": {"lossless": True, "exact": True},  # exact: colours under alpha 0 are kept
+        }.get(name, {})
     else:
         options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
     return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
+
+
+def _encode_netpbm(name: str, pixels: np.ndarray) -> bytes:
+    height, width, channels = pixels.shape
+    if name == "PFM":
+        head = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n"
+        return head.encode() + pixels[::-1].astype("<f4").tobytes()
+    head = f"{'P6' if channels == 3 else 'P5'}\n{width} {height}\n{np.iinfo(pixels.dtype).max}\n"
+    return head.encode() + pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+
+
+def _rounded_to_rgbe(pixels: np.ndarray) -> np.ndarray:
+    """Return pixels whose values OpenCV, which truncates to the 8 bits of each colour, stores rounded."""
+    exponent = np.frexp(pixels.max(-1, keepdims=True))[1] - 8
+    rounded = np.ldexp(np.rint(np.ldexp(pixels.astype(np.float64), -exponent)), exponent)
+    return rounded.astype(np.float32)
 
 
 def encode_indexed(index: np.ndarray, colours: np.ndarray) -> bytes:
@@ -184,14 +264,23 @@ def encode_indexed(index: np.ndarray, colours: np.ndarray) -> bytes:
     return file.getvalue()
 
 
+_TIFF = Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32), MOST_BANDS, upright=True)
+_JPEG = Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,), srgb=True, alpha=False)
 FORMATS = {
-    ".png": Format("PNG", _decode_png, (np.uint8, np.uint16)),
-    ".jpg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
-    ".jpeg": Format("JPEG", partial(_decode_with_pillow, "JPEG"), (np.uint8,)),
-    ".tif": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32), MOST_BANDS),
-    ".tiff": Format("TIFF", _decode_tiff, (np.uint16, np.uint8, np.float32), MOST_BANDS),
+    ".png": Format("PNG", _decode_png, (np.uint8, np.uint16), srgb=True),
+    ".jpg": _JPEG,
+    ".jpeg": _JPEG,
+    ".tif": _TIFF,
+    ".tiff": _TIFF,
     ".tga": Format("TGA", partial(_decode_with_pillow, "TGA"), (np.uint8,)),
     ".exr": Format("EXR", _decode_exr, (np.float32, np.float16)),
     ".npy": Format("NPY", _decode_npy, (np.float64,), MOST_BANDS),
+    ".webp": Format("WEBP", partial(_decode_with_pillow, "WEBP"), (np.uint8,), srgb=True),
+    ".bmp": Format("BMP", partial(_decode_with_pillow, "BMP"), (np.uint8,), srgb=True, alpha=False),
+    ".ppm": Format("PPM", _decode_netpbm, (np.uint8, np.uint16), srgb=True, alpha=False),
+    ".pgm": Format("PGM", _decode_netpbm, (np.uint8, np.uint16), 1, srgb=True, alpha=False),
+    ".pfm": Format("PFM", _decode_pfm, (np.float32,), alpha=False),
+    ".hdr": Format("HDR", _decode_radiance, (np.float32,), alpha=False),
+    **dict.fromkeys(HEIC_SUFFIXES, Format("HEIC", decode_heic, (), srgb=True, upright=True)),
     **dict.fromkeys(RAW_SUFFIXES, Format("RAW", decode_raw, ())),
 }

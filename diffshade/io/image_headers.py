@@ -5,18 +5,26 @@ warnings of their own. So a file is decoded only if its bytes can become that ma
 TIFF becomes at most 1032 bytes. Each check raises an error of some type for a damaged file.
 """
 
+import math
+import re
 import struct
 import zlib
+from collections.abc import Collection
+from typing import Any, NamedTuple
 
 from ..core.fields import MOST_BANDS
 
 DEFLATE = 1032  # largest expansion, in bytes per byte: 258 for 2 bits (RFC 1951, section 3.2.5)
 NPY_HEADER = 1000  # bytes; an array of numbers takes 120, and a longer header could exhaust Python's parser
+NETPBM_HEADER = 2**12  # bytes, with comments
 ANY_EXPANSION = 2**16  # for codecs whose largest expansion is not known
 # The same for TIFF's Compression, and OpenEXR's: none, RLE, ZIPS, ZIP, PIZ, PXR24 (which drops a byte of 4), B44, B44A.
 TIFF_EXPANSION = {1: 1, 5: 2800, 7: 1536, 8: DEFLATE, 32773: 64, 32946: DEFLATE}
 _EXR = {0: 1, 1: 64, 2: DEFLATE, 3: DEFLATE, 4: DEFLATE, 5: 2 * DEFLATE, 6: 16, 7: 16}
-_PIXELS = {"JPEG": 512, "TGA": 64}  # pixels per byte: one bit per block of 64; 2 bytes per run of 128
+# Pixels per byte. JPEG: one bit per block of 64. TGA, BMP: 2 bytes per run of 128 and 255. Radiance: 8 per run of 127.
+# WebP and HEIC have no largest; of a white picture WebP needs a byte for 23,000 pixels.
+_PIXELS = {"JPEG": 512, "TGA": 64, "BMP": 128, "HDR": 16, "WEBP": 2**15, "HEIC": 2**15}
+_KINDS = {1: "B", 2: "B", 3: "H", 4: "I", 7: "B"}  # of numbers in a TIFF
 # The TIFF tags that give the position and format of the pixels.
 _TAGS = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 322, 323, 324, 325, 339)
 
@@ -32,7 +40,7 @@ def check_holds(declared: int, stored: int, most: int) -> None:
 
 
 def check_pixels(name: str, size: tuple[int, int], data: bytes) -> None:
-    """Raise if the bytes of a JPEG or TGA cannot become the pixels that its header declares."""
+    """Raise if the bytes of a file cannot become the pixels that its header declares."""
     check_holds(size[0] * size[1], len(data), _PIXELS.get(name, 8 * ANY_EXPANSION))
 
 
@@ -58,11 +66,10 @@ def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
 
     Several pages are the bands of one picture: each is grey, and all are of one size and kind.
     """
-    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
-    (directory,) = struct.unpack_from(f"{order}I", data, 4)
+    order, directory = _start_of_tiff(data)
     found: dict[int, dict[int, tuple[int, ...]]] = {}
     while directory and directory not in found and len(found) <= MOST_BANDS:
-        found[directory], directory = _tags_of_page(data, order, directory)
+        found[directory], directory = _tags_of_page(data, order, directory, _TAGS)
     pages = list(found.values())
     kinds = {tuple(tags.get(tag, (1,)) for tag in (256, 257, 258, 339, 277, 262)) for tags in pages}
     grey = all(kind[-2:] == ((1,), (1,)) for kind in kinds)
@@ -78,17 +85,31 @@ def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
     return pages
 
 
-def _tags_of_page(data: bytes, order: str, directory: int) -> tuple[dict[int, tuple[int, ...]], int]:
-    """Return the tags of a page, and where the next page begins; 0 for none."""
+def tags_of_tiff(data: Any, wanted: Collection[int], directory: int | None = None) -> dict[int, tuple[int, ...]]:
+    """Return those of some tags that the first page of a TIFF has, or another of its directories."""
+    order, first = _start_of_tiff(data)
+    return _tags_of_page(data, order, first if directory is None else directory, wanted)[0]
+
+
+def _start_of_tiff(data: Any) -> tuple[str, int]:
+    """Return the order of bytes, and where the first page begins."""
+    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
+    return order, struct.unpack_from(f"{order}I", data, 4)[0]
+
+
+def _tags_of_page(
+    data: Any, order: str, directory: int, wanted: Collection[int]
+) -> tuple[dict[int, tuple[int, ...]], int]:
+    """Return tags of a page, and where the next page begins; 0 for none."""
     (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
     end = directory + 2 + 12 * n_tags
     tags: dict[int, tuple[int, ...]] = {}
     for entry in range(directory + 2, end, 12):
         tag, kind, count, place = struct.unpack_from(f"{order}HHII", data, entry)
-        if tag in _TAGS:
+        if tag in wanted:
             if tag in tags:  # if a tag occurs twice, decoders disagree on which counts
                 raise ValueError
-            numbers = struct.Struct(f"{order}{count}{ {3: 'H', 4: 'I'}[kind] }")
+            numbers = struct.Struct(f"{order}{count}{_KINDS[kind]}")
             tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
     return tags, struct.unpack_from(f"{order}I", data, end)[0]
 
@@ -157,3 +178,71 @@ def _check_inflates(data: bytes) -> None:
         if not stream.decompress(data, 2**20) and not stream.eof:
             raise ValueError
         data = stream.unconsumed_tail
+
+
+class Netpbm(NamedTuple):
+    """The header of a PPM, PGM or PFM."""
+
+    kind: bytes
+    """P1 to P6, PF or Pf."""
+    width: int
+    height: int
+    maximum: float
+    """What stands for 1; of a PFM the factor of its numbers, below 0 where their low byte comes first."""
+    end: int
+
+
+def netpbm_header(data: bytes) -> Netpbm:
+    """Return the header of a PPM, PGM or PFM (Netpbm)."""
+    gap = rb"(?:\s|#[^\n]*\n)+"
+    found = re.match(rb"(P[1-6Ff])%b(\d{1,9})%b(\d{1,9})" % (gap, gap), data)
+    if found is None:
+        raise ValueError
+    kind, end, maximum = found[1], found.end(), 1.0
+    if kind not in (b"P1", b"P4"):
+        number = re.compile(rb"%b(-?[\d.eE+-]{1,30})" % gap).match(data, end)
+        if number is None:
+            raise ValueError
+        end, maximum = number.end(), float(number[1])
+    header = Netpbm(kind, int(found[2]), int(found[3]), maximum, end + 1)  # one space
+    if not math.isfinite(maximum) or maximum == 0.0 or (kind[1:] in b"123456" and not 0 < maximum < 2**16):
+        raise ValueError
+    return header
+
+
+def check_netpbm(header: Netpbm, stored: int) -> None:
+    """Raise if a PPM, PGM or PFM of so many bytes is too short for its pixels."""
+    kind, width, height, maximum, end = header
+    size = {b"P4": 0.125, b"PF": 4, b"Pf": 4}.get(kind, 2 if maximum > 255 and kind in (b"P5", b"P6") else 1)
+    bytes_needed = width * height * (3 if kind in (b"P3", b"P6", b"PF") else 1) * size
+    if not 0 < bytes_needed <= stored - end + 1:  # no space need follow the last number of a text
+        raise ValueError
+
+
+class Radiance(NamedTuple):
+    """The header of a Radiance picture."""
+
+    size: tuple[int, int]
+    """Width and height."""
+    exposure: float
+    """What its numbers were multiplied by."""
+    primaries: tuple[float, ...] | None
+    """x y of red, green, blue and white."""
+
+
+def radiance_header(data: bytes) -> Radiance:
+    """Return the header of a Radiance picture (Ward, "Real pixels", 1991)."""
+    head, _, rest = data.partition(b"\n\n")
+    size = re.match(rb"([+-][XY]) (\d{1,9}) ([+-][XY]) (\d{1,9})\n", rest)
+    if not head.startswith(b"#?") or size is None:
+        raise ValueError
+    lines = [line.partition(b"=") for line in head.split(b"\n")]
+    if any(name == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe" for name, _, value in lines):
+        raise UnsupportedError("has colours other than RGBE. Save it as RGBE.")
+    if (size[1], size[3]) != (b"-Y", b"+X"):
+        raise UnsupportedError("is stored turned or mirrored. Save it from the top down and from left to right.")
+    exposure = math.prod(float(value) for name, _, value in lines if name == b"EXPOSURE")
+    given = [tuple(map(float, value.split())) for name, _, value in lines if name == b"PRIMARIES"]
+    if not 0.0 < exposure < math.inf:
+        raise ValueError
+    return Radiance((int(size[4]), int(size[2])), exposure, given[-1] if given else None)

@@ -4,14 +4,18 @@ import logging
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
 from ..core.fields import MOST_BANDS, Numbers
+from ..core.words import with_article
+from .encodings import LINEAR, SRGB, Encoding, srgb_encode
 from .files import replacing
-from .image_formats import FORMATS, Format, format_of, png_depth, save
+from .image_formats import FORMATS, Format, format_of, netpbm_dtype, png_depth, save
 from .image_headers import UnsupportedError
+from .image_statements import Statement, statement_of
 
 _LOGGER = logging.getLogger("diffshade")
 
@@ -23,15 +27,28 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
     a .npy, or of a TIFF with a grey page for each. Integers are divided by their full range (255, 65535) and are in [0,
     1]; floats are returned unchanged, whatever their range.
 
-    Formats: PNG (up to 16 bits, palette), JPEG (turned upright by its EXIF tag), TIFF (up to 16 bits, 32-bit float),
-    TGA, OpenEXR (half, float) and .npy (uint8, uint16, floats). Colour profiles are ignored. RAW files of cameras
-    (.dng, .cr2, .cr3, .nef, .arw, .orf, .pef, .raf, .rw2, .srw; `pip install 'diffshade[raw]'`) are linear: black is
-    taken off, 1 is where the sensor is full, and the colours are the camera's own, without white balance.
+    | format | numbers | where the file states no curve |
+    |---|---|---|
+    | .png | up to 8 bits, palette; 16 bits | sRGB; linear |
+    | .jpg, .jpeg, .webp, .bmp, .heic, .heif | 8 bits | sRGB |
+    | .ppm, .pgm | up to 8 bits; up to 16 bits | sRGB; linear |
+    | .tif, .tiff | up to 16 bits, 32-bit float | linear |
+    | .tga | 8 bits | linear |
+    | .exr, .hdr, .pfm | half, float; 8 bits and an exponent; float | linear |
+    | .npy | uint8, uint16, floats | linear |
+    | .dng, .cr2, .cr3, .nef, .arw, .orf, .pef, .raf, .rw2, .srw | RAW | linear |
+
+    A curve and primaries that the file states are used: chunks of PNG (cICP, iCCP, sRGB, gAMA, cHRM), ICC profiles of
+    one curve a colour, EXIF ColorSpace, the primaries of OpenEXR and Radiance. Colours of other primaries, such as
+    Adobe RGB's, become those of sRGB, and may be below 0 there. Other profiles are not used, and the logger "diffshade"
+    warns of them. Radiance is divided by its EXPOSURE, and PFM multiplied by its factor. The picture is turned upright
+    as EXIF or TIFF states. RAW files (`pip install 'diffshade[raw]'`): black is taken off, 1 is where the sensor is
+    full, and the colours are the camera's own, without white balance. HEIC needs `pip install 'diffshade[heic]'`.
 
     Args:
         path: The image file.
-        srgb: Whether the colours, never alpha, are decoded from the sRGB curve; by default True for JPEG and 8-bit PNG,
-            else False.
+        srgb: Whether the colours, never alpha, are decoded from the sRGB curve, whatever the file states; by default as
+            above.
 
     Returns:
         The image, of shape (H, W, C).
@@ -41,29 +58,38 @@ def read_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Flo
         IsADirectoryError: `path` is a folder.
         ValueError: The suffix, layout or type of number is not supported.
         OSError: The file is empty, truncated, damaged or not of the format of its suffix.
-        ImportError: The file is RAW, and rawpy is not installed.
+        ImportError: The file is RAW or HEIC, and its package is not installed.
     """
     path = Path(path)
-    stored = _read(path)
-    return decoded(path, as_fractions(path, stored), stored.dtype, srgb)
+    image, taken = load_image(path, srgb=srgb)
+    if srgb is None and (unused := taken.statement.unused):
+        _LOGGER.warning("%s states %s, which is not used: it is read as %s.", path, unused, taken.encoding.name)
+    return image
 
 
-def encoding_of(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
-    """Return the kind of an image file in a word or two, and whether `read_image` decodes it from the sRGB curve.
+class ReadAs(NamedTuple):
+    """What a file is taken for."""
 
-    Only the header is read.
+    kind: str
+    """Its format, with the bits of a PNG."""
+    encoding: Encoding
+    usual: Encoding
+    """The encoding of such files that state none."""
+    statement: Statement
+
+
+def read_as(path: Path, *, srgb: bool | None = None) -> ReadAs:
+    """Return what `read_image` takes a file for; only its header is read.
 
     Args:
         path: The image file.
         srgb: As for `read_image`.
 
-    Returns:
-        The kind, and whether the sRGB curve is decoded.
-
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: As `read_image` raises it.
         OSError: As `read_image` raises it.
+        ImportError: As `read_image` raises it.
     """
     check_exists(path, folder=True)
     suffix = path.suffix.lower()
@@ -72,7 +98,59 @@ def encoding_of(path: Path, *, srgb: bool | None = None) -> tuple[str, bool]:
     if suffix == ".png":
         depth = png_depth(path)
         kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
-    return kind, _is_srgb(path, dtype, srgb)
+    if suffix in (".ppm", ".pgm"):
+        try:
+            dtype = netpbm_dtype(path)
+        except ValueError:
+            raise _damaged(path) from None
+    return _read_as(path, kind, dtype, srgb)
+
+
+def encoding_of(path: Path, dtype: np.dtype, srgb: bool | None) -> Encoding:
+    """Return the encoding of a file with numbers of a type: as asked, else as it states, else as usual."""
+    return _read_as(path, "", dtype, srgb).encoding
+
+
+def _read_as(path: Path, kind: str, dtype: np.dtype, srgb: bool | None) -> ReadAs:
+    statement = statement_of(path)
+    usual = SRGB if _is_srgb(path, dtype, None) else LINEAR
+    given = (statement.encoding or usual) if srgb is None else SRGB if srgb else LINEAR
+    return ReadAs(kind, given, usual, statement)
+
+
+def load_image(
+    path: Path, *, srgb: bool | None, orientation: int | None = None, clipped: bool = False
+) -> tuple[Float64[np.ndarray, "h w c"], ReadAs]:
+    """Read an image without a warning, and return what it was taken for.
+
+    Args:
+        path: The image file.
+        srgb: As for `read_image`.
+        orientation: How the stored picture is turned, as EXIF numbers it; None: as the file states.
+        clipped: Whether a pixel with a colour at the end of its range becomes 1 in all colours where the primaries
+            change: each then depends on the one that is not known.
+    """
+    stored = _read(path)
+    taken = _read_as(path, "", stored.dtype, srgb)
+    own = taken.statement.orientation
+    wanted = own if orientation is None else orientation
+    if format_of(path).upright and wanted != own:
+        stored = turned(stored, {6: 8, 8: 6}.get(own, own))  # back to how it is stored
+        stored = turned(stored, wanted)
+    elif not format_of(path).upright:
+        stored = turned(stored, wanted)
+    image = decoded(as_fractions(path, stored), stored.dtype, taken.encoding)
+    if clipped and stored.dtype.kind == "u" and taken.encoding.to_srgb is not None:
+        full = (without_alpha(stored) == np.iinfo(stored.dtype).max).any(-1)
+        without_alpha(image)[full] = 1.0
+    return image, taken
+
+
+def turned(stored: np.ndarray, orientation: int) -> np.ndarray:
+    """Return a stored picture (H, W, C) upright: orientation 1 to 8 as in EXIF and TIFF 6.0."""
+    picture = stored[::-1] if orientation in (3, 4, 6, 7) else stored
+    picture = picture[:, ::-1] if orientation in (2, 3, 7, 8) else picture
+    return np.swapaxes(picture, 0, 1) if orientation > 4 else picture
 
 
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
@@ -82,7 +160,7 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     applied.
 
     Args:
-        path: The image file, in one of the formats of `read_image`.
+        path: The image file, in one of the formats of `read_image`, which turns it as the file states.
 
     Returns:
         The mask, of shape (H, W).
@@ -93,8 +171,7 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
         ValueError: As `read_image` raises it.
         OSError: As `read_image` raises it.
     """
-    path = Path(path)
-    image = as_fractions(path, _read(path))
+    image, _ = load_image(Path(path), srgb=False)
     if not _has_alpha(image):
         return image.mean(axis=-1) >= 0.5
     colours, alpha = image[..., :-1], image[..., -1]
@@ -110,13 +187,15 @@ def write_image(
     every value.
 
     Args:
-        path: The image file; its suffix chooses the format, one of those of `read_image`.
+        path: The image file; its suffix chooses the format, one of those of `read_image` but RAW and HEIC. WebP is
+            written without loss. Grey becomes three equal colours in WebP and Radiance.
         image: Linear radiance of shape (H, W) or (H, W, C), with C as in `read_image`. Of more than 4 bands, each is a
             grey page of a TIFF, as are two channels of more than 8 bits.
-        srgb: Whether the colours, never alpha, are encoded by the sRGB curve; by default the rule of `read_image`, so
-            that a file reads back as it was written.
-        bits: Bits per number: 8 or 16 for PNG; 8 for JPEG and TGA; 16, 8 or 32 (float) for TIFF; 32 (float) or 16
-            (half) for EXR; 64 for .npy. The first is the default.
+        srgb: Whether the colours, never alpha, are encoded by the sRGB curve; by default the rule of `read_image`
+            for files that state no curve, so that a file reads back as it was written.
+        bits: Bits per number: 8 or 16 for PNG, PPM and PGM; 8 for JPEG, WebP, BMP and TGA; 16, 8 or 32 (float) for
+            TIFF; 32 (float) or 16 (half) for EXR; 32 (float) for PFM, and for HDR, which keeps 8 and an exponent; 64
+            for .npy. The first is the default.
 
     Raises:
         ValueError: A value is not finite or too large for the format, or the shape, suffix or number of bits is not
@@ -139,50 +218,13 @@ def write_image(
         save(temporary, pixels.astype(dtype))
 
 
-def srgb_encode(linear: Numbers) -> Float64[np.ndarray, "..."]:
-    r"""Encode linear radiance by the sRGB curve (IEC 61966-2-1:1999).
-
-    $$ 12.92 x \text{ where } x \le 0.0031308, \text{ else } 1.055 x^{1 / 2.4} - 0.055 $$
-
-    The curve maps [0, 1] to [0, 1] and continues outside.
-
-    Args:
-        linear: Linear radiance, any shape.
-
-    Returns:
-        The sRGB values, of the same shape.
-
-    Raises:
-        ValueError: `linear` is not an array of numbers.
-    """
-    x = np.asarray(linear, np.float64)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
-
-
-def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
-    r"""Decode sRGB to linear radiance (IEC 61966-2-1:1999): the inverse of `srgb_encode`.
-
-    $$ x / 12.92 \text{ where } x \le 0.04045, \text{ else } ((x + 0.055) / 1.055)^{2.4} $$
-
-    Args:
-        encoded: sRGB values, any shape.
-
-    Returns:
-        Linear radiance, of the same shape.
-
-    Raises:
-        ValueError: `encoded` is not an array of numbers.
-    """
-    x = np.asarray(encoded, np.float64)
-    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
-
-
 # Valid arrays and files
 
 
 def _is_srgb(path: Path, dtype: np.dtype, asked: bool | None) -> bool:
-    """Whether to decode a file from sRGB: as asked, else if it has 8 bits and is PNG or JPEG; profiles are ignored."""
-    return dtype == np.uint8 and path.suffix.lower() in (".png", ".jpg", ".jpeg") if asked is None else asked
+    """Whether a file that states no curve has that of sRGB: as asked, else by its format if it has 8 bits."""
+    known = FORMATS.get(path.suffix.lower())  # none for .zarr
+    return dtype == np.uint8 and known is not None and known.srgb if asked is None else asked
 
 
 def _has_alpha(image: np.ndarray) -> bool:
@@ -221,9 +263,12 @@ def check_exists(path: Path, *, folder: bool = False) -> None:
         raise FileNotFoundError(f"cannot read {path}: there is no such file. Check the name and the folder.")
 
 
-def decoded(path: Path, image: np.ndarray, stored: np.dtype, srgb: bool | None) -> np.ndarray:
-    """Return linear radiance: decode the sRGB curve if the file, with numbers of type `stored`, has one."""
-    return _on_colours(srgb_decode, image) if _is_srgb(path, stored, srgb) else image
+def decoded(image: np.ndarray, stored: np.dtype, encoding: Encoding) -> np.ndarray:
+    """Return linear radiance. What is outside the primaries of sRGB may be below 0, but of integers not above 1."""
+    if encoding is LINEAR:
+        return image
+    linear = _on_colours(encoding.decode, image)
+    return np.minimum(linear, 1.0) if stored.kind == "u" else linear
 
 
 def _read(path: Path) -> np.ndarray:
@@ -237,9 +282,15 @@ def _read(path: Path) -> np.ndarray:
     except UnsupportedError as error:
         raise ValueError(f"cannot read {path}: it {error}") from None
     except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
-        message = f"it is no {known.name}, or is empty, truncated or damaged. Make or copy the file again."
-        raise OSError(f"cannot read {path}: {message}") from None
+        raise _damaged(path) from None
     return _with_channels(stored, f"cannot read {path}: it", known)
+
+
+def _damaged(path: Path) -> OSError:
+    name = format_of(path).name
+    return OSError(
+        f"cannot read {path}: it is no {name}, or is empty, truncated or damaged. Make or copy the file again."
+    )
 
 
 def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
@@ -256,8 +307,8 @@ def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
 
 def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
     """Return the number type of a file's format for a number of bits; refuse what it does not support."""
-    name, _, types, _ = format_of(path)
-    dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in types}
+    name = format_of(path).name
+    dtypes = {8 * np.dtype(kind).itemsize: np.dtype(kind) for kind in format_of(path).dtypes}
     if not dtypes:
         raise ValueError(f"cannot write {path}: {name} is only read. Write .png, .tif, .exr or .npy.")
     if bits is not None and bits not in dtypes:
@@ -281,8 +332,14 @@ def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:
             f"{channel}; {len(bad)} of {pixels.size} values are not finite. Find out where they come from."
         )
     name, channels = format_of(path).name, pixels.shape[-1]
-    if name == "JPEG" and _has_alpha(pixels):
-        raise ValueError(f"cannot write {path}: a JPEG has no alpha. Leave the last channel out, or write a PNG.")
+    if not format_of(path).alpha and _has_alpha(pixels):
+        raise ValueError(
+            f"cannot write {path}: {with_article(name)} has no alpha. Leave the last channel out, or write a PNG."
+        )
+    if name == "HDR" and pixels.min() < 0:
+        raise ValueError(
+            f"cannot write {path}: HDR holds no value below 0; got {pixels.min():g}. Clip it, or write .exr."
+        )
     if name == "PNG" and dtype != np.uint8 and channels == 2:
         raise ValueError(f"cannot write {path}: {name} with grey + alpha takes bits=8. Write RGBA, EXR or .npy.")
     if dtype.kind == "f" and (largest := np.abs(pixels).max()) > np.finfo(dtype).max:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
-from .images import as_fractions, check_exists, decoded
+from .images import as_fractions, check_exists, decoded, encoding_of
 
 TILE = 1 << 16  # pixels read at a time
 BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
@@ -119,8 +119,8 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
 
     Args:
         path: The image file, or the folder of a .zarr.
-        srgb: Whether the colours, never alpha, are decoded from the sRGB curve; by default False, since `read_image`
-            decodes only JPEG and 8-bit PNG.
+        srgb: Whether the colours, never alpha, are decoded from the sRGB curve, whatever the file states; by default as
+            a .tif states, else False.
 
     Returns:
         The image, of shape (H, W, C).
@@ -157,6 +157,8 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."
         )
 
+    encoding = encoding_of(path, dtype, srgb)
+
     def read(first: int, last: int) -> np.ndarray:
         try:
             stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
@@ -166,7 +168,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             said = " ".join(f"{error}".split())
             raise OSError(f"cannot read {path}: {said}. Make it again, without compression or predictor.") from None
         fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
-        return decoded(path, fractions, dtype, srgb)
+        return decoded(fractions, dtype, encoding)
 
     return LazyImage(read, shape, read(0, 0).dtype)
 
@@ -206,6 +208,11 @@ def _open_tiff(path: Path) -> Opened:
             raise UnsupportedError(
                 f"is a TIFF with axes {series.axes} and Photometric {page.photometric:d}. Save one picture, grey, RGB "
                 "or RGBA, the channels of a pixel side by side."
+            )
+        if (orientation := page.tags.valueof(274, default=1)) != 1:
+            raise UnsupportedError(
+                f"states the orientation {orientation}, and is not turned by rows. Save it upright, or read it whole "
+                "with ds.read_image."
             )
         shape, dtype, plain = series.shape, series.dtype, page.is_memmappable
         if not plain:  # in an empty strip or tile every pixel is 0

@@ -12,14 +12,15 @@ import numpy as np
 from .image_headers import check_holds
 
 SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".pef", ".raf", ".rw2", ".srw")
+FLIPS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's numbers for a turn, and EXIF's
 EXPANSION = 64  # largest number of pixels that a byte becomes
 
 
 def decode_raw(path: Path, data: bytes) -> np.ndarray:
-    """Return a RAW file's pixels of 16 bits, 65535 where its sensor is full, without a curve or white balance.
+    """Return a RAW file's pixels as stored, of 16 bits, 65535 where its sensor is full.
 
-    The black level is taken off, and colours are interpolated between the sensor's pixels. White is the file's, not the
-    brightest pixel, so that exposures can be compared.
+    They are linear and without white balance. The black level is taken off, and colours are interpolated between the
+    sensor's pixels. White is the file's, not the brightest pixel, so that exposures can be compared.
     """
     with _opened(path) as raw:
         check_holds(raw.sizes.raw_height * raw.sizes.raw_width, len(data), EXPANSION)
@@ -32,7 +33,14 @@ def decode_raw(path: Path, data: bytes) -> np.ndarray:
             user_wb=[1.0, 1.0, 1.0, 1.0],
             output_color=_rawpy(path).ColorSpace.raw,
             output_bps=16,
+            user_flip=0,
         )
+
+
+def orientation_of_raw(path: Path) -> tuple[int, tuple[int, int]]:
+    """Return how a file states that its picture is turned, as EXIF numbers it, and its height and width as stored."""
+    with _opened(path) as raw:
+        return FLIPS[raw.sizes.flip], (raw.sizes.height, raw.sizes.width)
 
 
 def exposure_of_raw(path: Path) -> tuple[float, float, float]:

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from ..inverse.data.views import View
 from ..inverse.result import Fit, Prediction
+from ..io.encodings import srgb_encode
 from ..io.files import replacing
-from ..io.images import srgb_encode
 from .drawn_bands import drawn_bands
 
 if TYPE_CHECKING:

@@ -25,7 +25,8 @@ from PIL import Image
 import diffshade as ds
 
 # Memory: so many times what the bytes could become, and what any call takes. A sample is at most 64 bytes while it is
-# read; of deflate a byte becomes 1032 at most, of JPEG 512 pixels, of a run of TGA 64.
+# read; of deflate a byte becomes 1032 at most, of JPEG 512 pixels, of a run of TGA 64, of BMP 128, of Radiance 16. WebP
+# and HEIC have no such limit; they are refused beyond 32,768 pixels a byte.
 MULTIPLE, CONSTANT = 64, 48 * 2**20
 NUMBERS = (0, 1, 2, 7, 255, 256, 2**15, 2**16 - 1, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63, 2**64 - 1)
 WORDS = (
@@ -39,6 +40,7 @@ def good(tmp_path_factory):
     """A folder with a small good file for each reader."""
     pytest.importorskip("trimesh")
     pytest.importorskip("zarr")
+    pytest.importorskip("pillow_heif")
     folder = tmp_path_factory.mktemp("good")
     write_good(folder)
     return folder
@@ -89,7 +91,7 @@ def fuzz(name, folder, examples, *, start=0):
     def run(data):
         before = forget_the_peak() if CLEAR.exists() else 0
         check_reading(OTHERS[name], path, data)
-        most = 3 * 1032 if path.suffix not in (".jpg", ".tga") else 3 * 512
+        most = 3 * {".jpg": 512, ".tga": 512, ".webp": 2**15, ".heic": 2**15}.get(path.suffix, 1032)
         if CLEAR.exists():
             assert peak() - before <= MULTIPLE * most * len(data) + CONSTANT
 
@@ -144,6 +146,17 @@ def exr(size, good):
     return data
 
 
+def other_size(name, good, at, size):
+    data = (good / name).read_bytes()
+    return data[:at] + size + data[at + len(size) :]
+
+
+def icc_bomb(good):
+    """A PNG that is not sound, whose profile becomes 50 MB."""
+    data, body = (good / "8.png").read_bytes(), b"iCCPx\0\0" + ZEROS
+    return data[:33] + struct.pack(">I", len(body) - 4) + body + bytes(4) + data[33:]
+
+
 TGA = struct.pack("<BBBHHBHHHHBB", 0, 0, 10, 0, 0, 0, 0, 0, 13_000, 13_000, 24, 0)
 ZEROS = zlib.compress(bytes(5 * 10**7))
 BOMBS = {  # each took gigabytes or minutes, or might have
@@ -158,6 +171,13 @@ BOMBS = {  # each took gigabytes or minutes, or might have
     "same.tif": lambda good: tiff(10, 8, bytes(200_000), more=[(273, 4, 40_000, 300), (279, 4, 40_000, 300)]),
     "a.tga": lambda good: TGA + b"x" * 10,
     "a.jpg": lambda good: jpeg(13_000),
+    "a.bmp": lambda good: other_size("a.bmp", good, 18, struct.pack("<ii", 12_000, 12_000)),
+    "a.webp": lambda good: other_size("a.webp", good, 21, struct.pack("<I", 11_999 | 11_999 << 14)),
+    "a.hdr": lambda good: (good / "a.hdr").read_bytes().replace(b"-Y 6 +X 7", b"-Y 9000 +X 9000"),
+    "a.ppm": lambda good: (good / "a.ppm").read_bytes().replace(b"7 6", b"70000 60000"),
+    "a.pfm": lambda good: (good / "a.pfm").read_bytes().replace(b"7 6", b"70000 60000"),
+    "zeros.pgm": lambda good: b"P2 90000 90000 255 " + bytes(1000),
+    "profile.png": lambda good: icc_bomb(good),
     "wide.exr": lambda good: exr(100_000_000, good),
     "large.exr": lambda good: exr(2**31 - 1, good),
     "long.npy": lambda good: npy("(2000000000000, 3)"),

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import colour_profiles
 import numpy as np
 import pytest
 import scipy.io
@@ -82,6 +83,8 @@ TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
 # A file in the folder that `write_good` writes, and what reads it, or the folder it is in.
 OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys(("8.png", "16.png", "p.png", "a.jpg", "p.jpg", "a.tga", "32.tif"), (ds.read_image,)),
+    **dict.fromkeys(("a.webp", "a.bmp", "a.ppm", "a.pgm", "a.pfm", "a.hdr", "a.heic"), (ds.read_image,)),
+    **dict.fromkeys(("icc.png", "icc.jpg", "icc.tif", "icc.webp"), (ds.read_image,)),
     **dict.fromkeys(("32.exr", "16.exr"), (ds.read_image, ds.read_mask)),
     **dict.fromkeys(("a.npy", "8.tif", "16.tif", "tiles.tif"), (ds.read_image, first_rows)),
     **dict.fromkeys(("a.zarr/zarr.json", "b.zarr/.zarray", "b.zarr/0.0"), (lambda path: first_rows(path.parent),)),
@@ -116,16 +119,26 @@ def glb(text: bytes) -> bytes:
 
 def write_good(folder: Path) -> None:
     """Write a small good file of each name of `OTHERS`, and what it needs beside it."""
+    import pillow_heif
     import tifffile
     import trimesh
     import zarr
 
     image = np.random.default_rng(0).random((6, 7, 3))
     eight = (255 * image).astype(np.uint8)
-    for name, bits in {"8.png": 8, "16.png": 16, "a.tga": 8, "8.tif": 8, "16.tif": 16, "32.tif": 32}.items():
+    integers = {"8.png": 8, "16.png": 16, "a.tga": 8, "a.bmp": 8, "a.ppm": 16, "8.tif": 8, "16.tif": 16, "32.tif": 32}
+    for name, bits in integers.items():
         ds.write_image(folder / name, image, bits=bits)
     for name, bits in {"32.exr": 32, "16.exr": 16}.items():
         ds.write_image(folder / name, image[..., :1], bits=bits)
+    for name in ("a.webp", "a.pfm", "a.hdr"):
+        ds.write_image(folder / name, image)
+    ds.write_image(folder / "a.pgm", image[..., :1])
+    pillow_heif.from_pillow(Image.fromarray(eight)).save(folder / "a.heic")
+    adobe = colour_profiles.profile("Adobe", colour_profiles.parametric(0, 2.2), colour_profiles.ADOBE_XYZ)
+    for name in ("icc.png", "icc.jpg", "icc.tif", "icc.webp"):
+        tags = colour_profiles.exif(orientation=6, space=1)
+        Image.fromarray(eight).save(folder / name, icc_profile=adobe, exif=tags)
     np.save(folder / "a.npy", image.astype(np.float32))
     Image.fromarray(eight).quantize(8).save(folder / "p.png")
     for name, more in {"a.jpg": {}, "p.jpg": {"progressive": True, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}}.items():

@@ -1,7 +1,10 @@
 """A file is written whole or not at all, and where that cannot be it is said before anything is done."""
 
+import errno
 import os
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -70,3 +73,29 @@ def test_the_mode_is_that_of_any_new_file(tmp_path):
     with replacing(tmp_path / "a.txt") as temporary:
         temporary.write_text("")
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    ("error", "free"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 1),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), 1),
+        (OSError("180000 requested and 8176 written"), 0),  # NumPy
+        (RuntimeError("Failed to write pixel data"), 0),  # OpenEXR
+    ],
+)
+def test_a_full_disk_is_named_with_the_file_and_nothing_is_left(tmp_path, monkeypatch, error, free):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+
+    def write():
+        with replacing(tmp_path / "a.exr") as temporary:
+            temporary.write_text("half")
+            raise error
+
+    with pytest.raises(OSError, match=r"^cannot write .*a\.exr: No space left on device\. Make room, or write to"):
+        write()
+    assert os.listdir(tmp_path) == []
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1))
+    error = RuntimeError("of another kind")
+    with pytest.raises(RuntimeError, match="another kind"):
+        write()

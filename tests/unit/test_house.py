@@ -70,6 +70,7 @@ ONLY_IN = {
     "pyamg": "texels.heights",
     "trimesh": "io",
     "fast_simplification": "io",
+    "pillow_heif": "io",
     "rawpy": "io",
     "tifffile": "io",
     "zarr": "io",

@@ -15,8 +15,9 @@ import OpenEXR
 import pytest
 from PIL import Image
 
+from diffshade.io.encodings import srgb_decode, srgb_encode
 from diffshade.io.image_headers import check_exr, check_pixels, check_png, check_tiff
-from diffshade.io.images import read_image, read_mask, srgb_decode, srgb_encode, write_image
+from diffshade.io.images import read_image, read_mask, write_image
 
 H, W = by.H, by.W
 FLOAT = [("tif", 32, np.float32), ("exr", 16, np.float16), ("exr", 32, np.float32), ("npy", 64, np.float64)]

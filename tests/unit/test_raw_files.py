@@ -11,8 +11,9 @@ pytest.importorskip("rawpy", reason="RAW files are read with the extra 'raw'.")
 pytest.importorskip("tifffile", reason="the RAW files of these tests are made with tifffile, of the extra 'zarr'.")
 from raw_files import BLACK, LEAST, WHITE, write_dng
 
+from diffshade.io.encodings import LINEAR
 from diffshade.io.exif import stated_exposures
-from diffshade.io.images import encoding_of
+from diffshade.io.images import read_as
 
 STEP = 1.0 / (WHITE - BLACK)
 
@@ -24,7 +25,7 @@ def test_a_raw_file_is_linear_without_black_white_balance_or_brightening(tmp_pat
         np.testing.assert_allclose(image, np.broadcast_to(np.array([300, 900, 600]) * k * STEP, image.shape), atol=4e-5)
     full = ds.read_image(write_dng(tmp_path / "b.dng", (WHITE - BLACK, 900, 2 * WHITE)))
     np.testing.assert_array_equal(full[..., [0, 2]], 1.0)  # clipped, as `View` knows by the largest sample
-    assert encoding_of(tmp_path / "b.dng") == ("RAW", False)
+    assert read_as(tmp_path / "b.dng")[:2] == ("RAW", LINEAR)
 
 
 def test_a_raw_file_states_its_exposure(tmp_path):

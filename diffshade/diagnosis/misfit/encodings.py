@@ -19,7 +19,7 @@ from ...inverse.result import Fit
 from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
-from ...io.images import srgb_decode, srgb_encode
+from ...io.encodings import srgb_decode, srgb_encode
 
 PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
 

@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.words import count, listing
 from ...io.files import replacing
-from ...io.images import read_image, read_mask, without_alpha, write_image
-from ...io.lazy_images import open_image
+from ...io.images import read_mask, without_alpha, write_image
 from ...model.attenuation import RadialAttenuation
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer, as_mask
@@ -22,6 +21,7 @@ from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from .exposures import by_light, exposures_of, merge_exposures
 from .folders import as_lp, check_unit, list_folder, text_of
+from .photograph_files import PhotographFiles, photograph_files
 from .views import View
 
 _LOGGER = logging.getLogger("diffshade")
@@ -66,6 +66,9 @@ def read_photographs(
     `View.exposure`, 1 for the first. Photographs of different exposures under one light, which have the same direction
     and intensity in the lists, become one view by `merge_exposures`, and the scene has that light once.
 
+    One camera has one orientation: photographs of one stored size are turned as the EXIF of most of them states, and
+    those that state another are named. Where the mask has the size of what is stored, they are not turned.
+
     Args:
         folder: The folder.
         normals: Whether to read the normals; default True. Without, every normal is (0, 0, 1), which
@@ -73,7 +76,8 @@ def read_photographs(
         lights: Whether to read the directions of the lights; default True. Without, all light comes from the camera,
             and `find_lights` can find where it comes from.
         mask: A file or an array (H, W), in place of `mask.png` or the one image with "mask" in its name.
-        srgb: Whether the photographs have the sRGB curve, as for `read_image`. Default: JPEG and 8-bit PNG have it.
+        srgb: Whether the photographs have the sRGB curve, whatever they state. Default: as each file states, else by
+            its type, as for `read_image`.
         exif: Whether to use the exposures that the files state; default True. Without, all are 1.
 
     Returns:
@@ -83,7 +87,7 @@ def read_photographs(
         FileNotFoundError: Where the folder or one of its files does not exist.
         ValueError: Where a file does not hold what it should; one sentence that names the file and the remedy.
         OSError: Where a photograph is truncated or damaged.
-        ImportError: Where a photograph is RAW, and rawpy is not installed.
+        ImportError: Where a photograph is RAW, or HEIC, and its package is not installed.
     """
     read = read_folder(folder, normals=normals, lights=lights, mask=mask, srgb=srgb, exif=exif)
     return read.scene, read.views
@@ -133,6 +137,8 @@ def read_folder(
     if len(groups) < len(names):
         said.append(f"photographs under one light are merged: {len(names)} become {count(len(groups), 'view')}.")
     mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
+    photographs = photograph_files(files, srgb=srgb, shape=mask.shape)
+    said += photographs.notes
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
     indices = [group[0] for group in groups]
     distances = light_distances(folder, names) if lights else np.full(len(names), np.inf)
@@ -141,7 +147,7 @@ def read_folder(
     for i, group in enumerate(groups):
         file = files[group[0]]
         try:
-            image, exposure, saturation = _exposed([files[k] for k in group], exposures[group], srgb)
+            image, exposure, saturation = _exposed(photographs, group, exposures[group])
             _check_size(file, image.shape[:2], mask.shape, views)
             views.append(View(image, camera, mask, lit=(i,), exposure=exposure, saturation=saturation))
         except ValueError as error:
@@ -171,10 +177,10 @@ def _check_size(file: Path, size: tuple[int, ...], mask: tuple[int, ...], before
 
 
 def _exposed(
-    files: Sequence[Path], exposures: Float[np.ndarray, " files"], srgb: bool | None
+    photographs: PhotographFiles, group: Sequence[int], exposures: Float[np.ndarray, " group"]
 ) -> tuple[Any, float, float | None]:
-    """Return the photograph of a file, or of several of one light, with its exposure and saturation."""
-    images = [read_photograph(file, srgb=srgb) for file in files]
+    """Return one photograph, or several of one light merged, with its exposure and saturation."""
+    images = [photographs.read(k) for k in group]
     if len(images) == 1:
         return images[0], float(exposures[0]), None
     merged = merge_exposures(images, exposures)
@@ -321,19 +327,6 @@ def as_given(mask: Any) -> Bool[np.ndarray, "h w"]:
 def has_normals(folder: Path) -> bool:
     """Return whether a folder of photographs says the normals of what they show."""
     return any((folder / name).is_file() for name in NORMALS)
-
-
-def read_photograph(path: Path, *, srgb: bool | None) -> Any:
-    """Read a photograph, or open it where it may be larger than memory."""
-    if path.suffix.lower() in (".npy", ".zarr"):
-        return open_image(path, srgb=srgb)
-    return read_image(_existing(path), srgb=srgb)
-
-
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}. Add it, or correct the folder.")
-    return path
 
 
 def _numbers(path: Path, names: Sequence[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.fields import check_kind
-from ...io.images import srgb_decode
+from ...io.encodings import srgb_decode
 from ...io.rti_files import RelightableImage
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer, as_mask

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
-from ...io.images import srgb_encode
+from ...io.encodings import srgb_encode
 
 HARMONICS = 12  # terms of the sawtooth; they have 95 % of its variance
 MOST_NOISE = 0.6  # steps; with more noise, rounding is just a part of it

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ...io.images import srgb_decode, srgb_encode
+from ...io.encodings import srgb_decode, srgb_encode
 from .pages import DPI, draw_curves, name_axes, page, place, show
 from .pictures import Picture
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Numbers
-from ...io.images import srgb_encode
+from ...io.encodings import srgb_encode
 from ...model.cameras import AbstractCamera, Camera
 from ...model.lights import AbstractLight, PointLight
 from ...model.materials import Material

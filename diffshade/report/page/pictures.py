@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ...inverse.result import Fit, Prediction
+from ...io.encodings import srgb_encode
 from ...io.image_formats import encode, encode_indexed
-from ...io.images import srgb_encode
 from ...model.rendering import render
 from ...model.scenes import Scene
 from ..drawn_bands import DrawnBands

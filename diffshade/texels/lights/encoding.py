@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from ...io.images import srgb_decode, without_alpha
+from ...io.encodings import srgb_decode
+from ...io.images import without_alpha
 from .uncalibrated import bright_texels, factorize, middle_ranks, texels_under
 
 FEWEST = 6  # photographs

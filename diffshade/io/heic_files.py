@@ -1,0 +1,39 @@
+"""HEIC, the files of phones. The only file that knows pillow_heif."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .image_headers import check_pixels
+
+SUFFIXES = (".heic", ".heif")
+
+
+def decode_heic(path: Path, data: bytes) -> np.ndarray:
+    """Return the pixels of 8 bits, grey or RGB, with alpha where the file has it, turned upright by the library."""
+    image = opened_heic(path)
+    check_pixels("HEIC", image.size, data)
+    return np.asarray(image)
+
+
+def opened_heic(path: Path) -> Any:
+    """Return a file of which only the header is decoded."""
+    try:
+        import pillow_heif
+    except ModuleNotFoundError:
+        raise ImportError(
+            f"cannot read {path} without the package pillow-heif. Install it: pip install 'diffshade[heic]'."
+        ) from None
+    return pillow_heif.open_heif(path)
+
+
+def exif_of_heic(path: Path) -> Any:
+    """Return the tags of a file, as Pillow has them."""
+    from PIL import Image
+
+    tags = Image.Exif()
+    tags.load(opened_heic(path).info.get("exif") or b"")
+    return tags

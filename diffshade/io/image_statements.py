@@ -1,0 +1,204 @@
+"""Statements: the encoding and the orientation that an image file states, from its header.
+
+PNG: the chunks cICP, iCCP, sRGB, gAMA and cHRM, in this order of precedence (PNG, section 4.3), and eXIf. JPEG, TIFF,
+WebP and HEIC: the ICC profile, else EXIF ColorSpace; HEIC also the codes of its video codec. OpenEXR and Radiance: the
+primaries.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .encodings import ADOBE, BT2020_XY, LINEAR, P3_XY, SRGB, SRGB_XY, Encoding, encoding, power, xyz_of
+from .exif import EXIF
+from .heic_files import SUFFIXES as HEIC_SUFFIXES
+from .heic_files import exif_of_heic, opened_heic
+from .icc_profiles import encoding_of_profile, profile_name
+from .image_headers import radiance_header, tags_of_tiff
+from .raw_files import SUFFIXES as RAW_SUFFIXES
+from .raw_files import orientation_of_raw
+
+ORIENTATION, COLOUR_SPACE, INTEROPERABILITY, PROFILE, TRANSFER = 0x0112, 0xA001, 0xA005, 0x8773, 0x012D
+LARGEST_PROFILE = 2**22  # bytes; those of photographs have 500 to 600,000
+# Codes of ITU-T H.273 for primaries, and for the curves that are those of a picture, not of a broadcast.
+CODED_XY, CODED_CURVES = {1: SRGB_XY, 9: BT2020_XY, 12: P3_XY}, {8: LINEAR.curves, 13: SRGB.curves}
+CODED_NAMES = {1: "the primaries of sRGB", 9: "BT.2020", 12: "Display P3"}
+
+
+class Statement(NamedTuple):
+    """What a file states."""
+
+    encoding: Encoding | None = None
+    unused: str = ""
+    """What it states of its encoding that is not used, as the object of a sentence."""
+    orientation: int = 1
+    """How the stored picture is turned, 1 to 8, as in EXIF and TIFF (tag 274)."""
+    size: tuple[int, int] | None = None
+    """Height and width as stored, where the file can be turned."""
+
+
+def statement_of(path: Path) -> Statement:
+    """Return what a file states; nothing for a damaged file, which its reader names."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix in RAW_SUFFIXES:
+            orientation, size = orientation_of_raw(path)
+            return Statement(orientation=orientation, size=size)
+        return _READERS[suffix](path) if suffix in _READERS else Statement()
+    except ImportError:
+        raise
+    except Exception:
+        return Statement()
+
+
+def _of_png(path: Path) -> Statement:
+    from PIL import Image
+
+    chunks = _chunks_of_png(path)
+    exif: Any = Image.Exif()
+    if b"eXIf" in chunks:
+        exif.load(chunks[b"eXIf"])
+    width, height = struct.unpack_from(">II", chunks[b"IHDR"])
+    stated, unused = _colours_of_png(chunks, exif)
+    return Statement(stated, unused, _orientation(exif), (height, width))
+
+
+def _chunks_of_png(path: Path) -> dict[bytes, bytes]:
+    """Return the chunks of a PNG but its pixels, which are not read."""
+    chunks: dict[bytes, bytes] = {}
+    with path.open("rb") as file:
+        file.seek(8)
+        while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
+            length, name = struct.unpack(">I4s", head)
+            if name in (b"IHDR", b"cICP", b"iCCP", b"sRGB", b"gAMA", b"cHRM", b"eXIf"):
+                chunks.setdefault(name, file.read(length))
+                length = 0
+            file.seek(length + 4, 1)
+    return chunks
+
+
+def _colours_of_png(chunks: Mapping[bytes, bytes], exif: Any) -> tuple[Encoding | None, str]:
+    if b"cICP" in chunks:
+        primaries, curve, _, full = chunks[b"cICP"]
+        return _coded(primaries, curve, "cICP chunk", full=bool(full))
+    if b"iCCP" in chunks:
+        packed = chunks[b"iCCP"].split(b"\0", 1)[1][1:]  # a name, the method 0, deflated bytes
+        return _profiled(zlib.decompressobj().decompress(packed, LARGEST_PROFILE))
+    if b"sRGB" in chunks:
+        return SRGB, ""
+    primaries = None
+    if b"cHRM" in chunks:
+        white, colours = (chunks[b"cHRM"][i:j] for i, j in ((0, 8), (8, 32)))
+        primaries = [n / 1e5 for n in struct.unpack(">8I", colours + white)]
+    if b"gAMA" not in chunks:
+        stated, unused = _of_exif(exif)
+        other = primaries is not None and encoding("", LINEAR.curves, xyz_of(primaries)).to_srgb is not None
+        return stated, unused or ("primaries other than sRGB's without a curve (cHRM chunk)" if other else "")
+    gamma = 1e5 / struct.unpack(">I", chunks[b"gAMA"])[0]
+    found = encoding(f"gamma {gamma:.3g}", (power(gamma),), None if primaries is None else xyz_of(primaries))
+    # 1/2.2 and the primaries of sRGB are how PNG, section 11.3.2.5, says sRGB to readers that do not know its chunk.
+    return (SRGB if primaries is not None and found.to_srgb is None and abs(gamma - 2.2) < 1e-3 else found), ""
+
+
+def _of_tiff(path: Path) -> Statement:
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        tags = tags_of_tiff(data, (256, 257, ORIENTATION, PROFILE, TRANSFER, EXIF))
+        camera = tags_of_tiff(data, (COLOUR_SPACE,), tags[EXIF][0]) if EXIF in tags else {}
+    stated, unused = None, ""
+    if PROFILE in tags:
+        stated, unused = _profiled(bytes(tags[PROFILE]))
+    elif TRANSFER in tags:
+        unused = "a curve in its tag TransferFunction"
+    elif COLOUR_SPACE in camera:
+        stated, unused = _colour_space(camera[COLOUR_SPACE][0])
+    orientation = tags.get(ORIENTATION, (1,))[0]
+    return Statement(stated, unused, orientation if 1 <= orientation <= 8 else 1, (tags[257][0], tags[256][0]))
+
+
+def _of_pillow(path: Path) -> Statement:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        exif, size = image.getexif(), (image.height, image.width)
+        profile = image.info.get("icc_profile")
+    stated, unused = _profiled(profile) if profile else _of_exif(exif)
+    return Statement(stated, unused, _orientation(exif), size)
+
+
+def _of_heic(path: Path) -> Statement:
+    image = opened_heic(path)
+    exif = exif_of_heic(path)
+    orientation, size = _orientation(exif), (image.size[1], image.size[0])  # as shown
+    if profile := image.info.get("icc_profile"):
+        stated, unused = _profiled(profile)
+    elif coded := image.info.get("nclx_profile"):
+        stated, unused = _coded(coded["color_primaries"], coded["transfer_characteristics"], "nclx profile")
+    else:
+        stated, unused = _of_exif(exif)
+    return Statement(stated, unused, orientation, size[::-1] if orientation > 4 else size)
+
+
+def _of_exr(path: Path) -> Statement:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), header_only=True) as file:
+        return _of_primaries(file.header().get("chromaticities"))
+
+
+def _of_radiance(path: Path) -> Statement:
+    with path.open("rb") as file:
+        return _of_primaries(radiance_header(file.read(2**16)).primaries)
+
+
+def _of_primaries(chromaticities: Any) -> Statement:
+    """Return the statement of a linear file."""
+    if chromaticities is None:
+        return Statement()
+    return Statement(encoding("linear in primaries of its own", LINEAR.curves, xyz_of(chromaticities)))
+
+
+def _profiled(profile: bytes) -> tuple[Encoding | None, str]:
+    try:
+        stated = encoding_of_profile(profile)
+    except Exception:  # damaged, in any way
+        return None, "a colour profile that is damaged"
+    return stated, "" if stated else f"the colour profile '{profile_name(profile)}'"
+
+
+def _coded(primaries: int, curve: int, where: str, *, full: bool = True) -> tuple[Encoding | None, str]:
+    if primaries in CODED_XY and curve in CODED_CURVES and full:
+        return encoding(CODED_NAMES[primaries], CODED_CURVES[curve], xyz_of(CODED_XY[primaries])), ""
+    if curve in (2, 6) or (primaries, curve) == (1, 1):
+        return None, ""  # not specified, or what encoders of video write unasked
+    return None, f"the primaries {primaries} and the curve {curve} in its {where}"
+
+
+def _of_exif(exif: Any) -> tuple[Encoding | None, str]:
+    space = exif.get_ifd(EXIF).get(COLOUR_SPACE)
+    interoperable = exif.get_ifd(INTEROPERABILITY).get(1)
+    return (ADOBE, "") if interoperable == "R03" else _colour_space(space)  # R03: the DCF's optional colour space
+
+
+def _colour_space(stated: Any) -> tuple[Encoding | None, str]:
+    known = {1: SRGB, 2: ADOBE}.get(stated)
+    return known, "a colour space other than sRGB, not which (EXIF ColorSpace)" if stated == 0xFFFF else ""
+
+
+def _orientation(exif: Any) -> int:
+    found = exif.get(ORIENTATION)
+    return found if found in range(1, 9) else 1
+
+
+_READERS = {
+    ".png": _of_png,
+    ".exr": _of_exr,
+    ".hdr": _of_radiance,
+    **dict.fromkeys((".tif", ".tiff"), _of_tiff),
+    **dict.fromkeys((".jpg", ".jpeg", ".webp", ".bmp"), _of_pillow),
+    **dict.fromkeys(HEIC_SUFFIXES, _of_heic),
+}
