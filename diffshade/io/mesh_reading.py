@@ -13,10 +13,11 @@ from ..model.meshes import wound_against
 from .gltf_files import read_gltf
 from .obj_files import read_obj
 from .ply_files import read_ply
-from .polygons import NONE, Polygons, triangulated
+from .polygons import Polygons, triangulated
+from .stl_files import read_stl
 from .vertex_normals import corner_normals
 
-READERS = {".obj": read_obj, ".ply": read_ply, ".gltf": read_gltf, ".glb": read_gltf}
+READERS = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".gltf": read_gltf, ".glb": read_gltf}
 MOST_NAMED = 3  # faces that a note names; of more it gives the number
 
 
@@ -77,10 +78,7 @@ def read_surface(path: str | Path) -> Surface:
 
 
 def _of_trimesh(path: Path) -> Polygons:
-    """Return the triangles of a file of another format, which names no materials.
-
-    Those of an STL are flat, as it has a normal for each and shares no points; in others, normals are computed.
-    """
+    """Return the triangles of a file of another format, without normals and names of materials."""
     import trimesh
 
     try:
@@ -91,9 +89,8 @@ def _of_trimesh(path: Path) -> Polygons:
         raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
     if face.size and not 0 <= face.min() <= face.max() < len(point):
         raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export it again.")
-    group = np.full(len(face), NONE if path.suffix.lower() == ".stl" else 0)
-    missing = np.full((face.size, 3), np.nan)
-    return Polygons(point, np.full(len(face), 3), face.ravel(), missing, group, np.zeros(len(face), int))
+    missing, none = np.full((face.size, 3), np.nan), np.zeros(len(face), int)
+    return Polygons(point, np.full(len(face), 3), face.ravel(), missing, none, none)
 
 
 def _with_area(corner: Float[np.ndarray, "t 3 3"]) -> Any:

@@ -87,5 +87,5 @@ def _index(word: str, count: int, line: str, path: Path) -> int:
 
 
 def _check(indices: list[int], count: int, noun: str, path: Path) -> None:
-    if (most := max(indices, default=0)) >= max(count, 1):
+    if (most := max(indices, default=NONE)) >= count:
         raise ValueError(f"{path} has {count} {noun}, and a face names number {most + 1}. Export the file again.")
