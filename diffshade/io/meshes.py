@@ -35,23 +35,28 @@ def read_mesh(path: str | Path, camera: None, *, smooth: bool = True) -> Mesh: .
 def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool = True) -> GBuffer | Mesh:
     """Return the triangle mesh in a file, or what a camera sees of it: the nearest points and their normals.
 
-    For a G-buffer, rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size.
-    Needs trimesh and embreex (`pip install 'diffshade[mesh]'`).
+    Normals are the file's own. Where it has none they are means over the triangles around each point, weighted by their
+    angles there, of all that are of one smoothing group of an OBJ, across borders of materials and of textures. An STL,
+    and glTF without normals, is flat. Normals are on the viewer's side; of faces back to back, each side has its own.
+    Faces without area are left out, which the logger `diffshade` says.
+
+    For a G-buffer, rays are cast by Embree in float32 about the mesh's centre, so that positions are accurate to about
+    1e-6 of its size. Needs trimesh, embreex and mapbox-earcut (`pip install 'diffshade[mesh]'`).
 
     Args:
-        path: The mesh file (OBJ, PLY, STL, GLB, ...).
+        path: The mesh file: OBJ, PLY, STL, GLB or glTF, or another one that trimesh reads, without its normals.
         camera: Camera that sees the mesh. With None the mesh itself is returned: any ray can meet it, so it casts
             shadows and stands behind glass.
-        smooth: With True, the default, normals are interpolated between those of the vertices (Phong shading); with
-            False they are those of the triangles.
+        smooth: With True, the default, normals are interpolated over each triangle (Phong shading); with False they are
+            those of the triangles.
 
     Returns:
         The G-buffer, of the camera's shape; or the `Mesh`.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file, or the file has no triangles or has invalid corners.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: The file cannot be read or has no triangles, or a face names a corner or normal that is not there.
         TypeError: `camera` is not a camera.
     """
     if camera is not None:
@@ -64,9 +69,11 @@ def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool =
 
 
 def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuffer]:
-    """Return what a camera sees of each material's part of a mesh, by the names that `usemtl` of an OBJ file gives.
+    """Return what a camera sees of each material's part of a mesh, by the names that its file gives.
 
-    A file of another format, and an OBJ file without `usemtl`, is one part named "".
+    In an OBJ these are the names of `usemtl`; in glTF, those of the materials of its primitives, as `read_materials`
+    has them. Faces that name no material are the part "", as are all of a file of another format. Normals are those of
+    the whole mesh.
 
     Args:
         path: The mesh file, as for `read_mesh`.
@@ -77,8 +84,8 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file, or a part has no triangles or has invalid corners.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: As `read_mesh` raises it.
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
@@ -104,8 +111,8 @@ def frame_mesh(path: str | Path, *, shape: tuple[int, int] = (512, 512), fov: fl
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: As `read_mesh` raises it.
     """
     found = read_surface(path)
     center = found.centre
