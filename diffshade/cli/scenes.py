@@ -119,8 +119,12 @@ def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[d
         parts = ds.read_mesh_parts(mesh, camera)
         for name in parts:
             if name not in found:
-                told = f"'{name}'" if name else "none"
-                raise ValueError(f"a face of {mesh} names the material {told}, which {material} lacks. Add it.")
+                if not name:
+                    raise ValueError(
+                        f"faces of {mesh} name no material, and {material} has {len(found)}. Name one for each face in "
+                        "the mesh, or give a file of one material."
+                    )
+                raise ValueError(f"a face of {mesh} names the material '{name}', which {material} lacks. Add it.")
         objects = [ds.Object(part, found[name]) for name, part in parts.items()]
     towards = np.asarray(camera.target) - np.asarray(camera.eye)
     lights = (ds.DirectionalLight((0.5, -1.0, -1.0)), ds.DirectionalLight(towards, FILL))

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.fields import in_short
+from ..io.gltf_files import material_names
 from ..io.parsing import short
 from ..model.lobes import Phong
 from ..model.materials import Material
@@ -120,9 +121,7 @@ def read_gltf(text: str, where: str) -> Reading:
     if not isinstance(rows, list) or not rows:
         raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
     reading = Reading(where)
-    for i, row in enumerate(rows):
-        name = as_table(row).get("name")
-        name = reading.unused(name if isinstance(name, str) and name else f"material_{i}")
+    for name, row in zip(material_names(rows), map(as_table, rows), strict=True):
         reading.add(name, lambda row=row, name=name: _read(row, name, reading))
     return reading
 

@@ -1,10 +1,10 @@
-"""Meshes: triangle meshes of any file that trimesh reads, as they are or as G-buffers."""
+"""Meshes: triangle meshes of files, as they are or as G-buffers."""
 
 from __future__ import annotations
 
-import io
+import logging
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 import jax
 import numpy as np
@@ -15,8 +15,11 @@ from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera, Camera
 from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
+from .mesh_reading import Surface, read_surface
 from .triangles import Triangles, first_hits
+from .vertex_normals import unit
 
+_LOGGER = logging.getLogger("diffshade")
 FROM = (0.5, 0.4, 1.0)  # the direction from which a mesh is seen that no camera was given for
 MARGIN = 1.02  # of the distance at which a mesh's sphere just fits
 
@@ -32,36 +35,45 @@ def read_mesh(path: str | Path, camera: None, *, smooth: bool = True) -> Mesh: .
 def read_mesh(path: str | Path, camera: AbstractCamera | None, *, smooth: bool = True) -> GBuffer | Mesh:
     """Return the triangle mesh in a file, or what a camera sees of it: the nearest points and their normals.
 
-    For a G-buffer, rays are cast by Embree in float32, so that positions are accurate to about 1e-6 of their size.
-    Needs trimesh and embreex (`pip install 'diffshade[mesh]'`).
+    Normals are the file's own. Where it has none they are means over the triangles around each point, weighted by their
+    angles there, of all that are of one smoothing group of an OBJ, across borders of materials and of textures. An STL,
+    and glTF without normals, is flat. Normals are on the viewer's side; of faces back to back, each side has its own.
+    Faces without area are left out, which the logger `diffshade` says.
+
+    For a G-buffer, rays are cast by Embree in float32 about the mesh's centre, so that positions are accurate to about
+    1e-6 of its size. Needs trimesh, embreex and mapbox-earcut (`pip install 'diffshade[mesh]'`).
 
     Args:
-        path: The mesh file (OBJ, PLY, STL, GLB, ...).
+        path: The mesh file: OBJ, PLY, STL, GLB or glTF, or another one that trimesh reads, without its normals.
         camera: Camera that sees the mesh. With None the mesh itself is returned: any ray can meet it, so it casts
             shadows and stands behind glass.
-        smooth: With True, the default, normals are interpolated between those of the vertices (Phong shading); with
-            False they are those of the triangles.
+        smooth: With True, the default, normals are interpolated over each triangle (Phong shading); with False they are
+            those of the triangles.
 
     Returns:
         The G-buffer, of the camera's shape; or the `Mesh`.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file, or the file has no triangles or has invalid corners.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: The file cannot be read or has no triangles, or a face names a corner or normal that is not there.
         TypeError: `camera` is not a camera.
     """
-    if camera is None:
-        mesh = _load(Path(path))
-        return Mesh(mesh.vertices, mesh.faces, normals=mesh.vertex_normals if smooth else None)
-    check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-    return _seen(_load(Path(path)), camera, smooth)
+    if camera is not None:
+        check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
+        return _seen(_surface(path), camera, smooth)
+    found = _surface(path)
+    corners = found.corner.reshape(-1, 3)
+    normals = found.normal.reshape(-1, 3) if smooth else None
+    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3), normals=normals)
 
 
 def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuffer]:
-    """Return what a camera sees of each material's part of a mesh, by the names that `usemtl` of an OBJ file gives.
+    """Return what a camera sees of each material's part of a mesh, by the names that its file gives.
 
-    A file of another format, and an OBJ file without `usemtl`, is one part named "".
+    In an OBJ these are the names of `usemtl`; in glTF, those of the materials of its primitives, as `read_materials`
+    has them. Faces that name no material are the part "", as are all of a file of another format. Normals are those of
+    the whole mesh.
 
     Args:
         path: The mesh file, as for `read_mesh`.
@@ -72,16 +84,18 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file, or a part has no triangles or has invalid corners.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: As `read_mesh` raises it.
         TypeError: `camera` is not a camera.
     """
     check_kind("camera", camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
-    path = Path(path)
-    parts = _obj_parts(path) if path.suffix.lower() == ".obj" and path.is_file() else {}
-    if not parts:
-        return {"": read_mesh(path, camera)}
-    return {name: _seen(_load(path, text), camera, True) for name, text in parts.items()}
+    found = _surface(path)
+    of_part = [found.part == i for i in range(len(found.names))]
+    return {
+        name: _seen(found._replace(corner=found.corner[of], normal=found.normal[of]), camera, True)
+        for name, of in zip(found.names, of_part, strict=True)
+        if of.any()
+    }
 
 
 def frame_mesh(path: str | Path, *, shape: tuple[int, int] = (512, 512), fov: float = 35.0) -> Camera:
@@ -97,76 +111,41 @@ def frame_mesh(path: str | Path, *, shape: tuple[int, int] = (512, 512), fov: fl
 
     Raises:
         FileNotFoundError: There is no such file.
-        ImportError: trimesh or embreex is not installed.
-        ValueError: trimesh cannot read the file.
+        ImportError: trimesh, embreex or mapbox-earcut is not installed.
+        ValueError: As `read_mesh` raises it.
     """
-    corners = np.asarray(_load(Path(path)).vertices)
-    center = (corners.min(0) + corners.max(0)) / 2
-    radius = max(float(np.linalg.norm(corners - center, axis=-1).max()), 1e-12)
+    found = read_surface(path)
+    center = found.centre
+    radius = float(np.linalg.norm(found.corner - center, axis=-1).max())
     narrow = np.tan(np.deg2rad(fov / 2)) * min(1.0, shape[1] / shape[0])  # of the half angles
     away = MARGIN * radius / np.sin(np.arctan(narrow))
     return Camera(center + away * np.array(FROM) / np.linalg.norm(FROM), target=center, fov=fov, shape=shape)
 
 
-def _obj_parts(path: Path) -> dict[str, bytes]:
-    """Return the OBJ text of each material's faces, with all vertices."""
-    shared: list[bytes] = []
-    faces: dict[str, list[bytes]] = {}
-    name = ""
-    for line in path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
-        key, _, rest = line.strip().partition(b" ")
-        if key in (b"v", b"vt", b"vn"):
-            shared.append(line)
-        elif key == b"f":
-            faces.setdefault(name, []).append(line)
-        elif key == b"usemtl":
-            name = rest.strip().decode("utf-8", "replace")
-    return {} if list(faces) == [""] else {of: b"\n".join([*shared, *own]) for of, own in faces.items()}
+def _surface(path: str | Path) -> Surface:
+    """Return the triangles of a mesh file, and say what of it is not as the file says."""
+    found = read_surface(path)
+    for note in found.notes:
+        _LOGGER.warning("%s: %s", path, note)
+    return found
 
 
-def _load(path: Path, text: bytes | None = None) -> Any:
-    """Return the triangles of a mesh file, or of an OBJ text from it."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
-    try:
-        import embreex  # noqa: F401
-        import trimesh
-    except ImportError as error:
-        raise ImportError(
-            f"reading a mesh needs trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
-        ) from None
-    try:
-        if text is None:
-            mesh: Any = trimesh.load_mesh(path, skip_materials=True)
-        else:
-            mesh = trimesh.load_mesh(io.BytesIO(text), file_type="obj", skip_materials=True)
-    except Exception as error:  # each of trimesh's readers raises its own kind
-        said = " ".join(f"{error}".split())
-        raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
-    if not len(getattr(mesh, "faces", ())):
-        raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
-    corners, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    if (
-        corners.shape[1:] != (3,)
-        or not 0 <= faces.min() <= faces.max() < len(corners)
-        or not np.isfinite(corners).all()
-    ):
-        raise ValueError(f"{path} has triangles with a corner that is no point of three numbers. Export it again.")
-    return mesh
-
-
-def _seen(mesh: Any, camera: AbstractCamera, smooth: bool) -> GBuffer:
-    """Return the nearest points of a mesh and their normals."""
+def _seen(surface: Surface, camera: AbstractCamera, smooth: bool) -> GBuffer:
+    """Return the nearest points of a mesh and their normals, on the viewer's side."""
     with in_float64(camera) as camera:
-        rays = [np.asarray(a) for a in _rays(camera)]
-    hits = first_hits(Triangles(np.asarray(mesh.vertices), np.asarray(mesh.faces)), rays[0], rays[1])
-    n = mesh.face_normals[hits.face]
+        start, toward = (np.asarray(a) for a in _rays(camera))
+    corner = surface.corner - surface.centre  # which Embree rounds to float32
+    whole = Triangles(corner.reshape(-1, 3), np.arange(3 * len(corner)).reshape(-1, 3))
+    hits = first_hits(whole, start - surface.centre, toward)
+    a, b, c = np.moveaxis(corner[hits.face], 1, 0)
+    flat = n = unit(np.cross(b - a, c - a))
     if smooth:
-        n = np.einsum("rc,rcx->rx", hits.weight, mesh.vertex_normals[mesh.faces[hits.face]])
-        n /= np.linalg.norm(n, axis=-1, keepdims=True)
-    normal, position = np.zeros((2, len(rays[0]), 3))
-    normal[hits.ray], position[hits.ray] = n, hits.point
-    mask = np.zeros(len(rays[0]), bool)
+        n = unit(np.einsum("rc,rcx->rx", hits.weight, surface.normal[hits.face]))
+        n = np.where((n != 0).any(-1, keepdims=True), n, flat)
+    away = (flat * toward[hits.ray]).sum(-1, keepdims=True) > 0
+    normal, position = np.zeros((2, len(start), 3))
+    normal[hits.ray], position[hits.ray] = np.where(away, -n, n), hits.point + surface.centre
+    mask = np.zeros(len(start), bool)
     mask[hits.ray] = True
     shape = camera.shape
     return GBuffer(normal.reshape(*shape, 3), position.reshape(*shape, 3), mask.reshape(shape))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array, Numbers
 from .cameras import Rays
@@ -65,6 +65,10 @@ class Mesh(AbstractSurface):
                 f"{at_vertices.shape}. Leave them out for flat triangles."
             )
         faces = faces[_along_a_curve(points[faces].mean(1))]
+        if at_vertices is not None:
+            at_vertices = at_vertices / np.linalg.norm(at_vertices, axis=-1, keepdims=True)
+            turned = wound_against(points[faces], at_vertices[faces])
+            faces = np.where(turned[:, None], faces[:, ::-1], faces)
         faces = np.pad(faces, ((0, -len(faces) % CLUSTER), (0, 0)), mode="edge").reshape(-1, CLUSTER, 3)
         self.corners = points[faces]
         self.normals = None if at_vertices is None else at_vertices[faces]
@@ -84,9 +88,14 @@ class Mesh(AbstractSurface):
         if self.normals is not None:
             n_a, n_b, n_c = (normalize(n) for n in _corners_of(self.normals, jnp.where(met, index, 0)))
             n = normalize(n_a + (n_b - n_a) * u + (n_c - n_a) * v)
-            n = where(dot(n, flat) < 0, -n, n)  # faces may be wound either way
         t = jnp.where(met, t, 0.0)
         return Hit(t, rays.origin + rays.direction * t, where(facing > 0, -n, n), met)
+
+
+def wound_against(corners: Float[np.ndarray, "t 3 3"], normals: Float[np.ndarray, "t 3 3"]) -> Bool[np.ndarray, " t"]:
+    """Return which triangles are clockwise, seen from the side of the normals at their corners: files have both."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return (across * normals.sum(1)).sum(-1) < 0
 
 
 def _along_a_curve(centres: Float[np.ndarray, "t 3"]) -> Int[np.ndarray, " t"]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.backend import SOONER, UNFUSED, check_backend, jit_quickly, with_new_arrays
+from ..core.backend import SOONER, UNFUSED, check_backend, in_float64, jit_quickly, with_new_arrays
 from ..core.fields import Array, check, is_concrete
 from .bands import in_bands
 from .cameras import AbstractCamera, Projection, Rays
@@ -34,6 +34,7 @@ MANY = 6  # transparent objects; from this number on, compiling with fusion take
 BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies between them and the image in its cache
 FEW = 2 * BLOCK  # up to so many, all are rendered at once
 GIVEN = 16 * BLOCK  # the same where little lies between the pixels and the image: a G-buffer under one light, outlines
+FAR = 100.0  # times as far from the origin as from the eye: float32 then keeps fewer than five digits of what is seen
 MOST_PIXELS = 2**31  # with this many XLA ends the process
 
 
@@ -58,7 +59,9 @@ def render(
         lit: Indices of the lights that are on, from 0; all of them by default. Ambient light is always on.
 
     Returns:
-        The image, in float32, or float64 if `jax_enable_x64` is on; of a scene of `bands`, a channel for each.
+        The image, in float32, or float64 if `jax_enable_x64` is on; of a scene of `bands`, a channel for each. What is
+        100 times as far from the origin as from the eye, as coordinates of a map are, is computed in float64 and
+        returned in float32; within a `jit` or `grad` of your own it is not.
 
     Raises:
         ValueError: The scene, camera or GBuffer do not fit together, `lit` is not an index of a light, or the image has
@@ -76,6 +79,10 @@ def render(
             "Render parts of it."
         )
     check_backend()
+    if _is_far_off(scene, camera):
+        with in_float64((scene, camera)) as (scene, camera):
+            image = np.asarray(render(scene, camera), np.float32)
+        return jnp.asarray(image)
     stacked = stack_scene(scene)
     alone = jax.default_backend() == "cpu" and is_concrete(jnp.zeros(()), *jax.tree.leaves((stacked, camera)))
     program = _render_unfused if alone and _takes_long(stacked) else _render
@@ -126,6 +133,10 @@ def intersect(scene: Scene, camera: AbstractCamera) -> GBuffer:
     check((scene, camera))
     check_shapes(scene, camera)
     check_backend()
+    if _is_far_off(scene, camera):
+        with in_float64((scene, camera)) as (scene, camera):
+            points = jax.tree.map(np.asarray, visible_points(scene.objects, camera))
+        return GBuffer(*points)
     return GBuffer(*visible_points(*with_new_arrays((scene.objects, camera))))
 
 
@@ -193,6 +204,14 @@ def _part(scene: StackedScene, projection: Projection, rays: Rays) -> Float[Arra
 
 _render = jax.jit(_image, static_argnames="by_rows")
 _render_unfused = jax.jit(_image, static_argnames="by_rows", compiler_options=UNFUSED)
+
+
+def _is_far_off(scene: Scene, camera: AbstractCamera) -> bool:
+    """Whether float32 would round away what the camera sees, as of coordinates of a map: float64 has to be used."""
+    if jnp.zeros(()).dtype == np.float64 or not is_concrete(*jax.tree.leaves((scene, camera))):
+        return False
+    eye, target = np.asarray(camera.eye, np.float64), np.asarray(camera.target, np.float64)
+    return bool(np.linalg.norm(target) > FAR * np.linalg.norm(target - eye))
 
 
 def _takes_long(scene: StackedScene) -> bool:

@@ -242,7 +242,7 @@ def test_a_mesh_opens_no_file_but_buffers_beside_it(good, tmp_path, monkeypatch)
     assert found == {f"{folder / name}" for name in files} | buffers
     (folder / "gltf_buffer_0.bin").unlink()  # by its name alone it would be found here
     (folder / "b.gltf").write_text(gltf.replace("gltf_buffer_0", "../gltf_buffer_0"))
-    with pytest.raises(ValueError, match=r"b\.gltf is no mesh that trimesh can read: .*gltf_buffer_0"):
+    with pytest.raises(ValueError, match=r"b\.gltf cannot be read as glTF 2\.0: there is no buffer .*gltf_buffer_0"):
         ds.read_mesh(folder / "b.gltf", CAMERA)
 
 

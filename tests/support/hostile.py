@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import colour_profiles
+import mesh_files
 import numpy as np
 import pytest
 import scipy.io
@@ -71,9 +72,14 @@ def _unshaped(path: Path) -> None:
 
 
 def _mesh(path: Path) -> None:
-    ds.read_mesh(path, CAMERA)
+    """Read a mesh in parts: where there is one, its numbers are sound."""
+    for part in ds.read_mesh_parts(path, CAMERA).values():
+        assert np.isfinite(np.asarray(part.normal)).all()
+        assert np.isfinite(np.asarray(part.position)).all()
+    ds.read_mesh(path, None)
 
 
+MESHES = ("a.obj", "b.obj", "a.ply", "b.ply", "c.ply", "a.stl", "b.stl", "a.glb", "b.glb", "a.gltf", "a.off")
 TEXTS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     **dict.fromkeys((".mtl", ".py", ".inc", ".json", ".js", ".gltf", ".glb"), (ds.read_materials,)),
     ".c": (ds.read_material, ds.read_lights),
@@ -96,7 +102,7 @@ OTHERS: dict[str, tuple[Callable[[Path], Any], ...]] = {
     "maps/maps.toml": (lambda path: ds.read_maps(path.parent),),
     "maps/k_d.npy": (lambda path: ds.read_maps(path.parent),),
     "maps/scene.toml": (lambda path: ds.read_maps(path.parent),),
-    **dict.fromkeys(("a.obj", "a.ply", "b.ply", "a.stl", "a.glb", "a.gltf", "a.off"), (_mesh,)),
+    **dict.fromkeys(MESHES, (_mesh,)),
 }
 
 
@@ -181,6 +187,14 @@ def write_good(folder: Path) -> None:
     for kind in ("obj", "ply", "stl", "glb", "off"):
         box.export(folder / f"a.{kind}")
     box.export(folder / "b.ply", encoding="ascii")
+    (folder / "c.ply").write_bytes(mesh_files.ply("binary_big_endian", [(0, 1, 2, 3), (0, 1, 2)]))
+    box.export(folder / "b.stl", file_type="stl_ascii")
+    normals = "f 1//1 2//2 3//3 4//4\ns 1\nf 1 2 3\n"
+    (folder / "b.obj").write_text(mesh_files.QUAD + mesh_files.TILTED + normals + mesh_files.CARD + mesh_files.WALL)
+    strip = [(mesh_files.POINTS.astype("<f4"), "VEC3"), (np.array([0, 1, 3, 2], "<u1"), "SCALAR")]
+    primitive = {"attributes": {"POSITION": 0, "NORMAL": 0}, "indices": 1, "mode": 5, "material": 0}
+    node = {"scale": [1, -1, 1], "translation": [0, 0, 0.5]}
+    (folder / "b.glb").write_bytes(mesh_files.gltf([primitive], strip, node, materials=[{"name": "red"}]))
     gltf: Any = box.scene().export(file_type="gltf")
     for name, data in gltf.items():
         (folder / name.replace("model", "a")).write_bytes(data)

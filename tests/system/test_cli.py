@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import mesh_files
 import numpy as np
 import pytest
 import synthetic
@@ -201,6 +202,42 @@ def test_a_mesh_is_rendered_in_its_materials(typed):
         in typed("render", "two.obj", "--material", "less.mtl", "-o", "no.exr").refusal
     )
     assert "--material is for a mesh" in typed("render", "ball.toml", "--material", "gold").refusal
+
+
+def test_meshes_are_drawn_as_their_formats_define_them(typed):
+    """Pixels of each in one size, so that they are one compiled program."""
+    pytest.importorskip("embreex")
+    Path("two.mtl").write_text(mesh_files.TWO_MTL)
+    files = {
+        "absolute": (mesh_files.ABSOLUTE, "two.mtl"),
+        "relative": (mesh_files.RELATIVE, "two.mtl"),
+        "tabs": ("\ufeff" + mesh_files.RELATIVE.replace(" ", "\t"), "two.mtl"),
+        "one": (mesh_files.RELATIVE.replace("usemtl", "#"), "emerald"),
+        "notch": (mesh_files.NOTCH, "emerald"),
+        "wall": (mesh_files.WALL, "emerald"),
+        "card": (mesh_files.CARD, "emerald"),
+    }
+    lit = {}
+    for name, (text, material) in files.items():
+        Path(f"{name}.obj").write_text(text, encoding="utf-8")
+        words = ("render", f"{name}.obj", "--material", material, "--size", "32x32", "-o", f"{name}.exr")
+        assert typed(*words).status == 0
+        lit[name] = int((ds.read_image(f"{name}.exr").max(-1) > 0).sum())
+    assert lit["absolute"] == lit["relative"] == lit["tabs"] == lit["one"] > 150
+    Path("plain.obj").write_text(mesh_files.NOTCH.replace("f 1 2 3 4 5", "f 1 2 4\nf 2 3 4\nf 1 4 5"))
+    typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "-o", "plain.exr")
+    np.testing.assert_allclose(ds.read_image("plain.exr"), ds.read_image("notch.exr"), atol=1e-6)
+    points = [(mesh_files.POINTS.astype("<f4"), "VEC3"), (np.array([0, 1, 2, 3], "<u1"), "SCALAR")]
+    row = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 6}
+    materials = [{"name": "red", "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}, {"name": "blue"}]
+    Path("x.glb").write_bytes(mesh_files.gltf([row | {"material": 0}], points, materials=materials))
+    assert typed("render", "x.glb", "--material", "x.glb", "--size", "32x32", "-o", "x.exr").status == 0
+    red = ds.read_image("x.exr")[16, 16]
+    assert red[0] > 5 * red[2] > 0
+    Path("bare.glb").write_bytes(mesh_files.gltf([row], points, materials=materials))
+    refusal = typed("render", "bare.glb", "--material", "x.glb", "--size", "32x32", "-o", "bare.exr").refusal
+    assert "faces of bare.glb name no material, and x.glb has 2" in refusal
+    assert not Path("bare.exr").exists()
 
 
 def test_a_render_is_the_librarys(typed):

@@ -246,6 +246,19 @@ def test_trimesh_reads_ply(given, tmp_path):
     np.testing.assert_allclose(errors.ravel(), mesh.errors, rtol=1e-6, atol=1e-30)
 
 
+@pytest.mark.parametrize(("suffix", "digits"), [("obj", 1e-6), ("ply", 1e-7), ("glb", 1e-7)])
+def test_what_is_written_is_read_with_its_corners_and_normals(suffix, digits, given, tmp_path):
+    mesh = given[2]
+    ds.write_mesh(tmp_path / f"a.{suffix}", mesh)
+    read = ds.read_mesh(tmp_path / f"a.{suffix}", None)
+    corners, normals = (np.asarray(of).reshape(-1, 3) for of in (read.corners, read.normals))
+    some = slice(None, None, max(len(corners) // 500, 1))
+    nearest = [np.abs(mesh.corner - corner).sum(1).argmin() for corner in corners[some]]
+    np.testing.assert_allclose(corners[some], mesh.corner[nearest], atol=digits)
+    np.testing.assert_allclose(normals[some], mesh.normal[nearest], atol=2 * digits)
+    assert len(corners) >= 3 * len(mesh.face)
+
+
 def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
     maps, _, mesh = given
     with pytest.raises(ValueError, match=r"'\.stl' is not the suffix of a mesh\. Use one of \.glb"):

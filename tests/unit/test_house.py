@@ -68,6 +68,7 @@ ONLY_IN = {
     "jinja2": "report",
     "matplotlib": "report",
     "pyamg": "texels.heights",
+    "mapbox_earcut": "io",
     "trimesh": "io",
     "fast_simplification": "io",
     "pillow_heif": "io",

@@ -1,0 +1,211 @@
+"""glTF 2.0: the triangles of a scene, with their normals and the names of their materials."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .polygons import NONE, Polygons, joined
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+TRIANGLES, STRIP, FAN = 4, 5, 6
+HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_mesh_quantization", "KHR_xmp", "EXT_texture_")
+
+
+class Document(NamedTuple):
+    """The JSON of a file, and the bytes of its buffers."""
+
+    json: dict[str, Any]
+    buffers: list[bytes]
+
+
+def read_gltf(path: Path) -> Polygons:
+    """Read the triangles of a glTF file's scene; of other files only buffers in its own folder.
+
+    Where a primitive has no normals its triangles are flat, as the format has it. Skins and morph targets are not read:
+    a mesh is as it stands in the file.
+
+    Raises:
+        ValueError: The file is not glTF 2.0, or needs an extension that is not read.
+    """
+    try:
+        document = _document(path)
+        names = material_names(document.json.get("materials", []))
+        scene = _placed(document.json)
+        return joined([_primitive(document, of, matrix, names) for matrix, of in scene])
+    except (AttributeError, IndexError, KeyError, TypeError, struct.error, RecursionError, OverflowError) as error:
+        said = f"{type(error).__name__} {error}"[:200]
+        raise ValueError(f"{path} is not glTF 2.0: what it refers to is missing ({said}). Export it again.") from None
+    except ValueError as error:
+        raise ValueError(f"{path} cannot be read as glTF 2.0: {error}"[:2000].replace("\n", " ")) from None
+
+
+def material_names(materials: Sequence[Any]) -> list[str]:
+    """Return a name for each material: its own, with a number after it where another one has it already."""
+    found = dict[str, None]()
+    for i, row in enumerate(materials):
+        given = row.get("name") if isinstance(row, dict) else None
+        base = name = given if isinstance(given, str) and given else f"material_{i}"
+        number = 2
+        while name in found:
+            name, number = f"{base}_{number}", number + 1
+        found[name] = None
+    return list(found)
+
+
+def _document(path: Path) -> Document:
+    """Return what a .gltf or .glb file holds, and its buffers."""
+    data, binary = path.read_bytes(), b""
+    if data[:4] == b"glTF":
+        version, _, size = struct.unpack_from("<III", data, 4)
+        if version != 2 or data[16:20] != b"JSON":
+            raise ValueError(f"it is of version {version}, or has no JSON. Convert it to glTF 2.0.")
+        data, rest = data[20 : 20 + size], data[20 + size :]
+        if rest[4:8] == b"BIN\0":
+            binary = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
+    found = json.loads(data)
+    if not str(found["asset"]["version"]).startswith("2."):
+        raise ValueError(f"it is of version {found['asset']['version']}. Convert it to glTF 2.0.")
+    for name in found.get("extensionsRequired", []):
+        if not str(name).startswith(HARMLESS):
+            raise ValueError(f"it needs the extension {str(name)[:60]}, which is not read. Export it without.")
+    buffers = []
+    for row in found.get("buffers", []):
+        of = binary if "uri" not in row else _at(row["uri"], path.parent)
+        if len(of) < row["byteLength"]:
+            raise ValueError(f"a buffer has {len(of)} of its {row['byteLength']} bytes. Export it again.")
+        buffers.append(of)
+    return Document(found, buffers)
+
+
+def _at(uri: str, folder: Path) -> bytes:
+    """Return the bytes of a buffer: those in its name, or of a file in the folder."""
+    if uri.startswith("data:"):
+        kind, _, text = uri.partition(",")
+        return base64.b64decode(text, validate=True) if kind.endswith(";base64") else unquote_to_bytes(text)
+    name = unquote_to_bytes(uri).decode()
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()) or not path.is_file():
+        raise ValueError(f"there is no buffer {name[:80]!r} in its folder. Put it beside the file.")
+    return path.read_bytes()
+
+
+def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], dict[str, Any]]]:
+    """Yield the primitives of the scene, each with the matrix from its mesh to the scene."""
+    nodes = found.get("nodes", [])
+    if found.get("scenes"):
+        roots = found["scenes"][found.get("scene", 0)].get("nodes", [])
+    else:
+        roots = set(range(len(nodes))) - {child for node in nodes for child in node.get("children", [])}
+    waiting, met = [(root, np.eye(4)) for root in roots], set[int]()
+    while waiting:
+        index, parent = waiting.pop(0)
+        if index in met or index < 0:
+            raise ValueError(f"node {index} has two parents. Export it again.")
+        met.add(index)
+        node = nodes[index]
+        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
+            raise ValueError(f"node {index} needs EXT_mesh_gpu_instancing, which is not read. Export it without.")
+        matrix = parent @ _matrix(node)
+        waiting += [(child, matrix) for child in node.get("children", [])]
+        if "mesh" in node:
+            yield from ((matrix, primitive) for primitive in found["meshes"][node["mesh"]]["primitives"])
+
+
+def _matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
+    """Return the matrix from a node to its parent (glTF 2.0, 3.5.3)."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), float)
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), float)
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def _primitive(document: Document, of: dict[str, Any], matrix: Float[np.ndarray, "4 4"], names: list[str]) -> Polygons:
+    """Return the triangles of a primitive in the scene; none of points and lines."""
+    point = _accessor(document, of["attributes"]["POSITION"])
+    given = of["attributes"].get("NORMAL")
+    normal = np.full(point.shape, np.nan) if given is None else _accessor(document, given)
+    every = np.arange(len(point))
+    index = _accessor(document, of["indices"])[:, 0].astype(int) if "indices" in of else every
+    if point.shape[1] != 3 or normal.shape != point.shape or (index >= len(point)).any():
+        raise ValueError(f"a primitive names other than its {len(point)} vertices. Export it again.")
+    face = _triangles(index, of.get("mode", TRIANGLES))
+    linear = matrix[:3, :3]
+    mirrored = np.linalg.det(linear) < 0
+    cofactors = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]) * (-1.0 if mirrored else 1.0)
+    at = (face[:, ::-1] if mirrored else face).ravel()
+    return Polygons(
+        point @ linear.T + matrix[:3, 3],
+        np.full(len(face), 3),
+        at,
+        (normal @ cofactors.T)[at],
+        np.full(len(face), NONE if given is None else 0),
+        np.zeros(len(face), int),
+        (names[of["material"]] if "material" in of else "",),
+    )
+
+
+def _triangles(index: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "t 3"]:
+    """Return the corners of triangles, of strips and fans too, all wound alike (glTF 2.0, 3.7.2.1)."""
+    if mode == TRIANGLES:
+        return index[: len(index) // 3 * 3].reshape(-1, 3)
+    k = np.arange(max(len(index) - 2, 0))
+    if mode == STRIP:
+        return index[np.stack([k, k + 1 + k % 2, k + 2 - k % 2], -1)]
+    return index[np.stack([k + 1, k + 2, 0 * k], -1)] if mode == FAN else np.zeros((0, 3), int)
+
+
+def _accessor(document: Document, index: int) -> Float[np.ndarray, "n width"]:
+    """Return the numbers of an accessor."""
+    of = document.json["accessors"][index]
+    kind, width, count = COMPONENTS[of["componentType"]], WIDTHS[of["type"]], of["count"]
+    if "bufferView" in of:
+        values = _view(document, of, kind, width, count).astype(float)
+    elif count * width <= sum(map(len, document.buffers)):
+        values = np.zeros((count, width))
+    else:
+        raise ValueError(f"an accessor has {count} rows and no numbers. Export it again.")
+    if "sparse" in of:
+        sparse = of["sparse"]
+        rows = _view(document, sparse["indices"], COMPONENTS[sparse["indices"]["componentType"]], 1, sparse["count"])
+        values[rows[:, 0]] = _view(document, sparse["values"], kind, width, sparse["count"])
+    if of.get("normalized") and kind[1] != "f":
+        values = np.maximum(values / np.iinfo(kind).max, -1.0)
+    return values
+
+
+def _view(document: Document, of: dict[str, Any], kind: str, width: int, count: int) -> np.ndarray:
+    """Return rows of numbers in a buffer, which others may lie between."""
+    view = document.json["bufferViews"][of["bufferView"]]
+    if any("meshopt" in name for name in view.get("extensions", {})):
+        raise ValueError("its numbers are compressed by meshopt, which is not read. Export it without.")
+    row = np.dtype(kind).itemsize * width
+    step, start = view.get("byteStride", row), of.get("byteOffset", 0)
+    first, size, data = view.get("byteOffset", 0), view["byteLength"], document.buffers[view["buffer"]]
+    if (
+        min(first, start) < 0
+        or count < 1
+        or step < row
+        or start + (count - 1) * step + row > min(size, len(data) - first)
+    ):
+        raise ValueError(f"an accessor of {count} rows does not fit its {size} bytes. Export it again.")
+    return np.ndarray((count, width), kind, data, first + start, (step, np.dtype(kind).itemsize))

@@ -1,0 +1,119 @@
+"""Mesh files: the triangles of any file, with a normal at each corner and the name of each one's material."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..core.words import count, listing
+from ..model.meshes import wound_against
+from .gltf_files import read_gltf
+from .obj_files import read_obj
+from .ply_files import read_ply
+from .polygons import Polygons, triangulated
+from .stl_files import read_stl
+from .vertex_normals import corner_normals
+
+READERS = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".gltf": read_gltf, ".glb": read_gltf}
+MOST_NAMED = 3  # faces that a note names; of more it gives the number
+
+
+class Surface(NamedTuple):
+    """Triangles, counter-clockwise seen from the side of their normals."""
+
+    corner: Float[np.ndarray, "t 3 3"]
+    normal: Float[np.ndarray, "t 3 3"]
+    """Unit normals at the corners."""
+    part: Int[np.ndarray, " t"]
+    names: tuple[str, ...]
+    """Of the materials that parts name."""
+    notes: tuple[str, ...]
+    """What is not as the file says, in a sentence each."""
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """The middle of the box around the triangles."""
+        return (self.corner.min((0, 1)) + self.corner.max((0, 1))) / 2
+
+
+def read_surface(path: str | Path) -> Surface:
+    """Read the triangles of a mesh file.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ImportError: trimesh, embreex or mapbox_earcut is not installed.
+        ValueError: The file cannot be read, or has no triangles, or a corner of one is not finite.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
+    try:
+        import embreex  # noqa: F401
+        import mapbox_earcut  # noqa: F401
+        import trimesh  # noqa: F401
+    except ImportError as error:
+        raise ImportError(
+            f"reading a mesh needs trimesh, embreex and mapbox_earcut ({error}). pip install 'diffshade[mesh]'."
+        ) from None
+    found = READERS.get(path.suffix.lower(), _of_trimesh)(path)
+    if not len(found.size):
+        raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
+    if not np.isfinite(found.point[found.at]).all():
+        raise ValueError(f"{path} has a face with a corner that is not finite. Export it again.")
+    faces, number = found.of_three(), np.flatnonzero(found.size >= 3)
+    corner, face = triangulated(faces)
+    kept = _with_area(faces.point[faces.at[corner]])
+    corner, face = corner[kept], face[kept]
+    if not len(corner):
+        raise ValueError(f"{path} has no triangle with an area. Export the surface as triangles.")
+    normal = corner_normals(faces, corner, face)
+    notes = (*_without_area(len(found.size), number[face]), *_without_direction(faces, corner))
+    point = faces.point[faces.at[corner]]
+    turned = wound_against(point, normal)[:, None, None]
+    point, normal = (np.where(turned, of[:, ::-1], of) for of in (point, normal))
+    return Surface(point, normal, faces.part[face], faces.names, notes)
+
+
+def _of_trimesh(path: Path) -> Polygons:
+    """Return the triangles of a file of another format, without normals and names of materials."""
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True)
+        point, face = np.asarray(mesh.vertices, float).reshape(-1, 3), np.asarray(mesh.faces, int).reshape(-1, 3)
+    except Exception as error:  # each of trimesh's readers raises its own kind
+        said = " ".join(f"{error}".split())
+        raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
+    if face.size and not 0 <= face.min() <= face.max() < len(point):
+        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export it again.")
+    missing, none = np.full((face.size, 3), np.nan), np.zeros(len(face), int)
+    return Polygons(point, np.full(len(face), 3), face.ravel(), missing, none, none)
+
+
+def _with_area(corner: Float[np.ndarray, "t 3 3"]) -> Any:
+    """Return which triangles have an area: more than the rounding of their corners would give them."""
+    ab, ac = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    longest = np.maximum(np.abs(ab).max(-1), np.abs(ac).max(-1))
+    rounding = 4 * np.finfo(float).eps * np.abs(corner).max((1, 2)) * longest
+    return np.linalg.norm(np.cross(ab, ac), axis=-1) > rounding
+
+
+def _without_area(faces: int, kept: Int[np.ndarray, " t"]) -> list[str]:
+    lost = np.setdiff1d(np.arange(faces), kept) + 1
+    if not len(lost):
+        return []
+    which = f"face {lost[0]}" if len(lost) == 1 else f"{len(lost):,} faces"
+    if 1 < len(lost) <= MOST_NAMED:
+        which = f"faces {listing([f'{number}' for number in lost])}"
+    return [f"{which} of {faces:,} {'has' if len(lost) == 1 else 'have'} no area, and nothing of it is seen."]
+
+
+def _without_direction(of: Polygons, corner: Int[np.ndarray, "t 3"]) -> list[str]:
+    given = of.normal[corner]
+    wrong = ~np.isnan(given).all(-1) & ~(np.isfinite(given).all(-1) & (given != 0).any(-1))
+    if not wrong.any():
+        return []
+    return [f"the normals at {count(int(wrong.sum()), 'corner')} of triangles have no direction; they are computed."]

@@ -1,0 +1,91 @@
+"""OBJ: polygons of a Wavefront file, with normals, smoothing groups and the names of materials."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from .parsing import number, short
+from .polygons import NONE, Polygons
+
+COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
+CONTINUED = re.compile(r"\\[ \t]*(?:\r\n|\r|\n)")
+
+
+def read_obj(path: Path) -> Polygons:
+    """Read the faces of an OBJ file. Texture coordinates, curves, lines and points are not read, nor any other file.
+
+    Raises:
+        ValueError: The file is no text, or a line that says where a face is cannot be read.
+    """
+    points: list[list[float]] = []
+    normals: list[list[float]] = []
+    size: list[int] = []
+    at: list[int] = []
+    of_normal: list[int] = []
+    groups: list[int] = []
+    parts: list[int] = []
+    names: dict[str, int] = {}
+    name, group = "", 0
+    for line in re.split("\r\n|\r|\n", CONTINUED.sub(" ", _text(path))):
+        key, *words = line.partition("#")[0].split() or [""]
+        if key in ("v", "vn"):
+            if len(words) < 3:
+                raise ValueError(f"{path}: {short(line)} must have three numbers. Export the file again.")
+            (points if key == "v" else normals).append([number(word, f"{path}: {key}") for word in words[:3]])
+        elif key == "f":
+            for word in words:
+                index = word.split("/")
+                at.append(_index(index[0], len(points), line, path))
+                given = len(index) > 2 and index[2]
+                of_normal.append(_index(index[2], len(normals), line, path) if given else NONE)
+            size.append(len(words))
+            groups.append(group)
+            parts.append(names.setdefault(name, len(names)))
+        elif key == "usemtl":
+            name = COMMENT.split(line, maxsplit=1)[0].strip()[len(key) :].strip()
+        elif key == "s":
+            group = NONE if words in ([], ["off"], ["0"]) else int(number(words[0], f"{path}: s"))
+    _check(at, len(points), "vertices", path)
+    _check(of_normal, len(normals), "normals", path)
+    known = np.array([*normals, [np.nan] * 3])
+    return Polygons(
+        np.array(points).reshape(-1, 3),
+        np.array(size, int),
+        np.array(at, int),
+        known[np.array(of_normal, int)],
+        np.array(groups, int),
+        np.array(parts, int),
+        tuple(names) or ("",),
+    )
+
+
+def _text(path: Path) -> str:
+    """Return the text of a file, which may have any size."""
+    data = path.read_bytes()
+    if b"\0" in data:
+        raise ValueError(f"{path} is no OBJ file: it holds zero bytes, which a text does not. Export it again.")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _index(word: str, count: int, line: str, path: Path) -> int:
+    """Return an index from 0: those of the file count from 1, or backward from the last one before the line."""
+    try:
+        found = int(word)
+    except ValueError:
+        found = 0
+    if found == 0 or found < -count:
+        raise ValueError(
+            f"{path}: {short(line)} has the index {short(word)}; {count} are defined before it. Export the file again."
+        )
+    return found - 1 if found > 0 else count + found
+
+
+def _check(indices: list[int], count: int, noun: str, path: Path) -> None:
+    if (most := max(indices, default=NONE)) >= count:
+        raise ValueError(f"{path} has {count} {noun}, and a face names number {most + 1}. Export the file again.")

@@ -1,0 +1,170 @@
+"""PLY: polygons of a Stanford file, ASCII or binary, with the normals of its vertices."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .parsing import short
+from .polygons import Polygons
+
+KINDS = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    **{f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)},
+    "float32": "f4",
+    "float64": "f8",
+}
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r).*?(?:\r\n|\n|\r)end_header[ \t]*", re.DOTALL)
+INDICES = ("vertex_indices", "vertex_index")
+
+
+class Element(NamedTuple):
+    """An element of the header: how many rows it has, and what stands in each."""
+
+    name: str
+    rows: int
+    properties: dict[str, tuple[str, str]]
+    """The types of the length, "" where the property is no list, and of the items."""
+
+
+class Columns(NamedTuple):
+    """The rows of an element, by property."""
+
+    items: dict[str, np.ndarray]
+    """Of a list those of all rows, one after another."""
+    lengths: dict[str, np.ndarray]
+    end: int
+    """Where the rows end."""
+
+
+def read_ply(path: Path) -> Polygons:
+    """Read the faces of a PLY file.
+
+    Raises:
+        ValueError: The header or the rows are not those of PLY 1.0.
+    """
+    data = path.read_bytes()
+    header = HEADER.match(data)
+    if header is None:
+        raise ValueError(f"{path} is no PLY file: it lacks the lines from ply to end_header. Export it again.")
+    order, elements = _header(header.group().decode("latin-1"), path)
+    body, place = data[header.end() :].removeprefix(header.group(1)), 0
+    if not order:  # the same rows in float64
+        body, order = _numbers(body, path).tobytes(), "="
+        for element in elements:
+            element.properties.update({name: ("f8" * bool(n), "f8") for name, (n, _) in element.properties.items()})
+    found = dict[str, Columns]()
+    for element in elements:
+        try:
+            columns = _equal_rows(element, body, place, order) or _rows(element, body, place, order)
+        except (ValueError, OverflowError):
+            raise ValueError(
+                f"{path} does not hold the {element.rows} rows of its element {element.name}. Export it again."
+            ) from None
+        found[element.name], place = columns, columns.end
+    return _polygons(found, path)
+
+
+def _polygons(found: dict[str, Columns], path: Path) -> Polygons:
+    """Return the faces of elements named vertex and face."""
+    nothing = Columns({}, {}, 0)
+    vertex, face = (found.get(name, nothing) for name in ("vertex", "face"))
+    point, normal = np.zeros((0, 3)), np.full((1, 3), np.nan)
+    if {"x", "y", "z"} <= vertex.items.keys():
+        point = np.stack([vertex.items[name].astype(float) for name in ("x", "y", "z")], -1)
+        normal = np.full((len(point), 3), np.nan)
+    if {"nx", "ny", "nz"} <= vertex.items.keys():
+        normal = np.stack([vertex.items[name].astype(float) for name in ("nx", "ny", "nz")], -1)
+    lists = [name for name in (*INDICES, *face.lengths) if name in face.lengths]
+    at, size = (face.items[lists[0]], face.lengths[lists[0]]) if lists else (np.zeros(0), np.zeros(0))
+    if len(at) and not (0 <= at.min() <= at.max() < len(point) and (at == np.floor(at)).all()):
+        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export the file again.")
+    at, none = at.astype(int), np.zeros(len(size), int)
+    return Polygons(point, size.astype(int), at, normal[at], none, none)
+
+
+def _header(text: str, path: Path) -> tuple[str, list[Element]]:
+    """Return the order of bytes, "" for ASCII, and the elements."""
+    order, elements = None, list[Element]()
+    for line in text.splitlines():
+        match line.split():
+            case ["format", name, "1.0"] if name in FORMATS:
+                order = FORMATS[name]
+            case ["element", name, count] if count.isdecimal():
+                elements.append(Element(name, int(count), {}))
+            case ["property", "list", length, item, name] if elements and {length, item} <= KINDS.keys():
+                elements[-1].properties[name] = KINDS[length], KINDS[item]
+            case ["property", kind, name] if elements and kind in KINDS:
+                elements[-1].properties[name] = "", KINDS[kind]
+            case [] | ["ply" | "comment" | "obj_info" | "end_header", *_]:
+                pass
+            case _:
+                raise ValueError(f"{path} has {short(line)} in its header, which PLY 1.0 does not know. Correct it.")
+    if order is None:
+        raise ValueError(f"{path} does not state its format: ascii or binary, 1.0. Export it again.")
+    return order, elements
+
+
+def _numbers(body: bytes, path: Path) -> Float[np.ndarray, " n"]:
+    try:
+        return np.array(body.split(), np.float64)
+    except ValueError as error:
+        raise ValueError(f"{path} has a word where a number must be: {error}. Export it again.") from None
+
+
+def _equal_rows(element: Element, data: bytes, place: int, order: str) -> Columns | None:
+    """Return the rows of an element as one table; None where the lists of one row are longer than those of another."""
+    fields, lengths = list[tuple[Any, ...]](), dict[str, int]()
+    for name, (length, item) in element.properties.items():
+        if length and element.rows:
+            at = place + np.dtype(fields).itemsize
+            lengths[name] = int(np.frombuffer(data, order + length, 1, at)[0])
+            fields.append((f"length of {name}", order + length))
+        fields.append((name, order + item, (lengths.get(name, 1),)))
+    kind = np.dtype(fields)
+    if not kind.itemsize or place + element.rows * kind.itemsize > len(data):
+        return None
+    table = np.frombuffer(data, kind, element.rows, place)
+    lists = {name: table[f"length of {name}"] for name in lengths}
+    if any((lists[name] != length).any() for name, length in lengths.items()):
+        return None
+    items = {name: table[name].ravel() for name in element.properties}
+    return Columns(items, lists, place + element.rows * kind.itemsize)
+
+
+def _rows(element: Element, data: bytes, place: int, order: str) -> Columns:
+    """Return the rows of an element, one after another."""
+    kinds = {
+        name: (np.dtype(order + length) if length else None, np.dtype(order + item))
+        for name, (length, item) in element.properties.items()
+    }
+    items: dict[str, list[np.ndarray]] = {name: [np.zeros(0, item)] for name, (_, item) in kinds.items()}
+    lengths: dict[str, list[int]] = {name: [] for name, (length, _) in kinds.items() if length}
+    for _ in range(element.rows if kinds else 0):
+        for name, (length, item) in kinds.items():
+            many = 1
+            if length is not None:
+                many = int(np.frombuffer(data, length, 1, place)[0])
+                place += length.itemsize
+                lengths[name].append(many)
+            if many < 0:
+                raise ValueError("a list has no negative length")
+            items[name].append(np.frombuffer(data, item, many, place))
+            place += many * item.itemsize
+    return Columns(
+        {name: np.concatenate(of) for name, of in items.items()},
+        {name: np.array(of, int) for name, of in lengths.items()},
+        place,
+    )
