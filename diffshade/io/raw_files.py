@@ -12,7 +12,7 @@ import numpy as np
 from .image_headers import check_holds
 
 SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".pef", ".raf", ".rw2", ".srw")
-FLIPS = {0: 1, 3: 3, 5: 8, 6: 6}  # LibRaw's numbers for a turn, and EXIF's
+FLIPS = (1, 2, 4, 3, 5, 8, 6, 7)  # EXIF orientations of the turns that LibRaw numbers from 0
 EXPANSION = 64  # largest number of pixels that a byte becomes
 
 

@@ -319,7 +319,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         "photograph 0 must be linear radiance in floats; got uint8",
     ),
     "sizes that differ": ({"photographs": [np.ones(SHAPE), np.ones((4, 5))]}, "photograph 1 of (4, 5)"),
-    "a file that is not there": ({"photographs": "no.png"}, "cannot read no.png: "),
+    "a file that is not there": ({"photographs": "no.png"}, "there is no file no.png. Add"),
 }
 
 

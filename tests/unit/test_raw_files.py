@@ -9,10 +9,12 @@ import diffshade as ds
 
 pytest.importorskip("rawpy", reason="RAW files are read with the extra 'raw'.")
 pytest.importorskip("tifffile", reason="the RAW files of these tests are made with tifffile, of the extra 'zarr'.")
+from image_files import turned
 from raw_files import BLACK, LEAST, WHITE, write_dng
 
 from diffshade.io.encodings import LINEAR
 from diffshade.io.exif import stated_exposures
+from diffshade.io.image_statements import statement_of
 from diffshade.io.images import read_as
 
 STEP = 1.0 / (WHITE - BLACK)
@@ -31,6 +33,14 @@ def test_a_raw_file_is_linear_without_black_white_balance_or_brightening(tmp_pat
 def test_a_raw_file_states_its_exposure(tmp_path):
     files = [write_dng(tmp_path / f"{i}.dng", (1, 1, 1), exposure=of) for i, of in enumerate([(50, 4), (100, 8), None])]
     np.testing.assert_allclose(stated_exposures(files), [1 / 50 / 16, 1 / 100 / 64, np.nan], rtol=1e-6)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_raw_file_is_turned_as_it_states(tmp_path, orientation):
+    stored = ds.read_image(write_dng(tmp_path / "a.dng", (900, 900, 900), width=30))
+    upright = ds.read_image(write_dng(tmp_path / "b.dng", (900, 900, 900), width=30, orientation=orientation))
+    np.testing.assert_array_equal(turned(upright, orientation), stored)
+    assert statement_of(tmp_path / "b.dng")[2:] == (orientation, (LEAST, 30))
 
 
 def test_of_a_raw_file_and_a_jpeg_the_raw_file_is_read(tmp_path, caplog):
