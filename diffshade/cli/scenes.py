@@ -140,9 +140,7 @@ def _index(word: str) -> int:
 
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
-@click.option(
-    "--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]"
-)
+@click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
 @as_json
 def figures(folder: Path, only: tuple[str, ...] | None, as_json: bool) -> None:
     """Write the figures of a lecture to FOLDER."""

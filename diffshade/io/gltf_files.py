@@ -43,8 +43,10 @@ def read_gltf(path: Path) -> Polygons:
         scene = _placed(document.json)
         return joined([_primitive(document, of, matrix, names) for matrix, of in scene])
     except (AttributeError, IndexError, KeyError, TypeError, struct.error, RecursionError, OverflowError) as error:
-        said = f"{type(error).__name__} {error}"[:200]
-        raise ValueError(f"{path} is not glTF 2.0: what it refers to is missing ({said}). Export it again.") from None
+        said = f" ({error})" if isinstance(error, KeyError) else ""
+        raise ValueError(
+            f"{path} is not glTF 2.0: something is missing or of another type{said}. Export it again."
+        ) from None
     except ValueError as error:
         raise ValueError(f"{path} cannot be read as glTF 2.0: {error}"[:2000].replace("\n", " ")) from None
 
@@ -110,7 +112,7 @@ def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], d
     while waiting:
         index, parent = waiting.pop(0)
         if index in met or index < 0:
-            raise ValueError(f"node {index} has two parents. Export it again.")
+            raise ValueError(f"node {index} is reached twice: it has two parents, or is its own. Export it again.")
         met.add(index)
         node = nodes[index]
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import numpy as np
 
-from .parsing import number, short
+from .parsing import number, read_text, short
 from .polygons import NONE, Polygons
 
 COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
@@ -29,13 +30,13 @@ def read_obj(path: Path) -> Polygons:
     parts: list[int] = []
     names: dict[str, int] = {}
     name, group = "", 0
-    for line in re.split("\r\n|\r|\n", CONTINUED.sub(" ", _text(path))):
+    for line in re.split("\r\n|\r|\n", CONTINUED.sub(" ", read_text(path, "Wavefront OBJ file", largest=math.inf))):
         key, *words = line.partition("#")[0].split() or [""]
         if key in ("v", "vn"):
             if len(words) < 3:
                 raise ValueError(f"{path}: {short(line)} must have three numbers. Export the file again.")
             (points if key == "v" else normals).append([number(word, f"{path}: {key}") for word in words[:3]])
-        elif key == "f":
+        elif key in ("f", "fo"):  # as the format was at first
             for word in words:
                 index = word.split("/")
                 at.append(_index(index[0], len(points), line, path))
@@ -48,9 +49,12 @@ def read_obj(path: Path) -> Polygons:
             name = COMMENT.split(line, maxsplit=1)[0].strip()[len(key) :].strip()
         elif key == "s":
             group = NONE if words in ([], ["off"], ["0"]) else int(number(words[0], f"{path}: s"))
-    _check(at, len(points), "vertices", path)
-    _check(of_normal, len(normals), "normals", path)
-    known = np.array([*normals, [np.nan] * 3])
+    if (most := max(at, default=NONE)) >= len(points):
+        raise ValueError(
+            f"{path} has {len(points)} vertices, and a face names number {most + 1}. Export the file again."
+        )
+    known = np.array([*normals, [0.0] * 3, [np.nan] * 3])  # 0 for one that is missing, NaN where a face names none
+    of_normal = [k if k == NONE else min(k, len(normals)) for k in of_normal]
     return Polygons(
         np.array(points).reshape(-1, 3),
         np.array(size, int),
@@ -60,17 +64,6 @@ def read_obj(path: Path) -> Polygons:
         np.array(parts, int),
         tuple(names) or ("",),
     )
-
-
-def _text(path: Path) -> str:
-    """Return the text of a file, which may have any size."""
-    data = path.read_bytes()
-    if b"\0" in data:
-        raise ValueError(f"{path} is no OBJ file: it holds zero bytes, which a text does not. Export it again.")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _index(word: str, count: int, line: str, path: Path) -> int:
@@ -84,8 +77,3 @@ def _index(word: str, count: int, line: str, path: Path) -> int:
             f"{path}: {short(line)} has the index {short(word)}; {count} are defined before it. Export the file again."
         )
     return found - 1 if found > 0 else count + found
-
-
-def _check(indices: list[int], count: int, noun: str, path: Path) -> None:
-    if (most := max(indices, default=NONE)) >= count:
-        raise ValueError(f"{path} has {count} {noun}, and a face names number {most + 1}. Export the file again.")

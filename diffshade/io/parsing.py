@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import re
 from collections.abc import Sequence
@@ -11,12 +12,13 @@ LARGEST = 16 * 2**20  # bytes, far above any material or lamp; reading needs at 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-def read_text(path: str | Path, noun: str) -> str:
-    """Return the text of a file, decoded as UTF-8 or else as Latin-1.
+def read_text(path: str | Path, noun: str, *, largest: float = LARGEST) -> str:
+    """Return the text of a file, decoded as its byte-order mark says, else as UTF-8 or as Latin-1.
 
     Args:
         path: The file.
         noun: What the file is, for messages.
+        largest: Bytes that are read at most.
 
     Raises:
         ValueError: If the file is too large or not a text.
@@ -25,11 +27,13 @@ def read_text(path: str | Path, noun: str) -> str:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no {noun} {path}. Give the path of a file.")
-    if (size := path.stat().st_size) > LARGEST:
+    if (size := path.stat().st_size) > largest:
         raise ValueError(
-            f"{path} has {size} bytes, too many for a {noun}; at most {LARGEST} are read. Give a smaller file."
+            f"{path} has {size} bytes, too many for a {noun}; at most {largest} are read. Give a smaller file."
         )
     data = path.read_bytes()
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace")
     if b"\0" in data:
         raise ValueError(f"{path} is not a {noun}: it holds zero bytes, which a text does not. Give a text file.")
     try:

@@ -79,6 +79,8 @@ def read_ply(path: Path) -> Polygons:
 
 def _polygons(found: dict[str, Columns], path: Path) -> Polygons:
     """Return the faces of elements named vertex and face."""
+    if "tristrips" in found:
+        raise ValueError(f"{path} has its triangles as strips, which are not read. Export it with faces.")
     nothing = Columns({}, {}, 0)
     vertex, face = (found.get(name, nothing) for name in ("vertex", "face"))
     point, normal = np.zeros((0, 3)), np.full((1, 3), np.nan)
@@ -108,9 +110,7 @@ def _header(text: str, path: Path) -> tuple[str, list[Element]]:
                 elements[-1].properties[name] = KINDS[length], KINDS[item]
             case ["property", kind, name] if elements and kind in KINDS:
                 elements[-1].properties[name] = "", KINDS[kind]
-            case [] | ["ply" | "comment" | "obj_info" | "end_header", *_]:
-                pass
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise ValueError(f"{path} has {short(line)} in its header, which PLY 1.0 does not know. Correct it.")
     if order is None:
         raise ValueError(f"{path} does not state its format: ascii or binary, 1.0. Export it again.")

@@ -237,7 +237,8 @@ def test_normals_that_are_none_are_computed_and_said(tmp_path, caplog):
         with caplog.at_level(logging.WARNING, logger="diffshade"):
             seen = read(tmp_path, "b.obj", "\n".join([*rows[:index], wrong, *rows[index + 1 :]]))
         assert caplog.messages == [
-            f"{tmp_path / 'b.obj'}: the normals at 5 corners of triangles have no direction; they are computed."
+            f"{tmp_path / 'b.obj'}: the normals at 5 corners of triangles are missing or have no direction; "
+            "they are computed."
         ]
         caplog.clear()
         assert angles(seen.normal, right.normal)[np.asarray(right.mask)].max() < 1.0
@@ -249,6 +250,25 @@ def test_normals_that_are_none_are_computed_and_said(tmp_path, caplog):
     ]
     seen = read(tmp_path, "some.obj", "\n".join(some))
     assert angles(seen.normal, right.normal)[np.asarray(right.mask)].max() < 1.0
+
+
+def test_normals_that_faces_name_and_the_file_lacks_are_computed_and_said(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING, logger="diffshade"):
+        seen = read(tmp_path, "a.obj", made.QUAD + "f 1//1 2//2 3//3 4//4\n")
+    assert "the normals at 6 corners of triangles are missing" in caplog.text
+    np.testing.assert_allclose(np.asarray(seen.normal)[np.asarray(seen.mask)], [[0, 0, 1]] * int(seen.mask.sum()))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", ("\ufeff" + made.QUAD + "f 1 2 3 4\n").encode("utf-16-be")),
+        ("a.obj", made.QUAD + "fo 1 2 3 4\n"),
+        ("a.ply", made.ply("ascii", [(0, 1, 2, 3)]).replace(b"comment made here", b"made by an old program")),
+    ],
+)
+def test_files_of_old_and_odd_programs(name, content, tmp_path):
+    assert area(read(tmp_path, name, content)) == pytest.approx(4.0, abs=0.1)
 
 
 FACES = np.array([0, 1, 2, 0, 2, 3])
@@ -350,20 +370,24 @@ def test_stl_ascii_and_binary(content, tmp_path):
         ("a.obj", made.QUAD + "f 1 2 5\n", r"a\.obj has 4 vertices, and a face names number 5\."),
         ("a.obj", made.QUAD + "f -5 1 2\n", r"a\.obj: 'f -5 1 2' has the index '-5'; 4 are defined before it\."),
         ("a.obj", made.QUAD + "f 0 1 2\n", r"has the index '0'"),
-        ("a.obj", made.QUAD + "f 1//1 2//1 3//1\n", r"a\.obj has 0 normals, and a face names number 1\."),
         ("a.obj", made.QUAD + "v 1 nan 0\nf 1 2 3\n", r"a\.obj: v must be a finite number; got 'nan'"),
         ("a.obj", made.QUAD + "v 1 2\nf 1 2 3\n", r"'v 1 2' must have three numbers"),
-        ("a.obj", b"v 0 0 0\0", r"a\.obj is no OBJ file: it holds zero bytes"),
+        ("a.obj", b"v 0 0 0\0", r"a\.obj is not a Wavefront OBJ file: it holds zero bytes"),
         ("a.ply", made.ply("ascii", [(0, 1, 4)]), r"a\.ply has 4 vertices, and a face names another"),
         ("a.ply", made.ply("ascii", [(0, 1, 2)])[:-4], r"a\.ply does not hold the 1 rows of its element face"),
         ("a.ply", made.ply("binary_big_endian", [(0, 1, 2)])[:-1], r"does not hold the 1 rows of its element face"),
         ("a.ply", made.ply("ascii", [(0, 1, 2)]).replace(b"0.6", b"0.x"), r"a word where a number must be"),
         ("a.ply", made.ply("ascii", []), r"a\.ply has no triangles\."),
+        (
+            "a.ply",
+            made.ply("ascii", [(0, 1, 2)]).replace(b"element edge", b"element tristrips"),
+            r"triangles as strips",
+        ),
         ("a.stl", b"x".ljust(80, b"\0") + struct.pack("<I", 3) + RECORD, r"134 bytes, fewer than its 3 triangles take"),
         ("a.stl", f"solid\n{TRIANGLE}", r"lacks a line endsolid"),
         ("a.glb", of_points(4, [0, 1, 9]), r"a\.glb cannot be read as glTF 2\.0: a primitive names other than its 4"),
         ("a.glb", of_points(4, FACES)[:-9], r"a buffer has \d+ of its \d+ bytes"),
-        ("a.glb", of_points(4, FACES, children=[0]), r"node 0 has two parents"),
+        ("a.glb", of_points(4, FACES, children=[0]), r"node 0 is reached twice: it has two parents, or is its own"),
         (
             "a.glb",
             made.gltf([], [], extensionsRequired=["KHR_draco_mesh_compression"]),
