@@ -115,7 +115,7 @@ class Lantern(AbstractLamp):
 class ExponentialAttenuation(AbstractAttenuation):
     """A medium that absorbs: e^(-rho d)."""
 
-    rho: Scalar = number(0.1, lower=0, start=0.1, role="attenuation")
+    rho: Scalar = number(0.1, lower=0, start=0.0, role="attenuation")
 
     def factor(self, d):
         return jnp.exp(-self.rho * d)
