@@ -1,4 +1,4 @@
-r"""Extension: what a lobe, light, pattern or surface of your own is made of.
+r"""Extension: what a lobe, light, law of attenuation, pattern or surface of your own is made of.
 
 A class that derives from one of the bases below works in `render`, `fit` and `examine` as the library's own do. Its
 fields, made by `number`, `colour` and `vector`, are checked, freed by name, reported with errors, and written to scene
@@ -30,6 +30,7 @@ inside: `jnp.where(x > 0, f(jnp.where(x > 0, x, 1.0)), 0.0)`.
 | `AbstractEmitter` | `is_local`, `path`, `arriving` | everywhere but files of other programs |
 | `AbstractLamp` | `path`, with fields position, intensity, attenuation | as `AbstractEmitter`; fits are faster |
 | `AbstractLight` | `is_local`, `emitters`: a light of many emitters | as `AbstractEmitter` |
+| `AbstractAttenuation` | `factor`, the fraction at a distance | as the `attenuation` of every lamp; fits are as fast |
 | `AbstractPattern` | `__call__`, a colour at a point | as the coefficient it stands for |
 | `AbstractSurface`, `AbstractSolid` | `intersect`; of a solid also `leave` and `holds` | as the library's own shapes |
 """
@@ -42,7 +43,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import equinox as eqx
 
 from .core.fields import Numbers, as_colour, as_scalar, as_vector, parameter
-from .model.attenuation import RadialAttenuation
+from .model.attenuation import AbstractAttenuation, RadialAttenuation
 from .model.cameras import Rays
 from .model.lights import AbstractEmitter, AbstractLamp, AbstractLight, Path, PointLight, SpotLight
 from .model.lobes import AbstractLobe, AbstractPowerLobe, AbstractReflectance, Coefficients
@@ -58,6 +59,7 @@ else:
     from .core.fields import Colour, Scalar, Vector
 
 __all__ = [
+    "AbstractAttenuation",
     "AbstractEmitter",
     "AbstractLamp",
     "AbstractLight",
@@ -102,6 +104,8 @@ def number(
     search: tuple[float, ...] = (),
     logarithmic: bool = False,
     linear: bool = False,
+    role: str = "",
+    gauge: int = 0,
 ) -> Any:
     """Return a field that holds one number.
 
@@ -113,18 +117,25 @@ def number(
         search: Values that a fit tries before it begins; none by default. Give them where the cost has several minima.
         logarithmic: Whether a fit solves for its logarithm; for widths and exponents. Needs `lower` above 0.
         linear: Whether the image is linear in it together with k_a, k_d and k_s. An intensity multiplies them: False.
+        role: "attenuation", a number of a law of attenuation, which notes of a fit then name as one; "amplitude", one
+            that a light of another intensity stands for, freed by its own name alone; or "", any number, by default.
+        gauge: 1 where twice it, with all others of the law of which this is said, halves the light; -1 where it doubles
+            the light; 0 for neither, by default.
 
     Returns:
         The field, to stand behind the annotation `Scalar`.
 
     Raises:
-        ValueError: A number that is solved for as its logarithm may be 0 or less, or `lower` is not below `upper`.
+        ValueError: A number that is solved for as its logarithm may be 0 or less, `lower` is not below `upper`, or
+            the role is none of these.
     """
+    _check_role(role, ("attenuation", "amplitude", ""))
     if logarithmic and not (lower is not None and lower > 0):
         raise ValueError(f"lower must be above 0 for a logarithmic number; got {lower}. Give the least value.")
     _check_range(lower, upper)
-    known = parameter(lower=lower, upper=upper, start=start, search=search, logarithmic=logarithmic, linear=linear)
-    return _field(as_scalar, default, known)
+    of_fit = {"start": start, "search": search, "logarithmic": logarithmic, "linear": linear, "gauge": gauge}
+    by_own_name = role == "amplitude"
+    return _field(as_scalar, default, parameter(role, lower=lower, upper=upper, by_own_name=by_own_name, **of_fit))
 
 
 def colour(
@@ -168,9 +179,13 @@ def vector(default: Numbers | Any = dataclasses.MISSING, *, role: str = "") -> A
     Raises:
         ValueError: The role is none of these.
     """
-    if role not in ("", "position", "direction"):
-        raise ValueError(f"role must be 'position', 'direction' or ''; got {role!r}. Give one of them.")
+    _check_role(role, ("position", "direction", ""))
     return _field(as_vector, default, parameter(role))
+
+
+def _check_role(role: str, roles: tuple[str, ...]) -> None:
+    if role not in roles:
+        raise ValueError(f"role must be {' or '.join(map(repr, roles))}; got {role!r}. Give one of them.")
 
 
 def _check_range(lower: float | int | None, upper: float | int | None) -> None:

@@ -45,7 +45,7 @@ TEXTS = (
     ("docs/pages/exchange.md", "exchange.html", "Other programs"),
     ("docs/pages/files-in-the-wild.md", "files-in-the-wild.html", "Files of other programs, tried"),
     ("docs/pages/objective.md", "objective.html", "An objective of your own"),
-    ("docs/pages/extend.md", "extend.html", "Your own lobe or light"),
+    ("docs/pages/extend.md", "extend.html", "Your own lobe, light or law"),
     ("docs/pages/large-images.md", "large-images.html", "Large images, devices"),
     ("docs/pages/accuracy-and-speed.md", "accuracy-and-speed.html", "Accuracy and speed"),
     ("benchmarks/SCALING.md", "scaling.html", "Cost of a pixel"),

@@ -156,8 +156,8 @@ class Parameter:
     """What a fit knows of a field whose numbers can be free; it stands in the field's metadata, by `parameter`."""
 
     role: str = ""
-    """"reflection", "transmission", "exponent", "attenuation", "light", "camera", "position", "direction", "edge",
-    "index"; empty where no more is known than the number."""
+    """"reflection", "transmission", "exponent", "attenuation", "amplitude" (of an attenuation, which the intensity
+    stands for), "light", "camera", "position", "direction", "edge", "index"; empty where only the number is known."""
     linear: bool = False
     """Whether the image is linear in it together with all others of which this is said."""
     logarithmic: bool = False

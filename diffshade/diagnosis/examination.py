@@ -177,7 +177,9 @@ def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray,
     """Name the unknowns that are lost in the noise, with their intervals."""
     ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in np.flatnonzero(wide)]
     quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
-    return [f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {remedy(quantities)}"] if ranges else []
+    if not ranges:
+        return []
+    return [f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {remedy(quantities, fit.unknowns)}"]
 
 
 def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:

@@ -66,7 +66,7 @@ def notes_on_lights(lights: Sequence[AbstractLight], program: str) -> list[str]:
     """Return a note that lights and their attenuation are not written."""
     if not lights:
         return []
-    return [f"a material in {program} has no lights: the lights and their attenuation a0, a1, a2 are not written."]
+    return [f"a material in {program} has no lights: the lights and their attenuation are not written."]
 
 
 def comment(notes: Sequence[str], mark: str) -> str:

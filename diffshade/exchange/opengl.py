@@ -91,10 +91,14 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
         vectors = {"POSITION": place, **{key: [*np.asarray(colour), 1.0] for key, colour in colours.items()}}
         single: dict[str, Any] = {}
         if not isinstance(light, DirectionalLight):
-            a = light.attenuation
-            single |= {"CONSTANT_ATTENUATION": a.constant, "LINEAR_ATTENUATION": a.linear}
-            single |= {"QUADRATIC_ATTENUATION": a.quadratic}
-            notes += [f"OpenGL does not clamp attenuation at 1, as lights[{i}] does."] if a.clamp else []
+            law = light.attenuation
+            if not isinstance(law, RadialAttenuation):
+                raise ValueError(
+                    f"OpenGL has no {type(law).__name__}, as lights[{i}] has. Give it the RadialAttenuation nearest to "
+                    "it, for example fit_falloff(d, law(d)).attenuation."
+                )
+            single |= {f"{name.upper()}_ATTENUATION": getattr(law, name) for name in law.numbers()}
+            notes += [f"OpenGL does not clamp attenuation at 1, as lights[{i}] does."] if law.clamp else []
             notes += [f"OpenGL has no flaps: those of lights[{i}] are not written."] if light.flaps is not None else []
         if isinstance(light, SpotLight):
             vectors["SPOT_DIRECTION"] = list(np.asarray(light.direction))
@@ -175,8 +179,8 @@ def _light(set_: dict[str, list[float]], white: float) -> AbstractLight:
     if place[3] == 0:
         return DirectionalLight(-np.asarray(place[:3]), rgb, **apart)
     position = np.asarray(place[:3]) / place[3]
-    names = ("CONSTANT_ATTENUATION", "LINEAR_ATTENUATION", "QUADRATIC_ATTENUATION")
-    constant, linear, quadratic = (one(name, float(i == 0)) for i, name in enumerate(names))
+    names = RadialAttenuation.numbers()
+    constant, linear, quadratic = (one(f"{name.upper()}_ATTENUATION", float(i == 0)) for i, name in enumerate(names))
     fades = RadialAttenuation(constant, linear, quadratic)
     cutoff = one("SPOT_CUTOFF", 180.0)
     if cutoff == 180:

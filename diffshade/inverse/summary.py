@@ -225,7 +225,7 @@ def _scales(
         if role == "reflection" and unknown.places:
             material = unknown.places[0][0].rpartition(".")[0]
             scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
-        elif role == "attenuation" and unknown.kind != "constant" and curvature[j] > 0:
+        elif role == "attenuation" and curvature[j] > 0:
             scales[j] = np.sqrt(squares / curvature[j]) / 6.0
         elif role == "transmission":
             scales[j] = 1.0

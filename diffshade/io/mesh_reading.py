@@ -116,6 +116,5 @@ def _without_direction(of: Polygons, corner: Int[np.ndarray, "t 3"]) -> list[str
     wrong = ~np.isnan(given).all(-1) & ~(np.isfinite(given).all(-1) & (given != 0).any(-1))
     if not wrong.any():
         return []
-    return [
-        f"the normals at {count(int(wrong.sum()), 'corner')} of triangles are missing or have no direction; they are computed."
-    ]
+    corners = count(int(wrong.sum()), "corner")
+    return [f"the normals at {corners} of triangles are missing or have no direction; they are computed."]

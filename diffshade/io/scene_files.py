@@ -18,7 +18,7 @@ import numpy as np
 from ..core.fields import is_over_pixels
 from ..core.words import did_you_mean
 from ..model.area_lights import AreaLight
-from ..model.attenuation import AbstractAtmosphere, DepthCueing, Fog, RadialAttenuation
+from ..model.attenuation import AbstractAtmosphere, AbstractAttenuation, DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
 from ..model.flaps import Flaps
 from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
@@ -62,6 +62,7 @@ _OPEN: dict[str, type[eqx.Module]] = {
     "lobe": AbstractReflectance,
     "fresnel": AbstractFresnel,
     "lights": AbstractLight,
+    "attenuation": AbstractAttenuation,
     "atmosphere": AbstractAtmosphere,
     **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), AbstractPattern),
 }

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..core.fields import Colour, Scalar, Vector, as_colour, as_scalar, as_vector, check_kind, is_concrete, parameter
-from .attenuation import RadialAttenuation
+from ..core.fields import Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete, parameter
+from .attenuation import AbstractAttenuation, RadialAttenuation, check_attenuation
 from .flaps import Flaps, check_flaps
 from .lights import AbstractEmitter, AbstractLight, PointLight, SpotLight, along_one_line
 from .vectors import Vec3, cross
@@ -43,7 +43,7 @@ class AreaLight(AbstractLight):
         intensity: I_l of the whole light, RGB or grey, a plain multiplier, at least 0; 1 by default.
         cutoff: Half angle of each emitter, degrees, 0 to 90; 90 by default.
         exponent: Exponent of each emitter, at least 0; 1 by default.
-        attenuation: Radial attenuation f_rad; none by default.
+        attenuation: Law of radial attenuation f_rad; none by default.
         samples: (n_u, n_v), whole numbers above 0, or one number for both; (8, 8) by default.
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
@@ -61,12 +61,12 @@ class AreaLight(AbstractLight):
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     cutoff: Scalar = eqx.field(converter=as_scalar, default=90.0, metadata={"lower": 0, "upper": 90})
     exponent: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
-    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    attenuation: AbstractAttenuation = eqx.field(default_factory=RadialAttenuation)
     samples: tuple[int, int] = eqx.field(converter=as_counts, static=True, default=(8, 8))
     flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
-        check_kind("AreaLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        check_attenuation(self)
         check_flaps(self)
         counts = self.samples
         if not (isinstance(counts, tuple) and len(counts) == 2 and all(type(n) is int and n > 0 for n in counts)):

@@ -3,21 +3,75 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, is_concrete, parameter
+from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, check_kind, is_concrete, parameter
 from .vectors import Vec3
 
 NEAREST = 1e-6  # scene units; smaller distances count as this one, so that 1/d^2 stays finite
 
-FADE = parameter("attenuation", lower=0, start=0.0, gauge=1)
+
+class AbstractAttenuation(Checked):
+    """A law of radial attenuation: which fraction f_rad of a lamp's light arrives at a distance (E2).
+
+    Its numbers are fields of one number each, with their ranges; in `Parameter.role` they are "attenuation", or
+    "amplitude" for one that light of another intensity stands for.
+    """
+
+    @abc.abstractmethod
+    def factor(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return f_rad at distance d, finite and with finite derivatives.
+
+        Args:
+            d: Distance from the light, scene units, at least 1e-6.
+
+        Returns:
+            f_rad, with the shape of d.
+        """
+
+    def glsl(self) -> str | None:
+        """Return f_rad for the live pictures of a report: the body of a GLSL function, with the numbers in it.
+
+        The function is `float (float d)`; d is at least 1e-6.
+
+        Returns:
+            The body; None, the default, shows no light that this law attenuates, and says so.
+        """
+        return None
+
+    @classmethod
+    def numbers(cls) -> tuple[str, ...]:
+        """Return the names of its numbers."""
+        return tuple(f.name for f in dataclasses.fields(cls) if f.metadata.get("converter") is as_scalar)
+
+    def __call__(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return f_rad at distance d; a smaller one than 1e-6 counts as that, where the derivative by d is 0.
+
+        Args:
+            d: Distance from the light, scene units, at least 0.
+
+        Returns:
+            f_rad, with the shape of d.
+        """
+        return self.factor(jnp.where(d > NEAREST, d, NEAREST))
 
 
-class RadialAttenuation(Checked):
+def check_attenuation(light: Any) -> None:
+    """Refuse a light whose `attenuation` is no law."""
+    name = f"{type(light).__name__}.attenuation"
+    check_kind(name, light.attenuation, AbstractAttenuation, "RadialAttenuation(1, 0, 0)")
+
+
+COEFFICIENT = parameter("attenuation", lower=0, start=0.0, gauge=1)
+
+
+class RadialAttenuation(AbstractAttenuation):
     """Radial attenuation at distance d from a light (E2; Foley et al. 1990, 16.1.4).
 
     $$ f_{rad}(d) = 1 / (a_0 + a_1 d + a_2 d^2) $$
@@ -38,10 +92,10 @@ class RadialAttenuation(Checked):
     """
 
     constant: Scalar = eqx.field(
-        converter=as_scalar, default=1.0, metadata=parameter("attenuation", lower=0, gauge=1, by_own_name=True)
+        converter=as_scalar, default=1.0, metadata=parameter("amplitude", lower=0, gauge=1, by_own_name=True)
     )
-    linear: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=FADE)
-    quadratic: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=FADE)
+    linear: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=COEFFICIENT)
+    quadratic: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata=COEFFICIENT)
     clamp: bool = eqx.field(static=True, default=False)
 
     def check_together(self) -> None:
@@ -53,18 +107,16 @@ class RadialAttenuation(Checked):
                 "Give constant=1 for no attenuation."
             )
 
-    def __call__(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return f_rad at distance d.
-
-        Args:
-            d: Distance from the light, scene units, at least 0.
-
-        Returns:
-            f_rad, with the shape of d.
-        """
-        d = jnp.where(d > NEAREST, d, NEAREST)
+    def factor(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Return f_rad at distance d."""
         f = 1.0 / (self.constant + d * (self.linear + d * self.quadratic))
         return jnp.where(f < 1.0, f, 1.0) if self.clamp else f
+
+    def glsl(self) -> str:
+        """Return f_rad for the live pictures of a report."""
+        a0, a1, a2 = (f"{float(a):.9e}" for a in (self.constant, self.linear, self.quadratic))
+        f = f"1.0 / ({a0} + d * ({a1} + d * {a2}))"
+        return f"  return min({f}, 1.0);" if self.clamp else f"  return {f};"
 
 
 def angular_attenuation(

@@ -20,11 +20,10 @@ from ..core.fields import (
     as_colour,
     as_scalar,
     as_vector,
-    check_kind,
     is_concrete,
     parameter,
 )
-from .attenuation import RadialAttenuation, angular_attenuation
+from .attenuation import AbstractAttenuation, RadialAttenuation, angular_attenuation, check_attenuation
 from .flaps import Flaps, check_flaps, confined
 from .vectors import Vec3, dot, length, normalize
 
@@ -159,6 +158,9 @@ class AbstractLamp(AbstractEmitter):
 
     position: eqx.AbstractVar[Vector]
 
+    def check_together(self) -> None:
+        check_attenuation(self)
+
     @property
     def is_local(self) -> bool:
         """True."""
@@ -197,7 +199,7 @@ class PointLight(AbstractLamp):
     Args:
         position: Position of the light, scene units.
         intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
-        attenuation: Radial attenuation f_rad; none by default.
+        attenuation: Law of radial attenuation f_rad; none by default.
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
         specular: Colour of the light's highlights, RGB or grey, at least 0; `intensity` by default.
@@ -210,11 +212,11 @@ class PointLight(AbstractLamp):
 
     position: Vector = eqx.field(converter=as_vector, metadata=parameter("position"))
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
-    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    attenuation: AbstractAttenuation = eqx.field(default_factory=RadialAttenuation)
     flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
-        check_kind("PointLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
+        super().check_together()
         check_flaps(self)
 
     def path(self, p: Vec3 | None) -> Path:
@@ -292,7 +294,7 @@ class SpotLight(AbstractLamp):
         intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
         cutoff: Half angle of the cone, degrees, 0 to 90; 45 by default. It can be fitted only if `softness` is above 0.
         exponent: a, at least 0; 0 by default.
-        attenuation: Radial attenuation f_rad; none by default.
+        attenuation: Law of radial attenuation f_rad; none by default.
         softness: Width of the smooth edge inside the cutoff, degrees, 0 to `cutoff`; 0 (a hard edge) by default.
         ambient: The light's own ambient colour, RGB or grey, at least 0, which k_a reflects wherever the light reaches,
             whichever way the surface faces, attenuated as the light is; none by default.
@@ -310,13 +312,13 @@ class SpotLight(AbstractLamp):
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
     cutoff: Scalar = eqx.field(converter=as_scalar, default=45.0, metadata={"lower": 0, "upper": 90})
     exponent: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0})
-    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    attenuation: AbstractAttenuation = eqx.field(default_factory=RadialAttenuation)
     softness: Scalar = eqx.field(converter=as_scalar, default=0.0, metadata={"lower": 0, "upper": 90})
     flaps: Flaps | None = eqx.field(kw_only=True, default=None)
 
     def check_together(self) -> None:
+        super().check_together()
         check_direction("SpotLight.direction", self.direction)
-        check_kind("SpotLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
         check_flaps(self)
         if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
             raise ValueError(

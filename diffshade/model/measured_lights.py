@@ -24,7 +24,7 @@ from ..core.fields import (
     parameter,
 )
 from ..core.words import listing
-from .attenuation import RadialAttenuation
+from .attenuation import AbstractAttenuation, RadialAttenuation
 from .lights import AbstractLamp, Path, along_one_line, check_direction
 from .photometry import beam_angles, flux, symmetry
 from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
@@ -178,7 +178,7 @@ class MeasuredLight(AbstractLamp):
         direction: Direction of gamma = 0, in which the light travels, of any length except 0.
         profile: Relative intensity over angle.
         intensity: I_l, RGB or grey, a plain multiplier, at least 0; 1 by default.
-        attenuation: Radial attenuation f_rad; none by default.
+        attenuation: Law of radial attenuation f_rad; none by default.
         side: Vector on the side of C = 0, not along `direction`; its component along `direction` is ignored; (1, 0, 0)
             by default.
         label: Who made it and what its file states; nothing by default.
@@ -196,7 +196,7 @@ class MeasuredLight(AbstractLamp):
     direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
     profile: Profile
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
-    attenuation: RadialAttenuation = eqx.field(default_factory=RadialAttenuation)
+    attenuation: AbstractAttenuation = eqx.field(default_factory=RadialAttenuation)
     side: Vector = eqx.field(
         converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction", by_own_name=True)
     )
@@ -238,10 +238,10 @@ class MeasuredLight(AbstractLamp):
         return []
 
     def check_together(self) -> None:
+        super().check_together()
         check_direction("MeasuredLight.direction", self.direction)
         check_kind("MeasuredLight.profile", self.profile, Profile, "Profile([0, 90], [0], [[1, 0]])")
         check_kind("MeasuredLight.label", self.label, LampLabel, "LampLabel()")
-        check_kind("MeasuredLight.attenuation", self.attenuation, RadialAttenuation, "RadialAttenuation(1, 0, 0)")
         if is_concrete(self.side, self.direction) and along_one_line(self.side, self.direction):
             raise ValueError(
                 f"MeasuredLight.side must not be along direction; got {in_short(self.side)} with direction "

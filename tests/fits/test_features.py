@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import own_parts
 import pytest
 from grams import whole
 from synthetic import light_positions, seen_by, standard_scene
@@ -144,6 +145,19 @@ def lights_that_move_and_one_that_does_not():
     return Case(scene, views, free, ("attenuation",), (ds.Grey("intensity"),))
 
 
+def own_laws_of_attenuation(*moving: str):
+    """Beside the library's, and a light that none attenuates; an amplitude is free."""
+    exponential = ds.PointLight(P[0], 1.5, own_parts.ExponentialAttenuation(0.3))
+    power = ds.SpotLight(P[1], -P[1], 2.0, 40.0, 1.0, own_parts.PowerAttenuation(0.5, 1.2), softness=10.0)
+    scene = standard_scene(PHONG, [exponential, power, SUN, CLAMPED])
+    views = [view(0), view((0, 1, 2), 1), view((1, 3), 2, exposure=0.5)]
+    return Case(scene, views, (*ATTENUATED, "a", "lights.1.intensity", *moving))
+
+
+def own_laws_of_lights_that_move():
+    return own_laws_of_attenuation("lights.0.position")
+
+
 def directions_of_clipped_photographs():
     flat = ds.OrthographicCamera((0, 0, 4), shape=SMALL.shape, local_viewer=False)
     lights = [SUN, ds.DirectionalLight((1, 0, -1)), ds.DirectionalLight((0, -1, -1))]
@@ -167,6 +181,8 @@ CASES = [
             a_g_buffer_with_a_mask_and_a_highlight_of_its_own_colour,
             huber_and_clipped_samples,
             clipped_samples_of_known_noise,
+            own_laws_of_attenuation,
+            own_laws_of_lights_that_move,
         )
     ),
 ]
@@ -259,6 +275,7 @@ def test_a_clamped_attenuation_is_compared_on_both_sides_of_its_clamp():
 FIVE = standard_scene(PHONG, [ds.PointLight(position, 1.0, ATTENUATION) for position in P[:5]])
 TWO = ds.Scene([ds.Object(ds.Sphere()), ds.Object(ds.Sphere((1, 1, 1), 0.2))], [POINT])
 BALL = standard_scene(PHONG, [POINT, SPOT, SUN])
+OWN = standard_scene(PHONG, [ds.PointLight(P[0], 1.0, own_parts.ExponentialAttenuation()), POINT])
 CHANNELS = ds.Material(0.1, 0.5, 0.3, (10, 20, 30))
 
 
@@ -266,6 +283,7 @@ CHANNELS = ds.Material(0.1, 0.5, 0.3, (10, 20, 30))
     ("scene", "lit", "free", "has"),
     [
         pytest.param(BALL, None, ("material", "attenuation", "constant", "intensity", "ambient"), True, id="light"),
+        pytest.param(OWN, None, ("k_d", "attenuation", "rho"), True, id="numbers of an own law"),
         pytest.param(BALL, None, ("k_d", "exposure", "black"), True, id="numbers of views"),
         pytest.param(BALL, None, ("lights.0.position",), True, id="a position"),
         pytest.param(BALL, None, ("k_d", "lights.2.direction"), True, id="a direction"),

@@ -89,14 +89,16 @@ def test_what_no_pixel_shows_is_said_by_channel_or_as_a_whole():
 
 
 def test_the_remedy_is_of_what_is_lost():
+    unknowns = unknowns_of("k_a", "k_d", "k_s", "n_s", "linear", "constant", tied=("linear", "constant"))
     for names, words in (
-        (["k_d", "lights.0.linear", "n_s"], ("Fix one, for example lights.0.linear,", "three distances")),
+        (["k_d", "linear", "n_s"], ("Fix one, for example linear,", "three distances")),
+        (["linear", "constant", "k_s"], ("Fix one, for example constant,", "three distances")),
         (["k_d", "n_s"], ("Fix n_s,", "whole highlight", "not clipped")),
         (["k_s"], ("Fix k_s,", "whole highlight")),
         (["lights.0.position"], ("Fix lights.0.position,", "other sides")),
         (["k_a", "k_d"], ("Fix k_d,", "shows more of it")),
     ):
-        assert all(word in remedy(names) for word in words), names
+        assert all(word in remedy(names, unknowns) for word in words), names
 
 
 def test_what_is_hardly_separated_is_said_by_name():
@@ -110,7 +112,7 @@ def test_what_is_hardly_separated_is_said_by_name():
     unknowns = unknowns_of("k_d", "linear", "quadratic", tied=TIED)
     (said,) = weak_notes([which, which], unknowns)
     assert "hardly separate k_d and linear: changed together" in said
-    assert said.endswith(remedy(["k_d", "linear"]))
+    assert said.endswith(remedy(["k_d", "linear"], unknowns))
     assert "hardly separate the parts of k_d" in weak_notes([np.array([0, 1])], unknowns)[0]
     for apart, count in ((1e-2, 0), (1e-8, 0)):  # well separated; not at all
         K = np.random.default_rng(0).standard_normal((50, 2))

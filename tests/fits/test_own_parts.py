@@ -1,7 +1,9 @@
 """Lobes, lights, patterns and surfaces of one's own: rendered, fitted, written and reported as the library's are."""
 
+import dataclasses
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -34,6 +36,7 @@ from diffshade.extension import (
     vector,
 )
 from diffshade.inverse.verdicts.stability import angle_to_highlight
+from diffshade.report.page.ball import ball_scene
 
 CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
 
@@ -61,6 +64,52 @@ def rough():
     views = synthetic.one_light_each(synthetic.noisy(synthetic.photographs(scene), 0.002, 0))
     wrong = eqx.tree_at(lambda s: s.objects[0].material.lobe.m, scene, np.asarray(1.5))
     return ds.fit(wrong, views, free=("k_a", "k_d", "k_s", "m"))
+
+
+DISTANCES = (2.0, 3.0, 4.5)
+
+
+def attenuated(law: Any, distances: Sequence[float] = DISTANCES) -> ds.Scene:
+    """A ball under a lamp at some distances."""
+    lamps = [ds.PointLight(d * np.array((2, 2, 3)) / 17**0.5, attenuation=law) for d in distances]
+    return synthetic.standard_scene(ds.Material(0.1, 0.5, 0.3, 20), lamps)
+
+
+def fit_law(law: Any, told: Any, free: Sequence[str], distances: Sequence[float] = DISTANCES) -> ds.Fit:
+    """The fit of a law, told another one, from a photograph at each distance."""
+    images = synthetic.noisy(synthetic.photographs(attenuated(law, distances)), 0.002, 0)
+    views = synthetic.one_light_each(images)
+    return ds.fit(attenuated(told, distances), views, free=("k_a", "k_d", "k_s", "n_s", *free), tied=free)
+
+
+@pytest.fixture(scope="module")
+def absorbed():
+    return fit_law(own_parts.ExponentialAttenuation(0.3), own_parts.ExponentialAttenuation(), ("attenuation",))
+
+
+def test_an_own_law_of_attenuation_is_fitted_by_name(absorbed):
+    assert absorbed.names[-1] == "rho"
+    assert absorbed.determined.all()
+    assert not absorbed.notes
+    assert abs(absorbed.values[-1] - 0.3) < 4 * absorbed.errors[-1] < 0.01
+    searched = fit_law(own_parts.PowerAttenuation(1.0, 0.6), own_parts.PowerAttenuation(1.0, 5.0), ("p",))
+    assert abs(searched.values[-1] - 0.6) < 4 * searched.errors[-1] < 0.02
+
+
+def test_what_photographs_cannot_tell_of_an_own_law_is_said():
+    told = own_parts.PowerAttenuation(1.0, 1.3)
+    scaled = fit_law(told, told, ("attenuation", "a"))
+    assert dict(zip(scaled.names, scaled.determined, strict=True))["p"]
+    assert not scaled.determined[scaled.names.index("a")]
+    (note,) = scaled.notes
+    assert "cannot separate k_d and k_s from a: scaling all of them together leaves" in note
+    assert note.endswith("Fix one, for example a.")
+    far = fit_law(own_parts.ExponentialAttenuation(1e-3), own_parts.ExponentialAttenuation(), ("rho",), (1e3,))
+    assert not far.determined[far.names.index("rho")]
+    assert "rho" in " ".join(far.notes)
+    assert "Fix one, for example" in " ".join(far.notes)
+    none = fit_law(own_parts.ExponentialAttenuation(0.0), own_parts.ExponentialAttenuation(), ("rho",))
+    assert none.values[-1] < 1e-3
 
 
 def test_they_are_fitted(fit):
@@ -97,14 +146,41 @@ def test_the_page_says_what_its_ball_shows_instead(fit, rough, tmp_path):
     assert "if (lobe == 2) return own_0(n, l, v, n_s);" in page
 
 
+def test_the_page_draws_an_own_law_that_says_how_and_names_one_that_does_not(absorbed, tmp_path):
+    ds.write_report(tmp_path / "absorbed.html", absorbed)
+    page = (tmp_path / "absorbed.html").read_text(encoding="utf-8")
+    assert f"float law_0(float d) {{\nreturn exp(-{absorbed.values[-1]:.9e} * d);\n}}" in page
+    assert "if (law == 0) return law_0(d);" in page
+    assert "the light of lights" not in page
+    lights = [dataclasses.replace(light, attenuation=own_parts.PowerAttenuation()) for light in absorbed.scene.lights]
+    silent = dataclasses.replace(absorbed, scene=dataclasses.replace(absorbed.scene, lights=lights))
+    _, missing = ball_scene(silent, ["a", "b", "c"], 1.0)
+    assert "the light of lights.0, lights.1 and lights.2" in "; ".join(missing)
+
+
 @pytest.mark.parametrize(
     ("path", "lobe"),
-    [("lobe.m", None), ("k_d.turns", None), ("start", None), ("wrap", own_parts.Wrapped()), ("radius", None)],
+    [
+        ("rho", None),
+        ("lobe.m", None),
+        ("k_d.turns", None),
+        ("start", None),
+        ("wrap", own_parts.Wrapped()),
+        ("radius", None),
+    ],
 )
 def test_they_render_and_differentiate(path, lobe):
     scene = own_scene(lobe, k_d=own_parts.Marble(0.8, 0.2))
     if path == "radius":
         scene = eqx.tree_at(lambda s: s.objects[0].surface, scene, own_parts.Disc(0.9))
+
+    if path == "rho":
+        absorbed = own_parts.ExponentialAttenuation(0.4)
+        lamps = (
+            ds.PointLight((1, 2, 3), 2.0, absorbed),
+            ds.AreaLight((-1, 2, 3), (1, 0, 0), (0, 1, 0), 1.0, samples=2),
+        )
+        scene = eqx.tree_at(lambda s: s.lights, scene, lamps)
 
     def where(s):
         item = s.objects[0]
@@ -112,6 +188,7 @@ def test_they_render_and_differentiate(path, lobe):
             "lobe.m": lambda: item.material.lobe.m,
             "k_d.turns": lambda: item.material.k_d.turns,
             "start": lambda: s.lights[0].start,
+            "rho": lambda: s.lights[0].attenuation.rho,
             "wrap": lambda: item.material.lobe.wrap,
             "radius": lambda: item.surface.radius,
         }[path]()
@@ -128,6 +205,8 @@ def test_they_render_and_differentiate(path, lobe):
         if path != "radius":  # the silhouette's jump has no derivative
             expected = (total(value + step) - total(value - step)) / 2e-6
             np.testing.assert_allclose(np.sum(np.asarray(slope)), float(expected), rtol=1e-5, atol=1e-7)
+            forward = jax.jvp(total, (value,), (jnp.ones_like(value),))[1]
+            np.testing.assert_allclose(np.sum(np.asarray(slope)), forward, rtol=1e-9)
 
 
 def test_a_line_of_one_sample_is_its_middle_and_of_many_an_area_lights_axis():
@@ -152,12 +231,14 @@ def test_a_lamp_by_its_path_alone_is_fitted_as_it_is_rendered():
 
 
 def test_a_scene_file_holds_them(tmp_path):
-    scene = own_scene(k_d=own_parts.Marble((0.8, 0.7, 0.6), 0.2, 3.0))
+    lights = (*own_scene().lights, ds.PointLight((1, 2, 3), attenuation=own_parts.ExponentialAttenuation(0.25)))
+    scene = own_scene(light=lights, k_d=own_parts.Marble((0.8, 0.7, 0.6), 0.2, 3.0))
     ds.write_scene(tmp_path / "own.toml", scene, camera=CAMERA)
     again = ds.read_scene(tmp_path / "own.toml")
     assert eqx.tree_equal(again, scene)
     text = (tmp_path / "own.toml").read_text(encoding="utf-8")
     assert 'type = "TorranceSparrow"' in text
+    assert 'type = "ExponentialAttenuation"\nrho = 0.25' in text
     (tmp_path / "other.toml").write_text(text.replace("TorranceSparrow", "WardOfMine"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"WardOfMine.*imported first"):
         ds.read_scene(tmp_path / "other.toml")

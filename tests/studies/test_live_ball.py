@@ -45,8 +45,9 @@ OBJECTS = (
 AROUND = ds.OrthographicCamera(
     (3e3, 1e3, 4e3), height=2.6, shape=(24, 32), local_viewer=False
 )  # far: what float32 could lose
+LAMPS = (*LIGHTS, ds.PointLight((-2, 2, 3), 0.9, own_parts.ExponentialAttenuation(0.3)))
 VIEWS = (
-    ds.View(np.full((24, 24, 3), 0.5), CAMERA, lit=(0, 1, 3)),
+    ds.View(np.full((24, 24, 3), 0.5), CAMERA, lit=(0, 1, 3, 4)),
     ds.View(np.full((24, 32, 3), 0.5), AROUND, lit=(1, 2), exposure=0.8, black=0.03),
 )
 
@@ -138,7 +139,7 @@ def browser(tmp_path_factory):
 def ball(fit, browser, tmp_path_factory):
     """A page whose ball has every kind of light, lobe and Fresnel term, open in a browser."""
     path = tmp_path_factory.mktemp("page") / "ball.html"
-    ds.write_report(path, dataclasses.replace(fit, scene=ds.Scene(OBJECTS, LIGHTS), views=VIEWS))
+    ds.write_report(path, dataclasses.replace(fit, scene=ds.Scene(OBJECTS, LAMPS), views=VIEWS))
     browser.get(path.as_uri())
     (told,) = [json.loads(t) for a, t in Page(path).all("script") if a.get("id") == "ball-scene"]
     return told
@@ -158,7 +159,7 @@ def test_the_live_ball_is_what_render_draws(cases, ball, browser):
     worst = 0.0
     for i, j, turn, tilt in cases:
         item, view = OBJECTS[i], VIEWS[j]
-        lights = [moved(LIGHTS[k], item.surface.center, view.camera, turn, tilt) for k in view.lit]
+        lights = [moved(LAMPS[k], item.surface.center, view.camera, turn, tilt) for k in view.lit]
         image, where = expected(ball["views"][j], item, view, lights)
         drawn, _ = draw(browser, i, j, turn=turn, tilt=tilt)
         assert drawn.shape == image.shape
@@ -175,7 +176,7 @@ def test_the_sliders_of_the_ball_change_the_material(ball, browser):
     drawn, code = draw(browser, 0, 0, k_d=0.3, k_s=0.25, n_s=2.0)
     k_d, k_s, n_s = (np.array(of) for of in ((0.3, 0.2, 0.1), (0.25, 0.2, 0.15), (100, 80, 60)))
     changed = dataclasses.replace(item.material, k_d=k_d, k_s=k_s, n_s=n_s)
-    image, where = expected(ball["views"][0], ds.Object(item.surface, changed), view, [LIGHTS[k] for k in lit])
+    image, where = expected(ball["views"][0], ds.Object(item.surface, changed), view, [LAMPS[k] for k in lit])
     assert np.abs(drawn - image)[where].max() <= 1 / 255
     assert code == (
         "ds.Material(k_a=0.1, k_d=(0.3, 0.2, 0.1), k_s=(0.25, 0.2, 0.15), k_e=0, n_s=(100, 80, 60), lobe=ds.Phong())"

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from diffshade.extension import (
+    AbstractAttenuation,
     AbstractEmitter,
     AbstractLamp,
     AbstractLight,
@@ -109,6 +110,28 @@ class Lantern(AbstractLamp):
         to_light = Vec3.of(self.position) - p
         l = normalize(to_light)
         return Path(l, length(to_light), 0.5 + 0.5 * l.y)
+
+
+class ExponentialAttenuation(AbstractAttenuation):
+    """A medium that absorbs: e^(-rho d)."""
+
+    rho: Scalar = number(0.1, lower=0, start=0.0, role="attenuation")
+
+    def factor(self, d):
+        return jnp.exp(-self.rho * d)
+
+    def glsl(self):
+        return f"return exp(-{float(self.rho):.9e} * d);"
+
+
+class PowerAttenuation(AbstractAttenuation):
+    """1/(a d^p), of which nothing is known but its formula."""
+
+    a: Scalar = number(1.0, lower=0, role="amplitude", gauge=1)
+    p: Scalar = number(2.0, lower=0, upper=6, search=(0.5, 1.0, 2.0, 4.0), role="attenuation")
+
+    def factor(self, d):
+        return 1.0 / (self.a * jnp.exp(self.p * jnp.log(d)))
 
 
 class LineLight(AbstractLight):

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import own_parts
 import pytest
 from refusals import refuses
 
@@ -42,6 +43,40 @@ def test_no_derivative_where_it_is_clamped():
     assert jax.grad(f)(0.5) == 0
     assert jax.grad(f)(1.0) == 0
     np.testing.assert_allclose(jax.grad(f)(2.0), -0.25, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        ds.RadialAttenuation(0.5, 0.2, 0.1),
+        ds.RadialAttenuation(0.1, 0, 0.1, clamp=True),
+        own_parts.ExponentialAttenuation(0.3),
+        own_parts.PowerAttenuation(0.5, 1.5),
+    ],
+)
+def test_every_law_has_finite_derivatives_at_every_distance(law):
+    def f(law, d):
+        return law(d)
+
+    for d in (0.0, NEAREST, 0.3, 2.0, 1e6):
+        value, slopes = jax.value_and_grad(f, argnums=(0, 1))(jax.tree.map(jnp.asarray, law), jnp.asarray(d))
+        assert np.isfinite([value, *jax.tree.leaves(slopes)]).all()
+        assert d > NEAREST or slopes[1] == 0
+
+
+def test_a_law_declares_its_numbers():
+    assert ds.RadialAttenuation.numbers() == ("constant", "linear", "quadratic")
+    assert own_parts.PowerAttenuation.numbers() == ("a", "p")
+    assert own_parts.PowerAttenuation().glsl() is None
+
+
+@pytest.mark.parametrize("clamp", [False, True])
+@pytest.mark.parametrize("d", [0.3, 2.0])
+def test_what_a_live_picture_computes_is_f_rad(d, clamp):
+    """GLSL's expression is also Python's."""
+    for law in (ds.RadialAttenuation(0.1, 0.2, 0.3, clamp=clamp), own_parts.ExponentialAttenuation(0.3)):
+        expression = law.glsl().strip().removeprefix("return ").removesuffix(";")
+        np.testing.assert_allclose(eval(expression, {"d": d, "min": min, "exp": np.exp}), law(d), rtol=1e-6)
 
 
 def spot(cos_phi, cutoff, exponent, softness=0.0):

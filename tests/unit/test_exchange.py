@@ -8,6 +8,7 @@ from functools import partial
 
 import jax
 import numpy as np
+import own_parts
 import pytest
 
 import diffshade as ds
@@ -264,7 +265,7 @@ def test_what_is_lost_is_said(suffix, tmp_path):
     assert LOST[suffix] in str(written)
     assert LOST[suffix] in written.path.read_text().replace("\\n", " ")
     if suffix != ".c":
-        assert "attenuation a0, a1, a2" in str(written)
+        assert "the lights and their attenuation" in str(written)
 
 
 def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
@@ -275,6 +276,10 @@ def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
     assert "softness of lights[0] is not written" in said
     assert "OpenGL has no flaps: those of lights[0] are not written." in said
     assert "the exponent of lights[0], 200, is written as 128" in said
+    absorbed = ds.PointLight((0, 0, 1), attenuation=own_parts.ExponentialAttenuation(0.2))
+    with pytest.raises(ValueError, match=r"no ExponentialAttenuation, as lights\[0\] has.*fit_falloff"):
+        ds.write_material(tmp_path / "b.c", BLINN, lights=absorbed)
+    assert not (tmp_path / "b.c").exists()
 
 
 def test_gltf_is_what_the_specification_wants(tmp_path):

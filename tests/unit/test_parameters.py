@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import own_parts
 import pytest
 from refusals import refuses
 from synthetic import light_positions, standard_scene
@@ -184,6 +185,13 @@ def test_an_attenuation_whose_constant_is_zero_does_not_start_at_zero():
     """1/d^2 is `RadialAttenuation(0, 0, 1)`; with linear = quadratic = 0 it would divide by zero."""
     light = ds.PointLight((2, 3, 4), 1.0, ds.RadialAttenuation(0.0, 0.0, 1.0))
     assert max(u.start for u in find(standard_scene(lights=[light]), ("attenuation",))) > 0
+
+
+def test_the_numbers_of_an_own_law_are_freed_by_name_and_its_amplitude_by_its_own_alone():
+    scene = standard_scene(lights=[ds.PointLight((2, 3, 4), attenuation=own_parts.PowerAttenuation(0.7))])
+    assert names(scene, ("attenuation",)) == names(scene, ("lights.0.attenuation", "p")) == ["p"]
+    (a,) = find(scene, ("a",))
+    assert (a.start, a.lower, a.parameter.gauge) == (0.7, 0.0, 1)
 
 
 @pytest.mark.parametrize(

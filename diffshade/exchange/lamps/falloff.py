@@ -14,7 +14,7 @@ from ...core.words import listing
 from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
-NAMES = ("constant", "linear", "quadratic")
+NAMES = RadialAttenuation.numbers()  # by the power of the distance
 INSEPARABLE = 0.95  # correlation above which the table does not separate two coefficients
 
 

@@ -24,6 +24,7 @@ from jaxtyping import Float
 
 from ...core.fields import Array, is_concrete
 from ...model.fresnel import NoFresnel
+from ...model.lights import AbstractLight
 from ...model.lobes import EXPONENT_RANGE, AbstractPowerLobe
 from ...model.scenes import Scene, light_kinds
 from ...model.vectors import Vec3, dot, normalize, tangents_of
@@ -34,13 +35,13 @@ from .gram import Gram, ViewGrams
 from .interface import AbstractForwardModel, Pixels, Setting
 from .lighting import (
     Fields,
-    Lamps,
     Lit,
     Seen,
+    faded,
     fields_at,
     fields_of_chunk,
     fields_seen_by_chunk,
-    lamps_of,
+    intensities_of,
     lit_by,
     points_seen,
     seen_by_chunk,
@@ -50,10 +51,10 @@ from .losses import Likelihood
 from .rendered import costs
 
 MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
-FADES = ("constant", "linear", "quadratic")  # by the power of the distance
 PLACES = ("position", "direction")  # of a light; three unknowns each
-SERVED = {"k_a", "k_d", "k_s", "k_e", "n_s", *FADES, "intensity", "ambient", "exposure", "black", *PLACES}
-HOLDERS = {**dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "n_s"), "material"), **dict.fromkeys(FADES, "attenuation")}
+FADING = "attenuation."  # what the numbers of an attenuation are named by
+OF_MATERIAL = ("k_a", "k_d", "k_s", "k_e", "n_s")
+SERVED = {*OF_MATERIAL, "intensity", "ambient", "exposure", "black", *PLACES}
 
 
 class FeatureModel(AbstractForwardModel):
@@ -63,8 +64,8 @@ class FeatureModel(AbstractForwardModel):
     likelihood: Likelihood
     with_exponent: bool = eqx.field(static=True)
     """Whether n_s is unknown."""
-    with_fade: tuple[int, ...] = eqx.field(static=True)
-    """The unknown coefficients of the attenuation, as indices into `FADES`."""
+    fading: tuple[tuple[str, ...], ...] = eqx.field(static=True)
+    """For each kind of light, which numbers of its attenuation are unknown."""
     placed: tuple[tuple[str, ...], ...] = eqx.field(static=True)
     """For each kind of light, which of `PLACES` a fit moves."""
     shared: bool = eqx.field(static=True)
@@ -100,30 +101,23 @@ class FeatureModel(AbstractForwardModel):
             return self.lit(self.seen(pixels, view, counts), view)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
 
-    def rows(self, scene: Any, lamps: Lamps, view: Array, points: Fields | Seen) -> list[Any]:
+    def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:
         """Return F of a block: 1, then u and v of each light, then their derivatives for each light."""
         n_s, lobe = scene.objects[0].material.n_s, scene.objects[0].material.lobe
         predicting, slopes = [jnp.where(points.counts, 1.0, 0.0)], []
         for light, (kind, k) in enumerate(self._slots()):
-            fade, clamp = [lamps.fade[view, light, power] for power in range(3)], lamps.clamp[view, light]
-            moves: list[Any] = []
+            index = self.setting.lit[kind][0][view, k]
+            lamp = jax.tree.map(lambda leaf, i=index: leaf[i], scene.lights[kind])
             if isinstance(points, Fields):
-                lit = points.of(light)
+                lit, moves = points.of(light), []
             else:
-                index = self.setting.lit[kind][0][view, k]
-                lamp = jax.tree.map(lambda leaf, i=index: leaf[i], scene.lights[kind])
-                lit, moves = self._moved(lamp, self.placed[kind], lobe, points, (fade, clamp, n_s))
-            u, v, fading = shaded(lit, fade, clamp, n_s)
-            predicting += [u, v]
+                lit, moves = self._moved(lamp, self.placed[kind], lobe, points, n_s)
+            u, v = shaded(lit, n_s)
+            f, fades = faded(lamp, self.fading[kind], lit.distance)
+            predicting += [f * u, f * v]
             if self.with_exponent:
-                slopes.append(n_s * lit.log_cosine * v)
-            for power in self.with_fade:
-                if fading is None or lit.distance is None:
-                    slopes += [jnp.zeros_like(u)] * 2
-                else:
-                    slope = fading * lit.distance**power if power else fading
-                    slopes += [slope * u, slope * v]
-            slopes += moves
+                slopes.append(n_s * lit.log_cosine * (f * v))
+            slopes += [fade * of for fade in fades for of in (u, v)] + moves
         return predicting + slopes
 
     def _slots(self) -> list[tuple[int, int]]:
@@ -131,7 +125,7 @@ class FeatureModel(AbstractForwardModel):
         return [(kind, k) for kind, (index, _) in enumerate(self.setting.lit) for k in range(index.shape[1])]
 
     @staticmethod
-    def _moved(lamp: Any, names: tuple[str, ...], lobe: Any, seen: Seen, of: tuple) -> tuple[Lit, list[Any]]:
+    def _moved(lamp: Any, names: tuple[str, ...], lobe: Any, seen: Seen, n_s: Array) -> tuple[Lit, list[Any]]:
         """Return the fields of a light that moves, and the derivatives of u and v by where it is."""
 
         def features(places: tuple) -> tuple[tuple, Lit]:
@@ -139,7 +133,9 @@ class FeatureModel(AbstractForwardModel):
             for name, place in zip(names, places, strict=True):
                 moved = eqx.tree_at(lambda m, name=name: getattr(m, name), moved, place)
             lit = lit_by(moved, lobe, seen)
-            return shaded(lit, *of)[:2], lit
+            f, _ = faded(lamp, (), lit.distance)
+            u, v = shaded(lit, n_s)
+            return (f * u, f * v), lit
 
         places = tuple(getattr(lamp, name) for name in names)
         if not places:
@@ -160,21 +156,23 @@ class FeatureModel(AbstractForwardModel):
         """
         setting = self.setting
         setup = setting.slots.insert(theta, setting.setup)
-        scene, lamps = setup.scene, lamps_of(setup.scene, setting.lit)
+        scene, intensity = setup.scene, intensities_of(setup.scene, setting.lit)
         material = scene.objects[0].material
         exposure = setup.exposure[:, None]
         constant = exposure * (material.k_e + material.k_a * scene.ambient)[None] + setup.black[:, None]  # (views, c)
         held = jax.lax.stop_gradient
         predicted, slopes = [constant], []
         for light, (kind, k) in enumerate(self._slots()):
-            sent = exposure * lamps.intensity[:, light]
+            sent = exposure * intensity[:, light]
             c_u, c_v = sent * material.k_d[None], sent * material.k_s[None]
             predicted += [c_u, c_v]
             if self.with_exponent:
                 slopes.append(held(c_v) * jnp.log(material.n_s))
-            moving = [lamps.fade[:, light, power] for power in self.with_fade]
+            stack: Any = scene.lights[kind]
+            index = setting.lit[kind][0][:, k]
+            moving = [getattr(stack.attenuation, name)[index] for name in self.fading[kind]]
             for name in self.placed[kind]:
-                place = Vec3.of(getattr(scene.lights[kind], name)[setting.lit[kind][0][:, k]])
+                place = Vec3.of(getattr(stack, name)[index])
                 moving += [dot(place, axis) for axis in axes_of(name, place)]
             slopes += [held(c) * of[:, None] for of in moving for c in (c_u, c_v)]
         none = [jnp.zeros_like(constant)] * len(slopes)
@@ -195,7 +193,7 @@ class FeatureModel(AbstractForwardModel):
         """Return the predictions of a block, one array a channel."""
         predicted, _ = self.coefficients(theta)
         scene = self.setting.slots.insert(theta, self.setting.setup).scene
-        rows = self.rows(scene, lamps_of(scene, self.setting.lit), block.view, block.points)
+        rows = self.rows(scene, block.view, block.points)
         return self._predict(predicted[block.view], rows)
 
     def _predict(self, coefficients: Array, rows: Sequence[Any]) -> tuple[Any, ...]:
@@ -210,16 +208,15 @@ class FeatureModel(AbstractForwardModel):
         """
         setting = self.setting
         scene = setting.slots.insert(theta, setting.setup).scene
-        lamps = lamps_of(scene, setting.lit)
         predicted, _ = self.coefficients(theta)
         views, channels, features = predicted.shape
 
         def shared(total: Any, block: Block) -> tuple[Any, None]:
-            F = jnp.stack([*self.rows(scene, lamps, block.view, block.points), *block.observed.target])
+            F = jnp.stack([*self.rows(scene, block.view, block.points), *block.observed.target])
             return total.at[block.view].add(jnp.matmul(F, F.T, precision="highest")), None
 
         def weighted(total: tuple, block: Block) -> tuple[tuple, None]:
-            rows = self.rows(scene, lamps, block.view, block.points)
+            rows = self.rows(scene, block.view, block.points)
             F = jnp.stack(rows)
             terms = costs(self.likelihood, self._predict(predicted[block.view], rows), block.observed)
             of_block = (
@@ -298,7 +295,7 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
     n_s = material.n_s
     return (
         len(scene.objects) == 1
-        and names <= SERVED
+        and names <= SERVED.union(*(_fading(light, names) for light in scene.lights))
         and isinstance(material.fresnel, NoFresnel)
         and isinstance(material.lobe, AbstractPowerLobe)
         and not material.highlights
@@ -326,10 +323,10 @@ def feature_model(
 ) -> FeatureModel:
     """Return the model with the features that these unknowns need."""
     names = _kinds(unknowns)
-    fade = tuple(k for k, name in enumerate(FADES) if name in names)
     kinds = [next(scene.lights[i] for i in of) for of in light_kinds(scene.lights)]
+    fading = tuple(tuple(name.removeprefix(FADING) for name in _fading(light, names)) for light in kinds)
     placed = tuple(tuple(name for name in PLACES if name in names and name in light.placement) for light in kinds)
-    return FeatureModel(setting, likelihood, "n_s" in names, fade, placed, shared, grey)
+    return FeatureModel(setting, likelihood, "n_s" in names, fading, placed, shared, grey)
 
 
 def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
@@ -339,6 +336,15 @@ def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
 
 def _kind(path: str) -> str:
     room, holder, last = ["", "", *path.split(".")][-3:]
+    if holder == "attenuation":
+        return FADING + last
     if last in PLACES:
         return last if room == "lights" else path
-    return last if holder == HOLDERS.get(last, holder) else path
+    return last if holder == "material" or last not in OF_MATERIAL else path
+
+
+def _fading(light: AbstractLight, names: set[str]) -> list[str]:
+    """Return which names are those of numbers of a light's attenuation."""
+    law = getattr(light, "attenuation", None)
+    given = [] if law is None else [of for of in law.numbers() if getattr(law, of) is not None]
+    return [FADING + of for of in given if FADING + of in names]

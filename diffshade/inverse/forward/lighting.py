@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 
 from ...core.backend import SOONER, jit_quickly
 from ...core.fields import Array
-from ...model.attenuation import NEAREST
 from ...model.lobes import AbstractPowerLobe
 from ...model.scenes import together
 from ...model.vectors import Vec3, dot
@@ -64,46 +63,11 @@ class Lit(NamedTuple):
     f_ang: Numbers | None
 
 
-class Shaded(NamedTuple):
-    """The features of one light (E2-E6)."""
-
-    u: Numbers
-    """f_rad f_ang (n.l)_+."""
-    v: Numbers
-    """f_rad f_ang (cos)_+^n_s."""
-    fading: Numbers | None
-    """-f_rad, the derivative of log f_rad by the attenuation's constant; 0 where f_rad is clamped; None at infinity."""
-
-
-class Lamps(eqx.Module):
-    """The lights that are on in each view; padding is dark."""
-
-    intensity: Float[Array, "views lights channels"]
-    fade: Float[Array, "views lights 3"]
-    """constant, linear, quadratic; (1, 0, 0) at infinity."""
-    clamp: Float[Array, "views lights"]
-
-
-def lamps_of(scene: Any, lit: Any) -> Lamps:
-    """Return the lights that are on in each view."""
-    intensity, fade, clamp = [], [], []
-    for stack, (index, on) in zip(scene.lights, lit, strict=True):
-        if not index.shape[1]:
-            continue
-        intensity.append(stack.intensity[index] * on[..., None])
-        ones = jnp.ones(index.shape)
-        if not stack.is_local:
-            fade.append(jnp.stack([ones, 0.0 * ones, 0.0 * ones], -1))
-            clamp.append(0.0 * ones)
-        else:
-            a = stack.attenuation
-            fade.append(jnp.stack([a.constant[index], a.linear[index], a.quadratic[index]], -1))
-            clamp.append(ones if a.clamp else 0.0 * ones)
-    if not intensity:
-        views = lit[0][0].shape[0] if lit else 1
-        none = jnp.zeros((views, 0, scene.width))
-        return Lamps(none, jnp.zeros((views, 0, 3)), jnp.zeros((views, 0)))
-    return Lamps(*(jnp.concatenate(of, 1) for of in (intensity, fade, clamp)))
+def intensities_of(scene: Any, lit: Any) -> Float[Array, "views lights channels"]:
+    """Return the intensities of the lights that are on in each view; padding is dark."""
+    found = [stack.intensity[index] * on[..., None] for stack, (index, on) in zip(scene.lights, lit, strict=True)]
+    views = lit[0][0].shape[0] if lit else 1
+    return jnp.concatenate([jnp.zeros((views, 0, scene.width)), *found], 1)
 
 
 def seen_by(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:
@@ -126,7 +90,7 @@ def lit_by(light: Any, lobe: AbstractPowerLobe, seen: Seen) -> Lit:
     shines = lit & (cosine > 0)
     diffuse = n_l if f_ang is None else n_l * f_ang
     log = jnp.where(shines, _log(jnp.where(shines, cosine, 1.0)), DARK)
-    return Lit(jnp.where(lit, diffuse, 0.0), log, None if d is None else jnp.where(d > NEAREST, d, NEAREST), f_ang)
+    return Lit(jnp.where(lit, diffuse, 0.0), log, d, f_ang)
 
 
 @jax.custom_jvp
@@ -140,18 +104,24 @@ def _(primals: tuple, tangents: tuple) -> tuple:
     return jnp.log(primals[0]), tangents[0] * (1.0 / primals[0])
 
 
-def shaded(lit: Lit, fade: Sequence[Array], clamp: Array, n_s: Array) -> Shaded:
-    """Return the features of a light."""
-    u, v, d = lit.diffuse, jnp.exp(n_s * lit.log_cosine), lit.distance
-    if lit.f_ang is not None:
-        v = v * lit.f_ang
-    if d is None:
-        return Shaded(u, v, None)
-    a0, a1, a2 = fade
-    f = 1.0 / (a0 + d * (a1 + d * a2))
-    clamped = (clamp > 0) & (f >= 1.0)
-    f = jnp.where(clamped, 1.0, f)
-    return Shaded(f * u, f * v, jnp.where(clamped, 0.0, -f))
+def shaded(lit: Lit, n_s: Array) -> tuple[Numbers, Numbers]:
+    """Return the features of a light that nothing attenuates with distance: f_ang (n.l)_+ and f_ang (cos)_+^n_s."""
+    v = jnp.exp(n_s * lit.log_cosine)
+    return lit.diffuse, v if lit.f_ang is None else v * lit.f_ang
+
+
+def faded(light: Any, names: Sequence[str], d: Numbers | None) -> tuple[Numbers, list[Numbers]]:
+    """Return f_rad of a light at the distances d, and its derivatives by numbers of its law; 1 without a law."""
+    law = getattr(light, "attenuation", None)
+    if law is None or d is None:
+        return jnp.ones(()), []
+
+    def slope(name: str) -> Numbers:
+        number = getattr(law, name)
+        at = partial(eqx.tree_at, lambda of: getattr(of, name), law)
+        return jax.jvp(lambda x: at(x)(d), (number,), (jnp.ones_like(number),))[1]
+
+    return law(d), [slope(name) for name in names]
 
 
 def points_seen(setting: Setting, pixels: Pixels, view: Array, counts: Array) -> Seen:

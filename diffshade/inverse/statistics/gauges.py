@@ -13,7 +13,7 @@ from ..unknowns.unknown import Unknown
 
 MANY = 4  # lights or views whose numbers of one name are named together
 ALIKE = 1e-3  # relative; that changes may differ and still be one factor, or one motion
-ATTENUATION = ("constant", "linear", "quadratic")
+OF_ATTENUATION = ("attenuation", "amplitude")  # roles
 
 Vector = Float[np.ndarray, " p"]
 
@@ -22,8 +22,10 @@ def sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> 
     """Say which unknowns a direction mixes, how they change together, and what to do about it."""
     names = quantities(unknowns, np.flatnonzero(direction))
     cannot, together, more = _gauge(direction, unknowns, values)
-    keys = ("constant", "exposure", "intensity", "ambient", "radius", "center")
-    fix = next((n for key in keys for n in names if n.split(".")[-1] == key), names[-1])
+    amplitudes = [u.quantity for u in unknowns if u.parameter.role == "amplitude"]
+    keys = ("exposure", "intensity", "ambient", "radius", "center")
+    simplest = [n for n in names if n in amplitudes] + [n for key in keys for n in names if n.split(".")[-1] == key]
+    fix = (simplest or names[-1:])[0]
     known = [name.split(".")[-1] for name in names if name.startswith("lights.")]
     if known.count("intensity") > 1:
         more += ", or give intensity_error, the relative error of the intensities as they are stated"
@@ -60,6 +62,12 @@ def quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> lis
     return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
 
 
+def of_attenuation(names: Sequence[str], unknowns: Sequence[Unknown]) -> list[str]:
+    """Return those of the names that are numbers of an attenuation."""
+    found = {unknown.quantity for unknown in unknowns if unknown.parameter.role in OF_ATTENUATION}
+    return [name for name in names if name in found]
+
+
 def listed(names: Sequence[str]) -> str:
     """Return names in words, those of many lights or views together: "the intensity of lights 0 to 47"."""
     parts = [re.fullmatch(r"(lights|views)\.(\d+)\.(.+)", name) for name in names]
@@ -84,8 +92,8 @@ def _gauge(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> tu
     involved = np.flatnonzero(direction)
     names = quantities(unknowns, involved)
     signs = np.array([unknowns[int(j)].parameter.gauge for j in involved])
-    lights = quantities(unknowns, involved[signs < 0])
-    attenuation = [name for name in names if name.split(".")[-1] in ATTENUATION]
+    attenuation = of_attenuation(names, unknowns)
+    lights = [name for name in quantities(unknowns, involved[signs < 0]) if name not in attenuation]
     reflections = [name for name in names if name not in (*lights, *attenuation)]
     if not reflections:
         signs = np.abs(signs)  # light and attenuation grow together

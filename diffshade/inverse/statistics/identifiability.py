@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, logarithms
 from .arrowheads import regular_inverse
-from .gauges import quantities, sentence
+from .gauges import of_attenuation, quantities, sentence
 from .uncertainty import SINGULAR, Matrix, Vector, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
@@ -136,7 +136,7 @@ def weak_notes(directions: Sequence[Int[np.ndarray, " n"]], unknowns: Sequence[U
         hardly = f"hardly separate {listing(names)}" if len(names) > 1 else f"hardly separate the parts of {names[0]}"
         text = (
             f"these views {hardly}: changed together, they change the pixels less than a thousandth as much as one by "
-            f"one, so the errors are right only if the model is exact. {remedy(names)}"
+            f"one, so the errors are right only if the model is exact. {remedy(names, unknowns)}"
         )
         notes.append(Note(text, "hardly separated", tuple(names)))
     return list(dict.fromkeys(notes))
@@ -164,7 +164,7 @@ def vague_notes(
         else:
             size = f"{errors[worst]:.2g} with the value at 0"
         verb, its = ("is", "its error is") if len(names) == 1 else ("are", "the largest error is")
-        advice = ONE_TOO_MANY if _beside_others(unknowns[worst], unknowns) else remedy([quantity])
+        advice = ONE_TOO_MANY if _beside_others(unknowns[worst], unknowns) else remedy([quantity], unknowns)
         text = f"{listing(names)} {verb} lost in the noise: {its} {size}. {advice}"
         notes.append(Note(text, "lost in noise", tuple(names)))
     if small.any():
@@ -185,13 +185,13 @@ def _beside_others(unknown: Unknown, unknowns: Sequence[Unknown]) -> bool:
     return any(path.startswith(others) for u in unknowns for path, _ in u.places)
 
 
-def remedy(names: Sequence[str]) -> str:
+def remedy(names: Sequence[str], unknowns: Sequence[Unknown]) -> str:
     """Return a remedy: the parameter to fix, or the photograph to add."""
     kinds = {name.split(".")[-1] for name in names}
     last = names[-1]
-    if kinds & {"constant", "linear", "quadratic"}:
-        fix = next(n for n in reversed(names) if n.split(".")[-1] in ("constant", "linear", "quadratic"))
-        return f"Fix one, for example {fix}, or add photographs with the lamp at three distances, such as 2, 3 and 4.5."
+    if attenuation := of_attenuation(names, unknowns):
+        add = "add photographs with the lamp at three distances, such as 2, 3 and 4.5"
+        return f"Fix one, for example {attenuation[-1]}, or {add}."
     if kinds & {"n_s", "k_s"}:
         return f"Fix {last}, or add a photograph with the whole highlight on the object, not clipped."
     if kinds & {"position", "direction", "intensity"}:

@@ -47,8 +47,8 @@ def find_unknowns(
     Args:
         scene: The scene, whose values are known where they are not free.
         views: The photographs.
-        free: Names of what is to be fitted. Fields whose `Parameter.by_own_name` is set, such as `constant`, the gauge
-            of an attenuation, are freed only by a name that holds their own.
+        free: Names of what is to be fitted. Fields whose `Parameter.by_own_name` is set, such as `constant`, the
+            amplitude of an attenuation, are freed only by a name that holds their own.
         tied: Names; free numbers whose paths are equal after the matched run are one unknown, channel by channel.
         bounds: Ranges by name.
         constraints: What else is known.
@@ -205,12 +205,17 @@ def _freed(scene: Scene, free: Sequence[str], known: Mapping[str, Any]) -> list[
 
 
 def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
-    head, _, last = path.rpartition(".")
-    constant = known.get(f"{head}.constant")
-    if last in ("linear", "quadratic") and constant is not None and not constant[0] > 0:
-        return 1.0  # with all three at 0 there is no attenuation to speak of
-    start = parameter_of(known[path][1]).start
-    return float(number if start is None else start)
+    of = parameter_of(known[path][1])
+    if of.role == "attenuation" and of.start == 0 and not all(value > 0 for value in _amplitudes_beside(path, known)):
+        return 1.0  # with all numbers of the law at 0 it would divide by 0
+    return float(number if of.start is None else of.start)
+
+
+def _amplitudes_beside(path: str, known: Mapping[str, Any]) -> list[Any]:
+    """Return the amplitudes of the law that holds a number."""
+    head = path.rpartition(".")[0]
+    beside = [known[other] for other in known if other.rpartition(".")[0] == head]
+    return [value for value, spec in beside if parameter_of(spec).role == "amplitude"]
 
 
 def _check_object_names(scene: Scene, known: Iterable[str]) -> None:

@@ -65,11 +65,11 @@
     const about = (a) => turned(turned(a, camera.up, turn), camera.right, tilt);
     const rows = view.lit.flatMap((i) => scene.lights[i]).map((emitter) => {
       const [x, y, z, local, ...rest] = emitter, from = local ? object.center : [0, 0, 0];
-      const axis = about(rest.slice(8, 11));
-      return [...about(add([x, y, z], from, -1)), local, ...rest.slice(0, 8), ...axis, ...rest.slice(11)];
+      const axis = about(rest.slice(4, 7));
+      return [...about(add([x, y, z], from, -1)), local, ...rest.slice(0, 4), ...axis, ...rest.slice(7)];
     });
-    const table = new Float32Array(rows.length ? rows.flat() : 20);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 5, Math.max(rows.length, 1), 0, gl.RGBA, gl.FLOAT, table);
+    const table = new Float32Array(rows.length ? rows.flat() : 16);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, 4, Math.max(rows.length, 1), 0, gl.RGBA, gl.FLOAT, table);
     return rows.length;
   }
 

@@ -13,7 +13,6 @@ from ...core.fields import Array, as_coefficient, as_colour, is_over_pixels
 from ...core.words import listing
 from ...inverse.data.views import lights_on
 from ...inverse.result import Fit
-from ...model.attenuation import RadialAttenuation
 from ...model.cameras import AbstractCamera, Camera, OrthographicCamera, axes
 from ...model.fresnel import Dielectric, NoFresnel, Schlick
 from ...model.lights import AbstractEmitter, AbstractLight, DirectionalLight, PointLight, SpotLight
@@ -40,7 +39,8 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
     """
     scene = fit.scene
     balls = [_ball(item, fit.views[0].camera) for item in scene.objects]
-    emitters = [emitter_rows(light) for light in scene.lights]
+    laws: list[str] = []
+    emitters = [emitter_rows(light, laws) for light in scene.lights]
     lobes = own_lobes([item.material.lobe for item in scene.objects])
     views = [
         {
@@ -71,6 +71,7 @@ def ball_scene(fit: Fit, names: Sequence[str], white: float) -> tuple[dict[str, 
         "views": views,
         "objects": objects,
         "lobes": lobes,
+        "laws": laws,
     }
     return data, _not_shown(scene, emitters)
 
@@ -106,7 +107,7 @@ def scene_to_render(fit: Fit) -> Scene | None:
     materials = [item.material for item in fit.scene.objects]
     drawn = (*LOBES, *(type(lobe) for lobe in _with_glsl(m.lobe for m in materials)))
     lacks = any(m.patterns or m.highlights or type(m.lobe) not in drawn for m in materials)
-    lacks = lacks or any(emitter_rows(light) is None for light in fit.scene.lights)
+    lacks = lacks or any(emitter_rows(light, []) is None for light in fit.scene.lights)
     balls = [_ball(item, fit.views[0].camera) for item in fit.scene.objects]
     found = [(item, of) for item, of in zip(fit.scene.objects, balls, strict=True) if of is not None]
     if not lacks or len(found) < len(balls) or any(m.maps for m in materials):
@@ -182,38 +183,41 @@ def ball_shape(shape: tuple[int, int]) -> tuple[int, int]:
     return height, width
 
 
-def emitter_rows(light: AbstractLight) -> list[list[float]] | None:
-    """Return a row of 20 numbers for each emitter of a light; None for a light that the shader does not know.
+def emitter_rows(light: AbstractLight, laws: list[str]) -> list[list[float]] | None:
+    """Return a row of 16 numbers for each emitter of a light; None for a light that the shader does not know.
 
-    It knows none whose colours are apart, and none with flaps.
+    It knows none whose colours are apart, none with flaps, and none with a law of attenuation that has no `glsl`.
 
-    The row is: position, 1 (or the direction to a light at infinity, 0); intensity, 1 if attenuation is clamped; a0,
-    a1, a2, 1 for a spot; the spot's axis, the cosine of its edge; its exponent, the width of its soft edge, 0, 0.
+    The row is: position, 1 (or the direction to a light at infinity, 0); intensity, the number of its law; a spot's
+    axis, the cosine of its edge; its exponent, the width of its soft edge, 1 for a spot, 0.
+
+    Args:
+        light: The light.
+        laws: The function bodies of the laws so far, by their numbers; those of the light are added.
     """
     if not light.has_one_colour:
         return None
     if not isinstance(light, AbstractEmitter):
         stack = jax.jit(type(light).emitters)(light)
         number = len(jax.tree.leaves(stack)[0])
-        each = [emitter_rows(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack)) for i in range(number)]
+        each = [emitter_rows(jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), stack), laws) for i in range(number)]
         return None if None in each else [row for rows in each for row in rows or ()]
     if isinstance(light, DirectionalLight):
         to_light = -np.asarray(light.direction) / np.linalg.norm(light.direction)
-        return [[*_floats(to_light), 0.0, *_floats(light.intensity), *[0.0] * 13]]
+        return [[*_floats(to_light), 0.0, *_floats(light.intensity), *[0.0] * 9]]
     if not isinstance(light, PointLight | SpotLight) or light.flaps is not None:
         return None
-    row = [*_floats(light.position), 1.0, *_floats(light.intensity), *_fading(light.attenuation)]
+    law = light.attenuation.glsl()
+    if law is None:
+        return None
+    laws += [] if law in laws else [law]
+    row = [*_floats(light.position), 1.0, *_floats(light.intensity), float(laws.index(law))]
     if isinstance(light, PointLight):
-        return [[*row, *[0.0] * 9]]
+        return [[*row, *[0.0] * 8]]
     axis = np.asarray(light.direction) / np.linalg.norm(light.direction)
     edge = max(_cosine(light.cutoff), 0.0)
     width = _cosine(light.cutoff - light.softness) - edge
-    return [[*row, 1.0, *_floats(axis), edge, float(light.exponent), width, 0.0, 0.0]]
-
-
-def _fading(attenuation: RadialAttenuation) -> list[float]:
-    numbers = (attenuation.constant, attenuation.linear, attenuation.quadratic)
-    return [float(attenuation.clamp), *map(float, numbers)]
+    return [[*row, *_floats(axis), edge, float(light.exponent), width, 1.0, 0.0]]
 
 
 def _cosine(degrees: Any) -> float:

@@ -15,10 +15,10 @@ vec3 arriving(int i, vec3 p, out vec3 l) {
   return intensity;
 }
 #else
-float radial(vec3 a, float d, bool clamped) {  // E2
-  d = max(d, 1e-6);
-  float f = 1.0 / (a.x + d * (a.y + d * a.z));
-  return clamped ? min(f, 1.0) : f;
+// laws
+float radial(int law, float d) {  // E2
+  // calls of laws
+  return 1.0;
 }
 
 float angular(float cos_phi, float edge, float width, float exponent) {  // E3
@@ -32,12 +32,11 @@ vec3 arriving(int i, vec3 p, out vec3 l) {  // from an emitter at p: direction t
   vec4 place = texelFetch(lights, ivec2(0, i), 0), shine = texelFetch(lights, ivec2(1, i), 0);
   l = place.xyz;
   if (place.w == 0.0) return shine.rgb;  // at infinity
-  vec4 fade = texelFetch(lights, ivec2(2, i), 0), axis = texelFetch(lights, ivec2(3, i), 0);
-  vec4 cone = texelFetch(lights, ivec2(4, i), 0);
+  vec4 axis = texelFetch(lights, ivec2(2, i), 0), cone = texelFetch(lights, ivec2(3, i), 0);
   vec3 to_light = place.xyz - p;
   float d = length(to_light);
   l = d > 0.0 ? to_light / d : vec3(0.0);
-  vec3 found = shine.rgb * radial(fade.xyz, d, shine.w > 0.0);
-  return fade.w > 0.0 ? found * angular(-dot(l, axis.xyz), axis.w, cone.y, cone.x) : found;
+  vec3 found = shine.rgb * radial(int(shine.w), max(d, 1e-6));
+  return cone.z > 0.0 ? found * angular(-dot(l, axis.xyz), axis.w, cone.y, cone.x) : found;
 }
 #endif

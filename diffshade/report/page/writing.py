@@ -244,7 +244,7 @@ def _filled(ball: dict[str, Any], **what: Any) -> str:
         ("page.css",),
         ("webgl.js", "page.js", "ball.js"),
         **what,
-        shader=shader("ball.glsl", ball["lobes"]),
+        shader=shader("ball.glsl", ball["lobes"], ball["laws"]),
         lobes=["Phong", "Blinn", *(name for name, _ in ball["lobes"])],
         ball=as_script(ball),
         ball_views=[view["name"] for view in ball["views"]],

@@ -71,9 +71,9 @@ const mapPicture = (canvas, gl, scene, textures) => {
   Object.assign(place, { eye: camera.eye, backward: camera.backward });
 
   function upload() {
-    const rows = state.emitters.map((row) => row.slice(0, 20)), number = Math.max(rows.length, 1);
-    fill(lights, gl.RGBA32F, gl.RGBA, [5, number], rows);
-    fill(weights, gl.R32F, gl.RED, [Math.max(parts.length, 1), number], state.emitters.map((row) => row.slice(20, 20 + parts.length)));
+    const rows = state.emitters.map((row) => row.slice(0, 16)), number = Math.max(rows.length, 1);
+    fill(lights, gl.RGBA32F, gl.RGBA, [4, number], rows);
+    fill(weights, gl.R32F, gl.RED, [Math.max(parts.length, 1), number], state.emitters.map((row) => row.slice(16, 16 + parts.length)));
   }
 
   function fill(texture, format, channels, [width, height], rows) {
@@ -118,7 +118,7 @@ const mapPicture = (canvas, gl, scene, textures) => {
     begin(targets.beyond, parts[0].size);
     use(beyond, { ...place, coarser: parts[0].coarser, gain: state.gain });
     shine(beyond, defined);
-    if (defined.SUM) gl.uniform1fv(beyond.place("weight"), state.emitters[0].slice(20, 20 + parts.length));
+    if (defined.SUM) gl.uniform1fv(beyond.place("weight"), state.emitters[0].slice(16, 16 + parts.length));
     mapTextures.bind(gl, beyond, {
       geometry: [textures.geometry], lights: [lights], weights: [weights], parts: [textures.beyond, gl.TEXTURE_2D_ARRAY],
     });

@@ -40,13 +40,15 @@ def stage_of(maps: TexelMaps, lightings: Sequence[Lighting], white: float, facto
         assert isinstance(lobe, AbstractLobe)  # as every lobe of a fit of texels is
         lobes = own_lobes([lobe])
         inside = maps.status != OUTSIDE
-        found = [_lighting(maps, select(scene, of.lit), position, inside, target) for of in lightings]
+        laws: list[str] = []
+        found = [_lighting(maps, select(scene, of.lit), laws, position, inside, target) for of in lightings]
     given = maps.unexplained
     return {
         "camera": _camera(camera, factor),
         "placed": position is not None,
         "lobe": lobe_number(lobe, lobes),
         "lobes": lobes,
+        "laws": laws,
         "views": [
             {**lights, "gain": of.exposure / white, "black": of.black / white}
             for of, lights in zip(lightings, found, strict=True)
@@ -99,6 +101,7 @@ def _camera(camera: AbstractCamera, factor: int) -> dict[str, Any]:
 def _lighting(
     maps: TexelMaps,
     lights: Sequence[AbstractLight],
+    laws: list[str],
     position: Float[np.ndarray, "h w 3"] | None,
     inside: Bool[np.ndarray, "h w"],
     target: Float[np.ndarray, "3"],
@@ -106,7 +109,7 @@ def _lighting(
     """Return the emitters of a view's lights, and where its light comes from and how much arrives in the middle."""
     rows, unknown, toward, arriving = [], False, np.zeros(3), np.zeros(3)
     for light in lights:
-        found = emitter_rows(light)
+        found = emitter_rows(light, laws)
         unknown = unknown or found is None
         l, everywhere = Unexplained.toward(light, position, inside)
         light_here = (everywhere if everywhere.ndim == 2 else everywhere[inside].mean(0)).sum(0)

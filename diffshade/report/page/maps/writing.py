@@ -129,7 +129,7 @@ def write_maps_page(
         factor=numbers.factor,
         packed=tables.packed(numbers, layers),
         scene=as_script(_scene(numbers, layers, planes, stage, overlays)),
-        shaders={name: shader(f"maps/{name}.glsl", stage["lobes"]) for name in SHADERS},
+        shaders={name: shader(f"maps/{name}.glsl", stage["lobes"], stage["laws"]) for name in SHADERS},
         files={f"{name}-{k}": file for name, of in planes.items() for k, file in enumerate(of)}
         | {f"photograph-{i}": as_jpeg(photographs.every[i], white) for i in photographs.some(MOST_PHOTOGRAPHS)},
     )
@@ -162,7 +162,7 @@ def _scene(
     """Return what the page's scripts know of its layers, ready for JSON."""
     height, own = layers[0].channels[2], numbers.own[numbers.inside]
     return {
-        **{name: of for name, of in stage.items() if name != "lobes"},
+        **{name: of for name, of in stage.items() if name not in ("lobes", "laws")},
         "layers": [{**layer.about(), "planes": len(planes[layer.name])} for layer in layers],
         "heights": None if numbers.height is None else [height.low, height.high],
         "own": own[0].tolist() if (own == own[0]).all() else None,  # the same for all texels, or a layer
