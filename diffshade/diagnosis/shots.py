@@ -133,7 +133,7 @@ def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], se
     every view is ignored.
     """
     on = {i for view in fit.views for i in lights_on(fit.scene, view)}
-    same_kind = [i for i in sorted(on) if type(fit.scene.lights[i]) is type(light)]
+    same_kind = [i for i in sorted(on) if _kind(fit.scene.lights[i]) == _kind(light)]
     unknown_at = {place: j for j, u in enumerate(fit.unknowns) for place in u.places}
     return {
         (leaf, c): {unknown_at.get((f"lights.{i}.{leaf}", c)) for i in same_kind}
@@ -141,6 +141,11 @@ def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], se
         if parameter_of(spec).role not in PLACED
         for c in range(np.size(value))
     }
+
+
+def _kind(light: AbstractLight) -> tuple[type, type]:
+    """Return what kind a light is, and its law of attenuation."""
+    return type(light), type(getattr(light, "attenuation", None))
 
 
 def _check_camera(fit: Fit, placed: PlacedShot, name: str) -> None:

@@ -5,6 +5,7 @@ import inspect
 from typing import Any
 
 import numpy as np
+import own_parts
 import pytest
 from scenarios import noisy_fit
 from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
@@ -128,6 +129,8 @@ def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
     assert not {"position", "direction"} & set(of)
     spot = ds.SpotLight((0, 0, 8), (0, 0, -1), 1.0, 60.0)
     assert not any(unknowns_of_lamp(fit, spot).values())  # of another kind
+    absorbed = dataclasses.replace(lamp, attenuation=own_parts.ExponentialAttenuation())
+    assert not any(unknowns_of_lamp(fit, absorbed).values())  # of another law
 
 
 def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said():

@@ -172,7 +172,7 @@ def test_the_live_ball_is_what_render_draws(cases, ball, browser):
 
 
 def test_the_sliders_of_the_ball_change_the_material(ball, browser):
-    view, item, lit = VIEWS[0], OBJECTS[0], (0, 1, 3)
+    view, item, lit = VIEWS[0], OBJECTS[0], (0, 1, 3, 4)
     drawn, code = draw(browser, 0, 0, k_d=0.3, k_s=0.25, n_s=2.0)
     k_d, k_s, n_s = (np.array(of) for of in ((0.3, 0.2, 0.1), (0.25, 0.2, 0.15), (100, 80, 60)))
     changed = dataclasses.replace(item.material, k_d=k_d, k_s=k_s, n_s=n_s)

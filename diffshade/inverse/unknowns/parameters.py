@@ -205,17 +205,12 @@ def _freed(scene: Scene, free: Sequence[str], known: Mapping[str, Any]) -> list[
 
 
 def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
-    of = parameter_of(known[path][1])
-    if of.role == "attenuation" and of.start == 0 and not all(value > 0 for value in _amplitudes_beside(path, known)):
-        return 1.0  # with all numbers of the law at 0 it would divide by 0
+    of, head = parameter_of(known[path][1]), path.rpartition(".")[0]
+    if of.role == "attenuation" and of.start == 0:
+        beside = [known[other] for other in known if other.rpartition(".")[0] == head]
+        if any(parameter_of(spec).role == "amplitude" and not value > 0 for value, spec in beside):
+            return 1.0  # with all numbers of the law at 0 it would divide by 0
     return float(number if of.start is None else of.start)
-
-
-def _amplitudes_beside(path: str, known: Mapping[str, Any]) -> list[Any]:
-    """Return the amplitudes of the law that holds a number."""
-    head = path.rpartition(".")[0]
-    beside = [known[other] for other in known if other.rpartition(".")[0] == head]
-    return [value for value, spec in beside if parameter_of(spec).role == "amplitude"]
 
 
 def _check_object_names(scene: Scene, known: Iterable[str]) -> None:
