@@ -1,5 +1,6 @@
 """What arrives at a point from each kind of light: the direction to it, and the intensity that is left."""
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_a_spot_light():
 def test_defaults():
     point = ds.PointLight((1, 2, 3))
     np.testing.assert_array_equal(point.intensity, [1, 1, 1])
-    assert float(point.attenuation.constant) == 1
+    assert eqx.tree_equal(point.attenuation, ds.RadialAttenuation(1.0))
     spot = ds.SpotLight((1, 2, 3), (0, 0, -1))
     assert (spot.cutoff, spot.exponent, spot.softness) == (45, 0, 0)
     np.testing.assert_array_equal(ds.DirectionalLight((1, 2, 3), 0.3).intensity, [0.3, 0.3, 0.3])
@@ -97,6 +98,7 @@ def test_an_area_light_is_a_grid_of_spots():
     axis = grid.direction / np.linalg.norm(grid.direction, axis=-1, keepdims=True)
     np.testing.assert_allclose(axis, [(0, 0, -1)] * 6, atol=1e-15)
     np.testing.assert_array_equal([grid.cutoff, grid.exponent, grid.softness], [[70] * 6, [2.5] * 6, [0] * 6])
+    assert isinstance(grid.attenuation, ds.RadialAttenuation)
     np.testing.assert_array_equal(grid.attenuation.quadratic, [0.1] * 6)
     assert lamp.is_local
 

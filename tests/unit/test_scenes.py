@@ -60,6 +60,7 @@ def test_lights_of_one_kind_are_stacked():
     np.testing.assert_array_equal(points.position, [(1, 0, 0), (3, 0, 0)])
     np.testing.assert_array_equal(directional.direction, [(2, 0, 0), (5, 0, 0)])
     np.testing.assert_array_equal(clamped.position, [(4, 0, 0)])
+    assert isinstance(clamped.attenuation, ds.RadialAttenuation)
     assert clamped.attenuation.clamp
     for leaf in jax.tree.leaves(stacked):
         assert type(leaf) is np.ndarray  # until the jit boundary
