@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.data.folders import list_folder
-from ..inverse.data.views import as_image
-from ..io.images import read_image, read_mask, without_alpha
-from ..model.gbuffers import as_mask
+from ..inverse.data.photographs import as_given
+from ..inverse.data.views import as_image, check_floats
+from ..io.images import read_image, without_alpha
 from .balls import largest, roundness
 from .edges import Points, alike, disc, find_edge
 
@@ -75,10 +75,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
     alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
     images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
-        if not np.issubdtype(image.dtype, np.floating):
-            raise ValueError(
-                f"{name} must be linear radiance in floats; got {image.dtype}. Read it with ds.read_image."
-            )
+        check_floats(name, image.dtype)
     mask = in_same_folder if mask is None else mask
     mask = alpha if mask is None else mask
     given = mask if isinstance(mask, tuple | list) else (mask,)
@@ -146,7 +143,10 @@ def _read(
     if not files:
         raise ValueError("photographs must hold at least one; got none. Give a folder, files or arrays.")
     names = [Path(file).name if isinstance(file, str | Path) else f"photograph {i}" for i, file in enumerate(files)]
-    images = [read_image(f, srgb=srgb) if isinstance(f, str | Path) else as_image(f) for f in files]
+    images = [
+        read_image(f, srgb=srgb) if isinstance(f, str | Path) else as_image(f, name)
+        for name, f in zip(names, files, strict=True)
+    ]
     for name, image in zip(names, images, strict=True):
         if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
             raise ValueError(
@@ -159,7 +159,7 @@ def _read(
 
 
 def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:
-    found = read_mask(mask) if isinstance(mask, str | Path) else np.asarray(as_mask(mask))
+    found = as_given(mask)
     if found.shape != shape:
         raise ValueError(f"mask must have the photographs' shape {shape}; got {found.shape}. Resize it.")
     return found

@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.masks import as_mask
 from ...core.words import count, listing
 from ...io.files import replacing
 from ...io.images import read_image, read_mask, without_alpha, write_image
 from ...io.lazy_images import open_image
 from ...model.attenuation import RadialAttenuation
 from ...model.cameras import OrthographicCamera
-from ...model.gbuffers import GBuffer, as_mask
+from ...model.gbuffers import GBuffer
 from ...model.lights import DirectionalLight, PointLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene

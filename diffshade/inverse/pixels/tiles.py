@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...io.lazy_images import row_tiles, rows_of_a_tile
-from ...model.gbuffers import as_mask
 from ...model.rendering import silhouette_of_rows
 from ...model.scenes import Scene
 from ..data.samples import Samples, check_any, check_view, erode, extremes, sensor_range
@@ -85,9 +84,9 @@ class Tiles:
         alpha = has_alpha(view)
         above, below = (max(tile.first - 1, 0), min(tile.last + 1, height)) if self.moving else tile[1:]
         start = above if alpha else tile.first  # the first row that was read
-        masks = [] if view.mask is None else [as_mask(view.mask[above:below])]
+        masks = [] if view.mask is None else [view.mask[above:below]]
         if alpha:
-            masks.append(as_mask(read[..., -1]))
+            masks.append(read[..., -1] >= 0.5)
         if not self.moving:
             masks.append(silhouette_of_rows(self.scene.objects, view.camera, tile.first, tile.last))
         inside = np.logical_and.reduce(masks)
