@@ -28,7 +28,8 @@ def as_mask(mask: Any, name: str = "mask") -> Bool[Array, "..."]:
         name: What it is, for messages.
 
     Returns:
-        The mask, (H, W); an array of another shape keeps it, for the caller to refuse. A JAX array of booleans or floats stays one.
+        The mask, (H, W); an array of another shape keeps it, for the caller to refuse. A JAX array of booleans or
+        floats stays one.
 
     Raises:
         TypeError: It is no array of real numbers, such as a path, or whole numbers that are traced.
