@@ -37,8 +37,8 @@ def as_mask(mask: Any, name: str = "mask") -> Bool[Array, "..."]:
     """
     if isinstance(mask, str | os.PathLike):
         raise TypeError(f"{name} must be an array; got the path {os.fspath(mask)!r}. Read it with ds.read_mask(path).")
-    mode = getattr(mask, "mode", None)
-    if isinstance(mode, str) and mode not in PLAIN_MODES:
+    mode = mask.mode if hasattr(mask, "getbands") else "L"  # a memory map has a mode too
+    if mode not in PLAIN_MODES:
         raise TypeError(
             f"{name} must hold levels; got an image of Pillow of the mode {mode!r}. Convert it with image.convert('L')."
         )

@@ -1,11 +1,14 @@
 """A file is written whole or not at all, and where that cannot be it is said before anything is done."""
 
+import errno
 import os
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from diffshade.io.files import replacing
+from diffshade.io.files import replacing, reserve
 
 
 @pytest.mark.parametrize("name", ["image.png", "IMAGE.PNG", "archive.tar.gz", "no_suffix", "täst ü.tif"])
@@ -70,3 +73,37 @@ def test_the_mode_is_that_of_any_new_file(tmp_path):
     with replacing(tmp_path / "a.txt") as temporary:
         temporary.write_text("")
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    "raised", [OSError(errno.ENOSPC, "No space left on device", ".x.npy"), OSError("9 requested and 1 written")]
+)
+def test_a_full_disk_is_named_with_its_file_which_stays_as_it_was(tmp_path, monkeypatch, raised):
+    (tmp_path / "maps.npy").write_text("old")
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
+
+    def write():
+        with replacing(tmp_path / "maps.npy") as temporary:
+            temporary.write_text("half")
+            raise raised
+
+    with pytest.raises(OSError, match=r"cannot write .*maps\.npy: the disk is full\. Free some space") as refused:
+        write()
+    assert "\n" not in str(refused.value)
+    assert os.listdir(tmp_path) == ["maps.npy"]
+    assert (tmp_path / "maps.npy").read_text() == "old"
+
+
+def test_the_space_of_a_file_is_taken_where_the_system_cannot_reserve(tmp_path, monkeypatch):
+    def refuses(*_):
+        raise OSError(errno.EOPNOTSUPP, "not here")
+
+    for change in (lambda: None, lambda: monkeypatch.setattr(os, "posix_fallocate", refuses, raising=False)):
+        change()
+        path = tmp_path / "array.npy"
+        made = np.lib.format.open_memmap(path, "w+", np.float64, (300_000,))
+        made.flush()
+        reserve(path, made.offset)
+        assert path.stat().st_blocks * 512 >= 8 * 300_000
+        np.testing.assert_array_equal(np.load(path), np.zeros(300_000))

@@ -58,6 +58,11 @@ def test_an_array_is_what_its_file_is(tmp_path, suffix):
         np.testing.assert_array_equal(as_mask(array), read)
 
 
+def test_a_mask_mapped_from_disk(tmp_path):
+    np.save(tmp_path / "mask.npy", SOFT)
+    np.testing.assert_array_equal(as_mask(np.load(tmp_path / "mask.npy", mmap_mode="r")), INSIDE)
+
+
 WRONG = {
     "labels": (SOFT // 100, "mask of uint8 must be 0 and 1, or reach half of the range of uint8, 128; got 1 to 2"),
     "bytes as integers": (SOFT.astype(int), "mask of int64 must be 0 and 1; got 100 to 200. Give booleans"),
