@@ -61,8 +61,17 @@ takes as `mp_context`, or fork them before anything is computed.
 `ExportedRti`, `read_rti`, `RelightableImage`, `photographs_of`, `read_material`, `read_materials`, `read_lights`
 """
 
-import lazy_loader
 
-# The public names stand in __init__.pyi, and each is imported when it is first asked for (Scientific Python's SPEC 1):
-# the command line answers --help before JAX is there.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+def __getattr__(name: str) -> object:
+    """Import what is needed to import the public names, so that the command heeds Ctrl-C at once, and then this one."""
+    import lazy_loader
+
+    one, all_of, names = lazy_loader.attach_stub(__name__, __file__)
+    globals().update(__getattr__=one, __dir__=all_of, __all__=names)
+    return names if name == "__all__" else one(name)
+
+
+def __dir__() -> list[str]:
+    names = __getattr__("__all__")
+    assert isinstance(names, list)
+    return names

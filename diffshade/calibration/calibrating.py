@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.arrays import float64_of
 from ..core.fields import check, check_kind
 from ..core.progress import showing
 from ..core.words import listing
@@ -133,12 +134,7 @@ def _balls(taken: Photographs, kind: str, camera: AbstractCamera | None, radius:
             f"distances; got ball={kind!r} and {'no camera' if camera is None else type(camera).__name__}. Give one "
             "mask, or camera=Camera.from_intrinsics(K, shape=...)."
         )
-    try:
-        radii = np.ravel(np.asarray(radius, np.float64))
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units."
-        ) from None
+    radii = np.ravel(float64_of("radius", radius))
     if not ((radii > 0).all() and np.isfinite(radii).all() and len(radii) in (1, len(taken.masks))):
         raise ValueError(f"radius must be a number above 0, or one per mask; got {radius!r}. Give scene units.")
     radii = np.broadcast_to(radii, len(taken.masks))

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float
 
 from ..inverse.data.folders import list_folder
 from ..inverse.data.photograph_files import photograph_files
-from ..inverse.data.views import as_image
-from ..io.images import read_image, read_mask, without_alpha
-from ..model.gbuffers import as_mask
+from ..inverse.data.photographs import as_given
+from ..inverse.data.views import as_image, check_floats
+from ..io.images import read_image, without_alpha
 from .balls import largest, roundness
 from .edges import Points, alike, disc, find_edge
 
@@ -76,10 +76,7 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
     alpha = next((image[:][..., -1] for image in images if image.shape[2] in (2, 4)), None)
     images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
-        if not np.issubdtype(image.dtype, np.floating):
-            raise ValueError(
-                f"{name} must be linear radiance in floats; got {image.dtype}. Read it with ds.read_image."
-            )
+        check_floats(name, image.dtype)
     mask = alpha if mask is None else mask
     edge = _edge(images, extras, srgb) if mask is None and mirror else None
     if edge is not None:
@@ -152,13 +149,16 @@ def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], li
         raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
     mask = masks[0] if mask is None and masks else mask
     first = None if mask is None else _each(mask)[0]
-    shape = None if first is None else read_mask(first).shape if isinstance(first, str | Path) else np.shape(first)
+    shape = None if first is None else as_given(first).shape
     paths = [Path(file) for file in files if isinstance(file, str | Path)]
     read = photograph_files(paths, srgb=srgb, shape=shape)
     for note in read.notes:
         _LOGGER.warning("%s: %s", paths[0].parent, note)
     pictures = iter(read.images())
-    images = [next(pictures) if isinstance(file, str | Path) else as_image(file) for file in files]
+    images = [
+        next(pictures) if isinstance(file, str | Path) else as_image(file, name)
+        for name, file in zip(names, files, strict=True)
+    ]
     for name, image in zip(names, images, strict=True):
         if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
             raise ValueError(
@@ -168,7 +168,7 @@ def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], li
 
 
 def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:
-    found = read_mask(mask) if isinstance(mask, str | Path) else np.asarray(as_mask(mask))
+    found = as_given(mask)
     if found.shape != shape:
         raise ValueError(f"mask must have the photographs' shape {shape}; got {found.shape}. Resize it.")
     return found

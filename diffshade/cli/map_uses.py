@@ -88,8 +88,8 @@ def relight(
 
 
 def is_maps(source: Path) -> bool:
-    """Whether a folder is one of maps."""
-    return (source / "maps.toml").is_file()
+    """Whether a folder is one of maps, which may be unfinished."""
+    return any((source / name).is_file() for name in ("maps.toml", "run.json"))
 
 
 def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool, as_json: bool) -> None:

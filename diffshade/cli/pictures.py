@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-import numpy as np
-from jaxtyping import Float
+from typing import TYPE_CHECKING
 
 from .terminal import answer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
 
 
 def check_picture(out: Path, exposure: float, bits: int | None = None) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,19 @@ as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON, for 
 
 
 LINES = 24  # of a screen, which a command's help fits
+
+
+class Stopped(BaseException):
+    """Ctrl-C, which click would answer with an empty line."""
+
+
+@contextlib.contextmanager
+def stops() -> Iterator[None]:
+    """Raise Stopped on Ctrl-C."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise Stopped from None
 
 
 class Command(click.Command):

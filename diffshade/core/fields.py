@@ -13,6 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import ArrayLike, Float
 
+from .arrays import Loaded, check_no_bytes, is_number, plain
 from .words import with_article
 
 if TYPE_CHECKING:
@@ -39,17 +40,13 @@ def as_array(value: Numbers) -> Any:
     if isinstance(value, jax.Array):
         return value if jnp.issubdtype(value.dtype, jnp.floating) else value.astype(float)
     try:
-        array = np.asarray(value)
+        array = plain(value)
+    except TypeError as error:
+        return Loaded(f"{error}")
     except ValueError:  # rows of different lengths
         return value
     # a copy: a caller's later edits must not reach a frozen scene
     return array.astype(np.float64) if array.dtype.kind in "biuf" or is_number(array.dtype) else value
-
-
-def is_number(dtype: Any) -> bool:
-    """Whether arrays of a type hold real numbers; NumPy does not say it of bfloat16 and its like, JAX does."""
-    known = np.issubdtype(dtype, np.number) or jnp.issubdtype(dtype, np.number)
-    return bool(known) and not np.issubdtype(dtype, np.complexfloating)
 
 
 def as_float64(leaf: object) -> np.ndarray:
@@ -77,7 +74,8 @@ def as_exponent(value: Numbers | Checked) -> Any:
     """Make one number for all channels, or three, one a channel; or these for each pixel, along a last axis."""
     if isinstance(value, Checked):
         return value
-    array = _of_own_values(value)
+    check_no_bytes("an array over the pixels", value)
+    array = as_array(value)
     return array[..., None] if getattr(array, "ndim", 0) == 2 else array
 
 
@@ -100,23 +98,13 @@ def as_coefficient(value: Numbers | Checked | None) -> Any:
     """Make a colour, or a colour for each pixel; a pattern stays one, and None, where it means no such term, too."""
     if value is None or isinstance(value, Checked):
         return value
-    array = _of_own_values(value)
+    check_no_bytes("an array over the pixels", value)
+    array = as_array(value)
     if getattr(array, "ndim", 0) == 2:
         array = array[..., None]
     if getattr(array, "ndim", 0) == 3 and array.shape[2] == 1:
         return array.repeat(3, -1)
     return as_colour(array)
-
-
-def _of_own_values(value: Any) -> Any:
-    """Return `as_array`, and refuse the bytes of an image file, which are no coefficients."""
-    kind = getattr(value, "dtype", None)
-    if np.ndim(value) > 1 and kind in (np.uint8, np.uint16):
-        raise TypeError(
-            f"an array over the pixels must hold the coefficients themselves; got whole numbers of {kind}. Read the "
-            f"file with read_image, or divide by {np.iinfo(kind).max}."
-        )
-    return as_array(value)
 
 
 def as_normals(value: Numbers | Checked | None) -> Any:
@@ -237,6 +225,8 @@ def _check_field(
     shapes, noun, remedy = kind
     if isinstance(value, Tracer):
         return
+    if isinstance(value, Loaded):
+        raise TypeError(f"{name} {value.said}")
     # a plain number too: arithmetic on the leaves of a scene makes NumPy's and Python's scalars
     if not isinstance(value, Array | np.number | int | float) or not is_number(np.asarray(value).dtype):
         raise TypeError(f"{name} must be {noun}; got {in_short(value)}. {remedy}")

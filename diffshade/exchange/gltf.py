@@ -121,7 +121,7 @@ def read_gltf(text: str, where: str) -> Reading:
     if not isinstance(rows, list) or not rows:
         raise ValueError(f"{where} has no materials. Give a glTF file with a list of materials.")
     reading = Reading(where)
-    for name, row in zip(material_names(rows), map(as_table, rows), strict=True):
+    for name, row in zip(material_names(rows), rows, strict=True):
         reading.add(name, lambda row=row, name=name: _read(row, name, reading))
     return reading
 

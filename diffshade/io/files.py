@@ -8,6 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NO_RESERVING = (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS)
+LITTLE = 1 << 16  # bytes: with less left, a disk is full, whatever a writer says of it
+
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -18,20 +22,20 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     stays as it was. A symbolic link at `path` stays a link: the file it points to is replaced.
 
     Raises FileNotFoundError where the folder does not exist, PermissionError where it cannot be written to, and
-    IsADirectoryError where `path` is a folder; all three before the block is entered. Raises OSError with the name of
-    the file where the disk is full.
+    IsADirectoryError where `path` is a folder; all three before the block is entered. Where the disk is full, whatever
+    the writer raises becomes one OSError that names `path`.
     """
     target = writable(path)
     temporary = target.with_name(f".{secrets.token_hex(8)}{Path(path).suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
-    except (OSError, RuntimeError) as error:  # NumPy's OSError has no number, and OpenEXR raises RuntimeError
-        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
-        if not full and shutil.disk_usage(target.parent).free > 0:
-            raise
-        message = f"cannot write {path}: No space left on device. Make room, or write to another disk."
-        raise OSError(message) from None
+    except Exception as error:
+        if getattr(error, "errno", None) in NO_ROOM or shutil.disk_usage(target.parent).free < LITTLE:
+            raise OSError(
+                f"cannot write {path}: the disk is full. Free some space, or choose another folder."
+            ) from None
+        raise
     finally:
         temporary.unlink(missing_ok=True)  # after the replacement there is nothing to remove
 
@@ -46,3 +50,30 @@ def writable(path: str | os.PathLike[str]) -> Path:
     if target.is_dir():
         raise IsADirectoryError(f"cannot write {path}: it is a folder. Give the name of a file.")
     return target
+
+
+def reserve(path: Path, start: int) -> None:
+    """Take the space on disk of a file of zeros, which a file system may leave out until they are written.
+
+    Where a file is mapped into memory and its disk is full, writing to it ends the process without a word.
+
+    Args:
+        path: The file.
+        start: Where its zeros begin.
+
+    Raises:
+        OSError: The disk is full.
+    """
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        if hasattr(os, "posix_fallocate"):
+            try:
+                os.posix_fallocate(file.fileno(), 0, size)
+                return
+            except OSError as error:
+                if error.errno not in NO_RESERVING:
+                    raise
+        file.seek(start)
+        zeros = bytes(1 << 20)
+        for at in range(start, size, len(zeros)):
+            file.write(zeros[: size - at])

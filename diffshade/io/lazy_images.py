@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import os
@@ -36,7 +37,7 @@ class LazyImage:
     """
 
     def __init__(self, rows: Rows, shape: tuple[int, ...], dtype: Any):
-        self._rows = rows
+        self.rows = rows
         self.shape = tuple(int(length) for length in shape) + ((1,) if len(shape) == 2 else ())
         self.dtype = np.dtype(dtype)
         self.ndim = len(self.shape)
@@ -49,7 +50,7 @@ class LazyImage:
             raise TypeError(f"a lazy image is read by rows; got the index {rows!r}. Write image[r0:r1].")
         first, last, _ = rows.indices(self.shape[0])
         shape = (max(last - first, 0), *self.shape[1:])
-        found = np.asarray(self._rows(first, first + shape[0]))
+        found = np.asarray(self.rows(first, first + shape[0]))
         if found.dtype.kind != "f" or found.size != np.prod(shape) or len(found) != shape[0]:
             raise ValueError(
                 f"rows {first} to {last} of a lazy image must be floats of shape {shape}; got {found.dtype} of shape "
@@ -63,8 +64,7 @@ class LazyImage:
         Returns:
             The colours, also read by rows.
         """
-        shape = (*self.shape[:2], self.shape[2] - 1)
-        return LazyImage(lambda first, last: self[first:last][..., :-1], shape, self.dtype)
+        return LazyImage(ColourRows(self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
 
     def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
         """Read the image from top to bottom, tile by tile.
@@ -94,6 +94,26 @@ class LazyImage:
                 first, last = int(row[these[0]]), int(row[these[-1]]) + 1
                 out[these] = self[first:last][row[these] - first, column[these]]
         return out
+
+
+@dataclasses.dataclass(frozen=True)
+class SlicedRows:
+    """The rows of an array that is sliced by rows."""
+
+    array: Any
+
+    def __call__(self, first: int, last: int) -> Any:
+        return self.array[first:last]
+
+
+@dataclasses.dataclass(frozen=True)
+class ColourRows:
+    """The rows of an image without its alpha."""
+
+    image: LazyImage
+
+    def __call__(self, first: int, last: int) -> Any:
+        return self.image[first:last][..., :-1]
 
 
 def rows_of_a_tile(width: int) -> int:
@@ -141,7 +161,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             "or .zarr, or read it whole with ds.read_image."
         )
     try:
-        rows, shape, dtype = opened(path)
+        rows, shape, dtype = opened(path.absolute())  # rows are read later, perhaps from another folder
     except (ImportError, MemoryError, PermissionError, UnsupportedError) as error:
         if isinstance(error, ModuleNotFoundError):
             message = f"cannot open {path} without the package {error.name}. Install it: pip install 'diffshade[zarr]'."
@@ -156,21 +176,38 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
         raise ValueError(
             f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."
         )
+    read = FileRows(path, srgb, rows, shape, dtype)
+    return LazyImage(read, shape, read(0, 0).dtype)
 
-    encoding = encoding_of(path, dtype, srgb)
 
-    def read(first: int, last: int) -> np.ndarray:
+class FileRows:
+    """The decoded rows of an image file. Pickled, it is the file's whole path, and the file is opened again."""
+
+    def __init__(self, path: Path, srgb: bool | None, rows: Rows, shape: tuple[int, ...], dtype: np.dtype):
+        self.path, self.srgb, self.rows, self.shape, self.dtype = path, srgb, rows, shape, dtype
+        self.whole_path = path.absolute()
+        self.encoding = encoding_of(path, dtype, srgb)
+
+    def __call__(self, first: int, last: int) -> np.ndarray:
+        shape = (last - first, *self.shape[1:], *((1,) if len(self.shape) == 2 else ()))
         try:
-            stored = rows(first, last).reshape(last - first, *shape[1:], *((1,) if len(shape) == 2 else ()))
+            stored = self.rows(first, last).reshape(shape)
         except MemoryError:
             raise
-        except Exception as error:  # as above: pixels are damaged, or their compression needs another package
+        except Exception as error:  # a reader raises anything: pixels are damaged, or compressed by another package
             said = " ".join(f"{error}".split())
-            raise OSError(f"cannot read {path}: {said}. Make it again, without compression or predictor.") from None
-        fractions = stored if dtype.kind == "f" else as_fractions(path, stored)
-        return decoded(fractions, dtype, encoding)
+            raise OSError(
+                f"cannot read {self.path}: {said}. Make it again, without compression or predictor."
+            ) from None
+        fractions = stored if self.dtype.kind == "f" else as_fractions(self.path, stored)
+        return decoded(fractions, self.dtype, self.encoding)
 
-    return LazyImage(read, shape, read(0, 0).dtype)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _opened_again, (self.whole_path, self.srgb)
+
+
+def _opened_again(path: Path, srgb: bool | None) -> Rows:
+    return open_image(path, srgb=srgb).rows
 
 
 Opened = tuple[Rows, tuple[int, ...], np.dtype]

@@ -12,13 +12,13 @@ LARGEST = 16 * 2**20  # bytes, far above any material or lamp; reading needs at 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-def read_text(path: str | Path, noun: str, *, largest: float = LARGEST) -> str:
+def read_text(path: str | Path, noun: str, *, largest: float | None = None) -> str:
     """Return the text of a file, decoded as its byte-order mark says, else as UTF-8 or as Latin-1.
 
     Args:
         path: The file.
         noun: What the file is, for messages.
-        largest: Bytes that are read at most.
+        largest: Bytes that are read at most; `LARGEST` by default.
 
     Raises:
         ValueError: If the file is too large or not a text.
@@ -27,6 +27,7 @@ def read_text(path: str | Path, noun: str, *, largest: float = LARGEST) -> str:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no {noun} {path}. Give the path of a file.")
+    largest = LARGEST if largest is None else largest
     if (size := path.stat().st_size) > largest:
         raise ValueError(
             f"{path} has {size} bytes, too many for a {noun}; at most {largest} are read. Give a smaller file."

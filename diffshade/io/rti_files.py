@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from ..core.arrays import float64_of
 from ..core.fields import Numbers
 
 MOST_SAMPLES = 1 << 31  # bytes of coefficients, beyond any file that a person has
@@ -82,7 +83,7 @@ def terms(basis: str, count: int, toward: Numbers) -> Float[np.ndarray, " terms"
     Raises:
         ValueError: The direction is not three finite numbers with z above 0.
     """
-    l = np.asarray(toward, np.float64)
+    l = float64_of("toward", toward)
     if l.shape != (3,) or not np.isfinite(l).all() or l[2] <= 0.0:
         raise ValueError(
             f"toward must be three finite numbers with z above 0, to a light before the image; got {toward}. Give for "

@@ -12,17 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
+from ..core.arrays import check_no_bytes, float64_of, numbers
 from ..core.backend import in_float64
 from ..core.fields import Array, as_array, check_kind, is_concrete
+from ..core.masks import as_mask
 from .cameras import OrthographicCamera, Rays, axes
 from .surfaces import AbstractSurface, Hit
 from .vectors import Vec3, dot
-
-
-def as_mask(mask: ArrayLike) -> Bool[Array, "..."]:
-    """Make a mask boolean: values of at least half are inside."""
-    mask = mask if isinstance(mask, jax.Array) else np.asarray(mask)
-    return mask if mask.dtype == bool else mask >= 0.5
 
 
 class GBuffer(AbstractSurface):
@@ -36,10 +32,11 @@ class GBuffer(AbstractSurface):
         normal: Unit normals, of length 1 to within 0.001; they are never flipped.
         position: Points of the surface, scene units; None by default. Lights with a position, a local viewer, several
             objects, an atmosphere and patterns need it.
-        mask: True (or at least half) where the surface is; by default, where the normal is not zero.
+        mask: True where the surface is, as for `View`; by default, where the normal is not zero.
 
     Raises:
         ValueError: The shapes do not match, or within the mask a normal is not unit or a position is not finite.
+        TypeError: What is given is no array of numbers, or a masked array, or in a unit.
     """
 
     normal: Float[Array, "h w 3"]
@@ -47,9 +44,9 @@ class GBuffer(AbstractSurface):
     mask: Bool[Array, "h w"]
 
     def __init__(self, normal: Array, position: Array | None = None, mask: ArrayLike | None = None):
-        normal = as_array(normal)
-        position = None if position is None else as_array(position)
-        inside = (normal != 0).any(-1) if mask is None else as_mask(mask)
+        normal = as_array(numbers("GBuffer.normal", normal))
+        position = None if position is None else as_array(numbers("GBuffer.position", position))
+        inside = (normal != 0).any(-1) if mask is None else as_mask(mask, "GBuffer.mask")
         for name, array in (("normal", normal), ("position", position)):
             if array is not None and (inside.ndim != 2 or array.shape != (*inside.shape, 3)):
                 raise ValueError(
@@ -125,9 +122,9 @@ def _frozen(inside: Array, array: Array, outside: float | bool) -> np.ndarray:
     return kept
 
 
-def _mask_of(noun: str, mask: ArrayLike, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+def _mask_of(noun: str, mask: Any, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
     """Return the mask of a map as booleans; refuse one of another shape."""
-    inside = np.asarray(as_mask(mask))
+    inside = np.asarray(as_mask(mask, f"the mask of a {noun}"))
     if inside.shape != shape:
         raise ValueError(f"the mask of a {noun} must have its shape {shape}; got {inside.shape}. Resize it.")
     return inside
@@ -139,7 +136,7 @@ def _numbers_of(noun: str, image: Any) -> Float[np.ndarray, "..."]:
         raise TypeError(
             f"a {noun} must be an array; got the path {str(image)!r}. Read it with ds.read_image(path, srgb=False)."
         )
-    return np.asarray(image, np.float64)
+    return float64_of(f"a {noun}", image)
 
 
 def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
@@ -151,7 +148,7 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
     Args:
         image: Colours of the map, 0 to 1, not decoded by the sRGB curve: read a file with `read_image(path,
             srgb=False)`.
-        mask: (H, W), True (or at least half) where the surface is; by default, where the map is not black.
+        mask: (H, W), True where the surface is, as for `View`; by default, where the map is not black.
 
     Returns:
         The G-buffer, without positions.
@@ -160,6 +157,7 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
         ValueError: The image or the mask has a wrong shape, or the image does not hold unit normals.
         TypeError: `image` is a path.
     """
+    check_no_bytes("a normal map", image)
     image = _numbers_of("normal map", image)
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"a normal map must have shape (H, W, 3); got {image.shape}. Give an RGB image.")
@@ -188,7 +186,7 @@ def height_map(
     Args:
         height: Height towards the viewer, scene units.
         camera: Camera that sees the relief; its shape is that of `height`.
-        mask: (H, W), True (or at least half) where the surface is; everywhere by default.
+        mask: (H, W), True where the surface is, as for `View`; everywhere by default.
 
     Returns:
         The G-buffer, with positions.

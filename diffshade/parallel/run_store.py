@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..io.files import replacing
+from ..io.files import replacing, reserve
 from .devices import DeviceGroup
 from .run_folders import FolderKind, RunFolder
 
@@ -86,7 +86,9 @@ class RunStore:
             if name != "done":
                 self._check_is_new(path)
             with replacing(path) as temporary:  # written whole or not at all
-                np.lib.format.open_memmap(temporary, "w+", dtype, shape).flush()
+                made = np.lib.format.open_memmap(temporary, "w+", dtype, shape)
+                made.flush()
+                reserve(temporary, made.offset)
         self.wait_for_all()
         array = np.lib.format.open_memmap(path, "r+")
         if array.shape != shape or array.dtype != dtype:

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
+from ..core.arrays import float64_of
 from ..core.fields import check, check_kind, refuse_traced
 from ..inverse.data.views import View, in_channels_of, is_grey
 from ..inverse.forward.losses import LOSSES
@@ -58,7 +59,7 @@ def checked_light_error(
     light_error: ArrayLike, views: int, free: tuple[str, ...], loss: str | None
 ) -> Float[np.ndarray, "views 3 3"]:
     """Return a root of the covariance of the direction to each view's lights; raise ValueError for a wrong error."""
-    given = np.asarray(light_error, np.float64)
+    given = float64_of("light_error", light_error)
     if given.shape == (views, 3, 3):
         root = _roots(given)
     elif given.shape in ((), (views,)) and (np.isfinite(given) & (given >= 0.0)).all():

@@ -54,7 +54,8 @@ def _about(folder: Path) -> dict[str, Any]:
         raise FileNotFoundError(f"there is no folder {folder}. Give the one that diffshade texels -o wrote.")
     if not path.is_file():
         rest = (
-            "an unfinished fit of texels. Finish it by the same call."
+            "the maps of an unfinished fit of texels. Finish it with the command or call that began it: it goes on "
+            "where it stopped."
             if (folder / "run.json").is_file()
             else f"no {ABOUT}, so no maps. Give the folder that diffshade texels -o wrote."
         )

@@ -16,7 +16,7 @@ from ..core.fields import Array
 from ..inverse.data.views import View, find_repeats, is_grey
 from ..inverse.forward.rendered import projection_of
 from ..model.cameras import Projection
-from ..model.gbuffers import GBuffer, as_mask
+from ..model.gbuffers import GBuffer
 from ..model.scenes import Scene
 from ..model.surfaces import AbstractSurface
 from ..model.vectors import Vec3
@@ -117,11 +117,11 @@ class ViewReader:
             image = np.asarray(view.image[first:last])
             image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
             alpha = image.shape[1] in (2, 4)
-            counts = inside.copy() if view.mask is None else inside & as_mask(view.mask[first:last]).reshape(-1)
+            counts = inside.copy() if view.mask is None else inside & view.mask[first:last].reshape(-1)
             if i in self.repeated:  # the same numbers again are no further observation
                 counts[:] = False
             if alpha:
-                counts &= as_mask(image[:, -1])
+                counts &= image[:, -1] >= 0.5
                 image = image[:, :-1]
             seen.append((i, view, image, counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))

@@ -299,7 +299,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "a mask of another size": ({"mask": np.ones((4, 5), bool)}, "mask must have the photographs' shape (120, 128)"),
     "a camera of another size": ({"camera": INTRINSICS}, "camera.shape must be that of the photographs, (120, 128)"),
     "no radius": ({"radius": 0}, "radius must be a number above 0, or one per mask; got 0"),
-    "no number for a radius": ({"radius": "big"}, "radius must be a number above 0, or one per mask; got 'big'"),
+    "no number for a radius": ({"radius": "big"}, "radius must be an array of real numbers; got str of <U3"),
     "two radii of one ball": ({"radius": (1, 2)}, "radius must be a number above 0, or one per mask; got (1, 2)"),
     "nothing but a highlight": ({"ball": "mirror"}, "photograph 0: the ball shows no highlight: "),
     "a mirror without a mask": ({"ball": "mirror", "mask": None}, "the ball shows no highlight: "),

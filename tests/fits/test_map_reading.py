@@ -145,7 +145,9 @@ def test_what_is_damaged_is_one_sentence(shared, tmp_path):
     with pytest.raises(ValueError, match=r"holds no maps\.toml, so no maps"):
         ds.read_maps(whole)
     (whole / "run.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"holds an unfinished fit of texels\. Finish it by the same call"):
+    with pytest.raises(
+        ValueError, match=r"holds the maps of an unfinished fit of texels\. Finish it with the command or call that"
+    ):
         ds.read_maps(whole)
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         ds.read_maps(tmp_path / "nowhere")

@@ -53,9 +53,9 @@ BAD = {
         lambda folder: (folder / "dome.lp").write_text(lines(folder, 3)),
         "dome.lp must have 4 lines after its first, as that says; got 2",
     ),
-    "no unit vectors": (
-        lambda folder: (folder / "dome.lp").write_text(lines(folder, 9).replace("0.6 0 0.8", "6 0 8")),
-        "dome.lp must hold unit vectors; got one of length 10 on line 3. Divide each by its length",
+    "no direction": (
+        lambda folder: (folder / "dome.lp").write_text(lines(folder, 9).replace("0.6 0 0.8", "0 0 0")),
+        "dome.lp must hold directions towards the lights; got .* on line 3. Correct it",
     ),
     "RAW without rawpy": (
         hold_a_raw_file,

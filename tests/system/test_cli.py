@@ -16,7 +16,8 @@ from click.shell_completion import BashComplete
 from folders import ball_under_distant_lights
 
 import diffshade as ds
-from diffshade.cli import diffshade, main
+from diffshade.cli import main
+from diffshade.cli.commands import diffshade
 from diffshade.cli.domes import dome
 from diffshade.io import scene_files
 

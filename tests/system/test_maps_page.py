@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from report_pages import Page
 
 import diffshade as ds
-from diffshade.cli import diffshade
+from diffshade.cli.commands import diffshade
 from diffshade.report.page.maps import layers
 from diffshade.report.page.maps import numbers as numbers_of_maps
 from diffshade.report.page.maps.layers import Channel, folded, layers_of, unfolded

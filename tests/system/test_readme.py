@@ -9,7 +9,7 @@ import pytest
 from textured import lights_about, textured_ball
 
 import diffshade as ds
-from diffshade.cli import diffshade
+from diffshade.cli.commands import diffshade
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"

@@ -4,11 +4,11 @@ import errno
 import os
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from diffshade.io.files import replacing
+from diffshade.io.files import replacing, reserve
 
 
 @pytest.mark.parametrize("name", ["image.png", "IMAGE.PNG", "archive.tar.gz", "no_suffix", "täst ü.tif"])
@@ -76,26 +76,34 @@ def test_the_mode_is_that_of_any_new_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("error", "free"),
-    [
-        (OSError(errno.ENOSPC, "No space left on device"), 1),
-        (OSError(errno.EDQUOT, "Disk quota exceeded"), 1),
-        (OSError("180000 requested and 8176 written"), 0),  # NumPy
-        (RuntimeError("Failed to write pixel data"), 0),  # OpenEXR
-    ],
+    "raised", [OSError(errno.ENOSPC, "No space left on device", ".x.npy"), OSError("9 requested and 1 written")]
 )
-def test_a_full_disk_is_named_with_the_file_and_nothing_is_left(tmp_path, monkeypatch, error, free):
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
+def test_a_full_disk_is_named_with_its_file_which_stays_as_it_was(tmp_path, monkeypatch, raised):
+    (tmp_path / "maps.npy").write_text("old")
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
 
     def write():
-        with replacing(tmp_path / "a.exr") as temporary:
+        with replacing(tmp_path / "maps.npy") as temporary:
             temporary.write_text("half")
-            raise error
+            raise raised
 
-    with pytest.raises(OSError, match=r"^cannot write .*a\.exr: No space left on device\. Make room, or write to"):
+    with pytest.raises(OSError, match=r"cannot write .*maps\.npy: the disk is full\. Free some space") as refused:
         write()
-    assert os.listdir(tmp_path) == []
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1))
-    error = RuntimeError("of another kind")
-    with pytest.raises(RuntimeError, match="another kind"):
-        write()
+    assert "\n" not in str(refused.value)
+    assert os.listdir(tmp_path) == ["maps.npy"]
+    assert (tmp_path / "maps.npy").read_text() == "old"
+
+
+def test_the_space_of_a_file_is_taken_where_the_system_cannot_reserve(tmp_path, monkeypatch):
+    def refuses(*_):
+        raise OSError(errno.EOPNOTSUPP, "not here")
+
+    for change in (lambda: None, lambda: monkeypatch.setattr(os, "posix_fallocate", refuses, raising=False)):
+        change()
+        path = tmp_path / "array.npy"
+        made = np.lib.format.open_memmap(path, "w+", np.float64, (300_000,))
+        made.flush()
+        reserve(path, made.offset)
+        assert path.stat().st_blocks * 512 >= 8 * 300_000
+        np.testing.assert_array_equal(np.load(path), np.zeros(300_000))

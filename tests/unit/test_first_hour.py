@@ -158,8 +158,8 @@ def test_a_missing_mask_is_asked_for_in_both_tongues(folder):
 
 
 def test_a_mask_of_another_form(folder):
-    with pytest.raises(ValueError, match=r"mask must have shape \(H, W\); got \(6, 8, 3\)"):
-        ds.read_photographs(folder, mask=IMAGE)
+    with pytest.raises(ValueError, match=r"mask must have shape \(H, W\); got \(1, 6, 8\)"):
+        ds.read_photographs(folder, mask=np.ones((1, 6, 8)))
 
 
 def test_the_command_lines_mask_replaces_the_folders(folder, tmp_path, monkeypatch, capfd):

@@ -14,8 +14,9 @@ FILES = sorted(ROOT.rglob("*.py"))
 
 # Each row may import from the rows above it and from its own; a room is named whole, or by what it holds.
 LAYERS = (
-    "core.words core.progress core.backend core.barriers core.robust_scale",
+    "core.words core.progress core.backend core.barriers core.robust_scale core.arrays",
     "core.fields",
+    "core.masks",
     "model.vectors",
     "model.bands",
     "model.attenuation model.cameras model.fresnel model.patterns model.surfaces model.meshes model.gbuffers",

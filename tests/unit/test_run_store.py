@@ -1,5 +1,8 @@
 """What a run keeps on disk is what it first made, and folders of another version are refused."""
 
+import errno
+import os
+
 import numpy as np
 import pytest
 
@@ -39,3 +42,16 @@ def test_an_array_of_another_version_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"spread\.npy has float32 .*\(4, 4\).*needs float32 of \(4, 6\)\. Remove"):
         later.array("spread", (4, 6), np.float32)
     later.close()
+
+
+def test_maps_on_a_full_disk_are_refused_before_they_are_mapped(tmp_path, monkeypatch):
+    run = store(tmp_path / "run")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    with pytest.raises(OSError, match=r"cannot write .*spread\.npy: the disk is full"):
+        run.array("spread", (4, 4), np.float32)
+    run.close()
+    assert not (tmp_path / "run" / "spread.npy").exists()

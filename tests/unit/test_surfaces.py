@@ -252,7 +252,7 @@ UNIT = ("a unit normal and a finite position", "Normalise it or mask it out")
     [
         (NORMAL[..., :2], None, MASK, ("GBuffer.normal", "(H, W, 3)", "(2, 3, 2)", "(2, 3)")),
         (NORMAL, POSITION[:1], None, ("GBuffer.position", "(H, W, 3)", "(1, 3, 3)", "(2, 3)")),
-        (NORMAL, POSITION, MASK[..., None], ("GBuffer.normal", "(2, 3, 3)", "(2, 3, 1)")),
+        (NORMAL, POSITION, MASK[..., None, None], ("GBuffer.normal", "(2, 3, 3)", "(2, 3, 1, 1)")),
         (
             NORMAL * np.where(POSITION[..., :1] == 12, 1.01, 1),
             None,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from ...core.arrays import float64_of
 from ...core.fields import Numbers
 from ...core.words import listing
 from ...inverse.statistics.identifiability import VAGUE
@@ -111,7 +112,7 @@ def fit_falloff(distance: Numbers, lux: Numbers) -> Falloff:
 
 
 def _column(name: str, value: Numbers) -> Float[np.ndarray, " n"]:
-    column = np.asarray(value, np.float64)
+    column = float64_of(name, value)
     if column.ndim != 1 or not (np.isfinite(column) & (column > 0)).all():
         raise ValueError(f"{name} must be a list of finite numbers above 0; got {value!r}. Remove the other rows.")
     return column

@@ -12,12 +12,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
+from ...core.arrays import float64_of
 from ...core.backend import in_float64
 from ...core.fields import Numbers
 from ...core.words import count
 from ...io.exif import stated_exposures
 from ...io.images import without_alpha
-from .views import Noise, as_image, as_noise
+from .views import Noise, as_image, as_noise, check_floats
 
 ALIKE = 0.01  # relative difference below which exposures are one
 LEAST = 1e-30  # variance, above 0 where photographs agree exactly
@@ -69,7 +70,7 @@ def merge_exposures(
         ValueError: If there are fewer than two photographs, their shapes differ, or an exposure is not above 0.
     """
     z = _stacked(images)
-    t = np.asarray(exposures, np.float64)
+    t = float64_of("exposures", exposures)
     if t.shape != (len(z),) or not ((t > 0.0) & np.isfinite(t)).all():
         raise ValueError(
             f"exposures must be a number above 0 for each of the {len(z)} images; got {t.tolist()}. Give for "
@@ -92,7 +93,10 @@ def merge_exposures(
 
 
 def _stacked(images: Sequence[Any]) -> Float[np.ndarray, "photographs h w c"]:
-    pixels = [without_alpha(np.asarray(as_image(image)[:], np.float64)) for image in images]
+    given = [as_image(image, f"images[{i}]") for i, image in enumerate(images)]
+    for i, image in enumerate(given):
+        check_floats(f"images[{i}]", image.dtype)
+    pixels = [without_alpha(np.asarray(image[:], np.float64)) for image in given]
     if len(pixels) < 2:
         raise ValueError(f"merge_exposures takes at least 2 images; got {len(pixels)}. Give those of one light.")
     other = next((i for i, image in enumerate(pixels) if image.shape != pixels[0].shape), None)

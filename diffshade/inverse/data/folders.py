@@ -8,23 +8,23 @@ the camera made of it, which has the same name, the RAW file counts.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path, PureWindowsPath
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.words import count, listing
 from ...io.image_formats import FORMATS
-from ...io.raw_files import SUFFIXES as RAW_SUFFIXES
+from ...io.parsing import read_text
+from .light_lists import LightList, read_lp
+from .photograph_names import by_name, in_order, is_raw, natural_order, pattern
 
 OTHERS = ("mask", "normal")  # in the names of images that are no photographs
 ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
 SHOWN = 3  # names in a note
-UNIT = 0.02  # by which the length of a direction may differ from 1
 
 
 class Listing(NamedTuple):
@@ -38,151 +38,122 @@ class Listing(NamedTuple):
     extras: tuple[Path, ...]
     """Images that are neither photographs nor masks nor normals, such as a picture under room light."""
     notes: tuple[str, ...]
-    """What was left out."""
+    """What was left out, and what a list of lights says that is not used."""
 
 
 def list_folder(folder: Path) -> Listing:
     """Return what a folder holds; raise ValueError for one without photographs."""
     images = sorted(
         (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")),
-        key=_natural_order,
+        key=lambda file: natural_order(file.name),
     )
     masks = tuple(file for file in images if "mask" in file.stem.lower())
     lists = sorted(file for file in folder.iterdir() if file.suffix.lower() == ".lp")
     photographs = [file.name for file in images if not any(word in file.stem.lower() for word in OTHERS)]
     if (folder / "filenames.txt").is_file():
-        names = _names_in(folder / "filenames.txt")
+        names = _names_in(folder / "filenames.txt", photographs)
         extras = tuple(folder / name for name in photographs if name not in names)
-        directions = _of_names(names, *read_lp(lists[0])) if len(lists) == 1 else None
-        return Listing(names, masks, directions, extras, ())
+        directions, notes = _directions_of(names, read_lp(lists[0])) if len(lists) == 1 else (None, ())
+        return Listing(names, masks, directions, extras, notes)
     if len(lists) > 1:
         raise ValueError(
             f"{folder} holds several lists of lights, {listing([file.name for file in lists])}. Keep one, or write the "
             "photographs' names to filenames.txt."
         )
     if lists:
-        listed, directions = read_lp(lists[0])
-        names = _matched(lists[0], listed, [file.name for file in images])
+        lights = read_lp(lists[0])
+        names, notes = _photographs_of(lights, [file.name for file in images], photographs)
         left = [name for name in photographs if name not in names]
-        notes = _left_out(left, f"not in {lists[0].name}")
-        return Listing(names, masks, directions, tuple(folder / name for name in left), notes)
+        notes = (*_left_out(left, f"not in {lists[0].name}"), *notes)
+        return Listing(names, masks, lights.directions, tuple(folder / name for name in left), notes)
     if not photographs:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
-    raw = {Path(name).stem for name in photographs if _is_raw(name)}
-    twice = [name for name in photographs if Path(name).stem in raw and not _is_raw(name)]
-    photographs = [name for name in photographs if name not in twice]
-    alike = Counter(_pattern(name) for name in photographs).most_common(1)[0]
-    kept = [name for name in photographs if _pattern(name) == alike[0]]
-    if len(kept) < max(ALIKE * len(photographs), 3):
-        kept = photographs
-    left = [name for name in photographs if name not in kept]
+    kept, notes = _alike(photographs)
+    left = tuple(folder / name for name in photographs if name not in kept and name not in _made_of_raw(photographs))
+    return Listing(kept, masks, None, left, notes)
+
+
+def _alike(photographs: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the photographs that are named alike, and notes on the others."""
+    twice = _made_of_raw(photographs)
+    rest = [name for name in photographs if name not in twice]
+    alike = Counter(pattern(name) for name in rest).most_common(1)
+    kept = [name for name in rest if pattern(name) == alike[0][0]]
+    if len(kept) < max(ALIKE * len(rest), 3):
+        kept = rest
+    left = [name for name in rest if name not in kept]
     notes = (
         *_left_out(twice, "the RAW file of the same name is read"),
-        *_left_out(left, f"the others are named as {kept[0]}"),
+        *(_left_out(left, f"the others are named as {kept[0]}") if left else ()),
     )
-    return Listing(tuple(kept), masks, None, tuple(folder / name for name in left), notes)
+    return tuple(kept), notes
 
 
-def read_lp(path: Path) -> tuple[tuple[str, ...], Float[np.ndarray, "photographs 3"]]:
-    """Read a list of lights of reflectance transformation imaging: names, and unit vectors towards the lights.
-
-    Args:
-        path: A text file: the count, then a name (which may have spaces and folders, of which the last part counts) and
-            x y z a line, x right, y up, z to the camera.
-
-    Returns:
-        The names and the directions.
-
-    Raises:
-        ValueError: If it is no such list, or a direction is no unit vector.
-        FileNotFoundError: If it does not exist.
-    """
-    rows = [line.split() for line in text_of(path).splitlines() if line.strip()]
-    if not rows or len(rows[0]) != 1 or not rows[0][0].isdigit() or int(rows[0][0]) < 1:
-        raise ValueError(
-            f"{path} must begin with the count of its lights; got {' '.join(rows[0]) if rows else 'nothing'!r}. Write "
-            "it on the first line."
-        )
-    if len(rows) - 1 != int(rows[0][0]):
-        raise ValueError(
-            f"{path} must have {rows[0][0]} lines after its first, as that says; got {len(rows) - 1}. Correct the list."
-        )
-    names, directions = [], []
-    for number, row in enumerate(rows[1:], 2):
-        try:
-            l = np.array(row[-3:], np.float64)
-        except ValueError:
-            l = np.zeros(0)
-        if len(row) < 4 or l.shape != (3,) or not np.isfinite(l).all():
-            raise ValueError(
-                f"{path} must have a name and three numbers a line; got '{' '.join(row)}' on line {number}. Correct it."
-            )
-        check_unit(path, l, number)
-        names.append(PureWindowsPath(" ".join(row[:-3])).name)  # which takes both kinds of slashes
-        directions.append(l / np.linalg.norm(l))
-    return tuple(names), np.array(directions).reshape(len(names), 3)
+def _made_of_raw(photographs: Sequence[str]) -> list[str]:
+    """Return the photographs beside which there is a RAW file of the same name."""
+    raw = {Path(name).stem for name in photographs if is_raw(name)}
+    return [name for name in photographs if Path(name).stem in raw and not is_raw(name)]
 
 
-def check_unit(path: Path, l: Float[np.ndarray, " 3"], line: int) -> None:
-    """Refuse a direction that is no unit vector: it may be a position, or have the light's intensity in it."""
-    if not abs(float(np.linalg.norm(l)) - 1.0) <= UNIT:
-        raise ValueError(
-            f"{path} must hold unit vectors; got one of length {np.linalg.norm(l):.4g} on line {line}. Divide each by "
-            "its length if they are directions."
-        )
-
-
-def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> str:
-    """Return names and directions as the text of such a list."""
-    lines = [f"{name} {' '.join(f'{x:.10g}' for x in l)}\n" for name, l in zip(names, directions, strict=True)]
-    return f"{len(names)}\n{''.join(lines)}"
-
-
-def text_of(path: Path) -> str:
-    """Return the text of a file; refuse one that does not exist or is no text."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}. Add it, or correct the folder.")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is no text: {error}. Write it as UTF-8.") from None
-
-
-def _names_in(path: Path) -> tuple[str, ...]:
-    """Return the names in a `filenames.txt`; refuse one that leads out of its folder."""
-    names = tuple(line.strip() for line in text_of(path).splitlines() if line.strip())
+def _names_in(path: Path, there: Sequence[str]) -> tuple[str, ...]:
+    """Return the photographs that a `filenames.txt` names; refuse one that leads out of its folder."""
+    names = [line.strip() for line in read_text(path, "list of photographs").splitlines() if line.strip()]
     if not names:
         raise ValueError(f"{path} names no photograph. Write one file name a line.")
     for name in names:
         if Path(name).is_absolute() or ".." in Path(name).parts:
             raise ValueError(f"{path} must name photographs in its own folder; got '{name}'. Copy or link it there.")
-    return names
+    found = by_name(names, there)
+    return tuple(name if i is None else there[i] for name, i in zip(names, found, strict=True))
 
 
-def _matched(path: Path, listed: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
-    """Return the files that a list names, whatever their case and suffix."""
-    exact = {name.lower(): name for name in there}
-    stems = {Path(name).stem.lower(): name for name in there}
-    found: list[str] = []
-    for name in listed:
-        file = exact.get(name.lower()) or stems.get(Path(name).stem.lower())
-        if file is None:
+def _photographs_of(
+    lights: LightList, there: Sequence[str], photographs: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the photograph of each light of a list, and notes."""
+    found = by_name(lights.names, there)
+    if all(i is None for i in found):
+        kept, notes = _alike(photographs) if photographs else ((), ())
+        if len(kept) != len(found):
             raise ValueError(
-                f"{path} names '{name}', which is not in its folder. Add the photograph, or correct the list."
+                f"{lights.path} lists {count(len(found), 'light')}, none by the name of one of the "
+                f"{count(len(kept), 'photograph')} in its folder. Give each photograph its light, by name or in order."
             )
-        if file in found:
-            raise ValueError(f"{path} names '{file}' twice. Give each photograph one light.")
-        found.append(file)
-    return tuple(found)
+        order = in_order(lights.names, kept)
+        return tuple(kept[i] for i in order), (*notes, *lights.notes, _read_by_order(lights, [kept[i] for i in order]))
+    for name, i in zip(lights.names, found, strict=True):
+        if i is None:
+            raise ValueError(
+                f"{lights.path} names '{name}', which is not in its folder; the list has {count(len(found), 'light')}, "
+                f"and the folder {count(len(photographs), 'photograph')}. Add the photograph, or correct the list."
+            )
+        if found.count(i) > 1:
+            raise ValueError(f"{lights.path} names '{there[i]}' twice. Give each photograph one light.")
+    return tuple(there[i] for i in found if i is not None), lights.notes
 
 
-def _of_names(
-    names: Sequence[str], listed: Sequence[str], directions: Float[np.ndarray, "listed 3"]
-) -> Float[np.ndarray, "photographs 3"] | None:
-    """Return the directions of photographs from a list, or None where it has not all of them."""
-    stems = {Path(name).stem.lower(): l for name, l in zip(listed, directions, strict=True)}
-    found = [stems.get(Path(name).stem.lower()) for name in names]
-    return None if any(l is None for l in found) else np.array(found)
+def _directions_of(
+    names: Sequence[str], lights: LightList
+) -> tuple[Float[np.ndarray, "photographs 3"] | None, tuple[str, ...]]:
+    """Return the direction of the light of each photograph, None where a list has not all of them; and notes."""
+    found = by_name(names, lights.names)
+    missing = [name for name, i in zip(names, found, strict=True) if i is None]
+    if not missing:
+        return lights.directions[[i for i in found if i is not None]], lights.notes
+    if len(missing) == len(names) == len(lights.names):
+        order = in_order(names, lights.names)
+        listed = [lights.names[i] for i in order]
+        said = _read_by_order(lights._replace(names=tuple(listed)), names)
+        return lights.directions[order], (*lights.notes, said)
+    return None, (
+        f"{lights.path.name} is not used: of {count(len(lights.names), 'light')}, it has none for {missing[0]}.",
+    )
+
+
+def _read_by_order(lights: LightList, names: Sequence[str]) -> str:
+    """Return the note on a list that names other photographs."""
+    first, last = (f"{lights.names[i]} is {names[i]}" for i in (0, -1))
+    return f"{lights.path.name} has the names of other photographs and is read by order: {first}, to {last}."
 
 
 def _left_out(names: list[str], why: str) -> tuple[str, ...]:
@@ -190,18 +161,6 @@ def _left_out(names: list[str], why: str) -> tuple[str, ...]:
         return ()
     shown = listing(names) if len(names) <= SHOWN else f"{count(len(names), 'image')}, such as {names[0]},"
     return (f"{shown} {'is' if len(names) == 1 else 'are'} left out: {why}.",)
-
-
-def _is_raw(name: str) -> bool:
-    return Path(name).suffix.lower() in RAW_SUFFIXES
-
-
-def _pattern(name: str) -> str:
-    return re.sub(r"\d+", "0", Path(name).stem)
-
-
-def _natural_order(file: Path) -> list[Any]:
-    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
 
 
 SUFFIXES = tuple(FORMATS)

@@ -10,17 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.masks import as_mask
 from ...core.words import count, listing
 from ...io.files import replacing
 from ...io.images import read_mask, without_alpha, write_image
 from ...model.attenuation import RadialAttenuation
 from ...model.cameras import OrthographicCamera
-from ...model.gbuffers import GBuffer, as_mask
+from ...model.gbuffers import GBuffer
 from ...model.lights import DirectionalLight, PointLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from .exposures import by_light, exposures_of, merge_exposures
-from .folders import as_lp, check_unit, list_folder, text_of
+from .folders import Listing, list_folder
+from .light_lists import UNIT, as_lp, lines_of, numbers_in, unit_vectors
 from .photograph_files import PhotographFiles, photograph_files
 from .views import View
 
@@ -112,19 +114,9 @@ def read_folder(
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
     listed = list_folder(folder)
-    names, directions = listed.names, listed.directions
-    if not lights:
-        directions = np.tile([0.0, 0.0, 1.0], (len(names), 1))
-    elif directions is None or (folder / "light_directions.txt").is_file():
-        if not (folder / "light_directions.txt").is_file():
-            raise FileNotFoundError(
-                f"there is no file {folder / 'light_directions.txt'}, and no list of lights (.lp). Add one; `diffshade "
-                "calibrate` finds the lights from a ball."
-            )
-        directions = _numbers(folder / "light_directions.txt", names, (3,))
-        for line, l in enumerate(directions, 1):
-            check_unit(folder / "light_directions.txt", l, line)
-    notes = list(listed.notes)
+    names = listed.names
+    directions, said = _directions(folder, listed) if lights else (np.tile([0.0, 0.0, 1.0], (len(names), 1)), [])
+    notes = [*listed.notes, *said]
     if (folder / "light_intensities.txt").is_file():
         intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
     else:
@@ -158,6 +150,22 @@ def read_folder(
     for note in (*notes, *said):
         _LOGGER.warning("%s: %s", folder, note)
     return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices))
+
+
+def _directions(folder: Path, listed: Listing) -> tuple[Float[np.ndarray, "photographs 3"], list[str]]:
+    """Return unit vectors towards the lights of the photographs, and what is said of them that is not used."""
+    path = folder / "light_directions.txt"
+    if not path.is_file():
+        if listed.directions is None:
+            raise FileNotFoundError(
+                f"there is no file {path}, and no list of lights (.lp) of these photographs. Add one; `diffshade "
+                "calibrate` finds the lights from a ball."
+            )
+        return listed.directions, []
+    directions, notes = unit_vectors(path, _numbers(path, listed.names, (3,)), [number for number, _ in lines_of(path)])
+    if listed.directions is not None and not np.allclose(directions, listed.directions, rtol=0.0, atol=UNIT):
+        notes.append("the list of lights (.lp) differs from light_directions.txt and is not used.")
+    return directions, notes
 
 
 def _flat(camera: OrthographicCamera) -> Float[np.ndarray, "h w 3"]:
@@ -331,22 +339,25 @@ def has_normals(folder: Path) -> bool:
 
 def _numbers(path: Path, names: Sequence[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:
     """Read one line of numbers for each photograph."""
-    rows = [line.replace(",", " ").split() for line in text_of(path).splitlines() if line.strip()]
-    if len(rows) != len(names):
+    lines = lines_of(path)
+    if len(lines) != len(names):
         raise ValueError(
-            f"{path} must have one line for each of the {len(names)} photographs; got {len(rows)}. "
+            f"{path} must have one line for each of the {len(names)} photographs; got {len(lines)}. "
             "Make the two lists match."
         )
-    for number, row in enumerate(rows, 1):
-        if len(row) not in widths or len(row) != len(rows[0]):
+    rows: list[list[float]] = []
+    for number, line in lines:
+        try:
+            row = numbers_in(line)
+        except ValueError as error:
+            raise ValueError(f"{path} must hold numbers only: {error}. Correct line {number}.") from None
+        if len(row) not in widths or len(row) != len([*rows, row][0]):
             raise ValueError(
                 f"{path} must have {' or '.join(map(str, widths))} numbers a line; got {len(row)} on line {number}. "
                 "Correct that line."
             )
-    try:
-        return np.array(rows, np.float64)
-    except ValueError as error:
-        raise ValueError(f"{path} must hold numbers only: {error}. Correct that line.") from None
+        rows.append(row)
+    return np.array(rows)
 
 
 def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]:

@@ -7,11 +7,13 @@ import logging
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
+from ...core.arrays import float64_of
 from ...core.fields import check_kind
+from ...core.masks import as_mask
 from ...io.encodings import srgb_decode
 from ...io.rti_files import RelightableImage
 from ...model.cameras import OrthographicCamera
-from ...model.gbuffers import GBuffer, as_mask
+from ...model.gbuffers import GBuffer
 from ...model.lights import DirectionalLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
@@ -45,7 +47,7 @@ def photographs_of(
     Args:
         image: The image, from `read_rti`.
         toward: Directions to the lights, z above 0; by default 24, spread evenly to 70 degrees from the camera.
-        mask: True (or at least half) where the object is; everywhere by default.
+        mask: (H, W), True where the object is, as for `View`; everywhere by default.
         srgb: Whether the image was made from photographs encoded by the sRGB curve, as JPEGs are, and is decoded.
 
     Returns:
@@ -57,8 +59,8 @@ def photographs_of(
         TypeError: `image` is no `RelightableImage`.
     """
     check_kind("image", image, RelightableImage, "read_rti(path)")
-    directions = dome(COUNT, LOWEST) if toward is None else np.atleast_2d(np.asarray(toward, np.float64))
-    inside = np.ones(image.shape, bool) if mask is None else np.asarray(as_mask(np.asarray(mask)))
+    directions = dome(COUNT, LOWEST) if toward is None else np.atleast_2d(float64_of("toward", toward))
+    inside = np.ones(image.shape, bool) if mask is None else np.asarray(as_mask(mask))
     if inside.shape != image.shape:
         raise ValueError(f"mask must have the shape of the image, {image.shape}; got {inside.shape}. Resize it.")
     camera = OrthographicCamera((0.0, 0.0, 1.0), shape=image.shape, local_viewer=False)

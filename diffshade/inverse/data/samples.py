@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from ...io.lazy_images import LazyImage
 from ...model.cameras import AbstractCamera
-from ...model.gbuffers import as_mask
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
 from .views import Image, View, camera_key, colours, find_repeats, has_alpha, has_mask
@@ -198,7 +197,7 @@ def find_samples(
     for a camera. Raises ValueError.
     """
     check_view(scene, view, moving=moving)
-    masks = [] if view.mask is None else [as_mask(view.mask)]
+    masks = [] if view.mask is None else [view.mask]
     if has_alpha(view):
         masks.append(_alpha(view.image))
     if not moving:
@@ -243,8 +242,8 @@ def sensor_range(view: View, least: float, most: float) -> tuple[float, float]:
 def _alpha(image: Image) -> Bool[np.ndarray, "h w"]:
     """Return where the last channel is at least half."""
     if isinstance(image, LazyImage):
-        return np.concatenate([as_mask(tile[..., -1]) for _, tile in image.tiles()])
-    return np.asarray(as_mask(image[..., -1]))
+        return np.concatenate([tile[..., -1] >= 0.5 for _, tile in image.tiles()])
+    return image[..., -1] >= 0.5
 
 
 def extremes(samples: Samples) -> tuple[float, float]:

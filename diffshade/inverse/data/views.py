@@ -13,9 +13,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, is_number, parameter
+from ...core.arrays import check_load, is_number
+from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter
+from ...core.masks import as_mask
 from ...core.words import Note, count
-from ...io.lazy_images import LazyImage, row_tiles
+from ...io.lazy_images import LazyImage, SlicedRows, row_tiles
 from ...model.cameras import AbstractCamera
 from ...model.scenes import Scene
 from .sensors import Sensor
@@ -26,25 +28,37 @@ Image: TypeAlias = Any
 EXPOSURE = parameter("camera", gauge=-1, fit_range=(1e-9, np.inf), by_own_name=True)
 
 
-def as_image(image: Any) -> Any:
+def as_image(image: Any, name: str = "View.image") -> Any:
     """Make an image a NumPy array with its channels last; what is read by rows, lazily, stays so.
 
     Anything else is handed on for the check to refuse.
     """
     if isinstance(image, LazyImage):
         return image
-    lazy = all(hasattr(image, name) for name in ("shape", "dtype", "__getitem__"))
-    if lazy and not isinstance(image, np.ndarray | np.generic | jax.Array):
-        return LazyImage(lambda first, last: image[first:last], image.shape, image.dtype)
     if isinstance(image, Tracer):
         raise TypeError(
-            "View.image must be numbers, and is traced by jax.grad, jit or vmap. Make the view and fit outside; the "
+            f"{name} must be numbers, and is traced by jax.grad, jit or vmap. Make the view and fit outside; the "
             "derivative of a fit by a photograph is ds.image_sensitivity(fit, view)."
         )
+    check_load(name, image)
+    in_memory = hasattr(image, "__dlpack__") or isinstance(image, np.generic)  # NumPy, JAX, PyTorch
+    if not in_memory and all(hasattr(image, part) for part in ("shape", "dtype", "__getitem__")):
+        return LazyImage(SlicedRows(image), image.shape, image.dtype)
     array = np.asarray(image)
     if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
         array = array.astype(np.float32)
+    if array.dtype == np.longdouble:  # which JAX has not
+        array = array.astype(np.float64)
     return array[..., None] if array.ndim == 2 else array
+
+
+def check_floats(name: str, dtype: np.dtype) -> None:
+    """Refuse an image of whole numbers: which of them is 1, and whether they have a curve, only its file says."""
+    if not np.issubdtype(dtype, np.floating):
+        raise ValueError(
+            f"{name} must be linear radiance in floats; got {dtype}. Read the file with ds.read_image, or divide by "
+            "the full range, and decode with ds.srgb_decode what has the sRGB curve."
+        )
 
 
 def as_lit(lit: Sequence[int] | int | None) -> Any:
@@ -122,7 +136,9 @@ class View(Checked):
             `open_image` returns, or any array with `shape`, a floating `dtype` and `array[r0:r1]`, rows as NumPy floats
             (h5py, zarr).
         camera: A camera of the image's shape.
-        mask: (H, W); True, or at least half, where pixels count. Default: the scene's own silhouette.
+        mask: (H, W); True where pixels count. Whole numbers of 0 and 1 are False and True; other unsigned ones count
+            from half of their type's range (128 of 255), floats from .5; of (H, W, C), alpha or else the mean colour,
+            as for `read_mask`. Default: the scene's own silhouette.
         lit: Indices of the lights that were on. Default: all.
         exposure: The factor from radiance to the image, above 0; default 1.
         black: What the image shows where there is no light; default 0.
@@ -137,7 +153,7 @@ class View(Checked):
     image: Image = eqx.field(converter=as_image)
     camera: AbstractCamera
     mask: Bool[np.ndarray, "h w"] | None = eqx.field(
-        converter=lambda mask: None if mask is None else np.asarray(mask), default=None
+        converter=lambda mask: None if mask is None else np.asarray(as_mask(mask, "View.mask")), default=None
     )
     lit: tuple[int, ...] | None = eqx.field(converter=as_lit, static=True, default=None)
     exposure: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata=EXPOSURE)
@@ -155,10 +171,7 @@ class View(Checked):
             check_kind("View.sensor", self.sensor, Sensor, "Sensor(gamma=1.8)")
         check_kind("View.camera", self.camera, AbstractCamera, "Camera(eye=(0, 0, 4))")
         image, shape = self.image, self.camera.shape
-        if not np.issubdtype(image.dtype, np.floating):
-            raise ValueError(
-                f"View.image must be linear radiance in floats; got {image.dtype}. Read the file with ds.read_image."
-            )
+        check_floats("View.image", image.dtype)
         if image.ndim != 3 or not 1 <= image.shape[2] <= MOST_BANDS:
             raise ValueError(
                 f"View.image must have shape (H, W), or (H, W, C) with 1 to 4 channels, or one for each band of a "
@@ -172,6 +185,8 @@ class View(Checked):
             )
         if self.lit is not None and not (isinstance(self.lit, tuple) and all(type(i) is int for i in self.lit)):
             raise TypeError(f"View.lit must hold indices of lights; got {self.lit!r}. Give for example (0, 2).")
+        if self.mask is not None and self.mask.dtype != bool:  # put there by eqx.tree_at
+            raise TypeError(f"View.mask must be boolean; got {self.mask.dtype}. Make a new View of it.")
         if self.mask is not None and self.mask.shape != shape:
             raise ValueError(f"View.mask must have the image's shape {shape}; got {self.mask.shape}. Resize it.")
         for name, level in (("saturation", self.saturation), ("floor", self.floor)):
@@ -181,11 +196,6 @@ class View(Checked):
             raise ValueError(
                 f"View.floor must be less than saturation; got {self.floor:g} and {self.saturation:g}. Give the levels "
                 "of the sensor in the dark and in full light."
-            )
-        if self.mask is not None and self.mask.dtype.kind == "f" and not np.isfinite(self.mask).all():
-            row, column = np.argwhere(~np.isfinite(self.mask))[0]
-            raise ValueError(
-                f"View.mask must be finite; got {self.mask[row, column]} at row {row}, column {column}. Give 0 or 1."
             )
         if is_concrete(self.exposure) and not self.exposure > 0:
             raise ValueError(f"View.exposure must be above 0; got {self.exposure}. Give 1 if it is not known.")

@@ -10,6 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from ...core.arrays import float64_of
 from ...model.scenes import Scene
 from .unknown import Unknown
 
@@ -69,7 +70,7 @@ def _is_free(scene: Scene, i: int, free: Collection[str]) -> bool:
 
 def _checked(name: str, errors: ArrayLike, scene: Scene, example: str) -> Float[np.ndarray, " lights"]:
     """Return the error of each light, above 0; raise ValueError for wrong ones."""
-    each, count = np.asarray(errors, np.float64), len(scene.lights)
+    each, count = float64_of(name, errors), len(scene.lights)
     if each.shape not in ((), (count,)) or not (np.isfinite(each) & (each > 0.0)).all():
         raise ValueError(
             f"{name} must be one number above 0, or one for each of the {count} lights; got {errors}. Give for example "

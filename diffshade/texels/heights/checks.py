@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.arrays import float64_of
 from ...core.fields import check, check_kind, refuse_traced
+from ...core.masks import as_mask
 from ...model.cameras import AbstractCamera
-from ...model.gbuffers import as_mask
 from .differences import LEAST_FACING, Rays, facing, rays_of
 
 MOST_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
@@ -36,7 +37,7 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     refuse_traced("an integration of normals", "Integrate outside.", normals=normals, camera=camera, errors=errors)
     check(camera)
     shape = camera.shape
-    normals = _numbers("normals", normals)
+    normals = float64_of("normals", normals)
     if normals.shape != (*shape, 3):
         raise ValueError(
             f"normals must have the camera's shape, {(*shape, 3)}; got {normals.shape}. Give one vector a pixel, or "
@@ -78,7 +79,7 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
 
 def _checked_errors(errors: Any, shape: tuple[int, int], inside: np.ndarray) -> Float[np.ndarray, "h w"]:
     """Return the errors as one number a texel."""
-    degrees = _numbers("errors", errors)
+    degrees = float64_of("errors", errors)
     degrees = degrees[..., 0] if degrees.shape == (*shape, 1) else degrees
     if degrees.shape != shape:
         raise ValueError(
@@ -91,13 +92,3 @@ def _checked_errors(errors: Any, shape: tuple[int, int], inside: np.ndarray) -> 
             f"{column}. Give a standard error, infinite where the normal is not known."
         )
     return degrees
-
-
-def _numbers(name: str, value: Any) -> np.ndarray:
-    """Return an argument as float64; refuse what is not numbers."""
-    try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"{name} must be an array of numbers; got {type(value).__name__}. Give a NumPy array."
-        ) from None

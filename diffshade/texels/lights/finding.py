@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float, Int
 
+from ...core.arrays import float64_of
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import showing
@@ -187,7 +188,7 @@ def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
 
 def _errors(name: str, given: ArrayLike, lights: int, example: float) -> Float[np.ndarray, " lights"]:
     """Return the error of each light; raise ValueError for wrong ones."""
-    each = np.asarray(given, np.float64)
+    each = float64_of(name, given)
     if each.shape not in ((), (lights,)) or not (np.isfinite(each) & (each >= 0.0)).all():
         raise ValueError(
             f"{name} must be one number, at least 0, or one for each of the {lights} lights; got {given}. Give for "

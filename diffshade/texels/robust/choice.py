@@ -55,14 +55,14 @@ def own_exponents_predict_better(
     k_d, k_s = (own[name].mean(0)[None] for name in ("k_d", "k_s"))
     numbers = np.concatenate([own["normal"], k_d, k_s, own["n_s"]]).astype(np.float32)
 
-    def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array]:
+    def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array, Array]:
         observed = observe(run.setup, run.known, block)
         state = lowest_state(seen_in(observed, seen), model)
         lights = eqx.tree_at(lambda of: of.lobe, observed.lights, lobe)
         return _prediction_errors(observed, model, state, lights, own, seen)
 
-    by_shared, by_own = run.each(sample, program, models, numbers)
-    return bool(np.nanmedian(by_own) < np.nanmedian(by_shared))
+    by_shared, by_own, left_out = run.each(sample, program, models, numbers)
+    return bool(np.median(by_own[left_out]) < np.median(by_shared[left_out]))
 
 
 @jax.jit
@@ -73,12 +73,10 @@ def _prediction_errors(
     lights: Lights,
     own: Float[Array, "6 texels"],
     seen: Bool[Array, " views"],
-) -> tuple[Array, Array]:
-    """Return how far both predictions are from the views that were left out, NaN for other observations."""
+) -> tuple[Array, Array, Array]:
+    """Return how far both predictions are from each observation, and which observations were left out of the fits."""
     D, S = observed.lights.shading(model.shape, state.n)
     by_shared = state.k_d[None] * D + state.k_s[None] * S
     D, S = lights.shading_of_power(own[5], Vec3(*own[:3]))
     by_own = (own[3][None] * D + own[4][None] * S) / observed.level[None]
-    left_out = observed.counts & ~seen[:, None]
-    off = [jnp.where(left_out, jnp.abs(m - observed.y), jnp.nan) for m in (by_shared, by_own)]
-    return off[0], off[1]
+    return jnp.abs(by_shared - observed.y), jnp.abs(by_own - observed.y), observed.counts & ~seen[:, None]
