@@ -1,7 +1,6 @@
 """Fits from end to end: what is rendered is found again, errors hold up, nothing is compiled twice."""
 
 import concurrent.futures
-import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenarios
+from changed_fits import with_problem
 from scenarios import SIGMA, clean_fit, clean_images, noisy_fit, noisy_images, standard_fit
 from synthetic import (
     CAMERA,
@@ -260,7 +260,7 @@ def test_the_rmse_of_a_fit_is_that_of_its_predictions():
 
 def test_of_several_objects_none_is_the_material():
     with pytest.raises(ValueError, match=r"2 objects.*Use fit\.scene\.objects\[i\]\.material"):
-        _ = dataclasses.replace(clean_fit(), scene=scenarios.two_objects()).material
+        _ = with_problem(clean_fit(), scene=scenarios.two_objects()).material
 
 
 def test_what_is_not_free_stays_as_it_was():

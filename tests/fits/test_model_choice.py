@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from changed_fits import with_problem
 from scenarios import noisy_fit, noisy_images
 from synthetic import CAMERA, FREE, MATERIAL, TIED, forget, one_light_each, standard_scene
 
@@ -229,21 +230,22 @@ def test_the_unknowns_are_those_that_a_fit_determines():
 def changed(**options: Any) -> ds.Fit:
     """The noisy fit with something of its last view other than it is."""
     fit = noisy_fit()
-    return dataclasses.replace(fit, views=(*fit.views[:7], dataclasses.replace(fit.views[7], **options)))
+    return with_problem(fit, views=(*fit.views[:7], dataclasses.replace(fit.views[7], **options)))
 
 
 @pytest.mark.parametrize(
     ("other", "words"),
     [
-        (lambda: dataclasses.replace(noisy_fit(), views=noisy_fit().views[:7]), ("got 8 and 7", "Fit both to all")),
+        (lambda: with_problem(noisy_fit(), views=noisy_fit().views[:7]), ("got 8 and 7", "Fit both to all")),
         (lambda: changed(image=noisy_images(1)[7]), ("views[7] differs in its image",)),
         (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] differs in its mask",)),
         (lambda: changed(saturation=0.9), ("views[7] differs in its saturation",)),
         (lambda: changed(noise=0.1), ("views[7] differs in its noise",)),
-        (lambda: dataclasses.replace(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
+        (lambda: with_problem(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
         (
-            lambda: dataclasses.replace(
-                noisy_fit(), likelihood=dataclasses.replace(noisy_fit().likelihood, loss="huber")
+            lambda: with_problem(
+                noisy_fit(),
+                model=noisy_fit().solved.problem.model.use(dataclasses.replace(noisy_fit().likelihood, loss="huber")),
             ),
             ("the same loss", "'squares' and 'huber'", "Fit both with one"),
         ),
@@ -256,7 +258,7 @@ def test_fits_of_other_photographs_or_losses_are_refused(other, words):
 
 
 def test_fits_of_the_same_photographs_in_other_scenes_are_not_refused_but_of_other_pixels_are():
-    _check_same_photographs("a", noisy_fit(), "b", dataclasses.replace(noisy_fit(), scene=MATTE))
+    _check_same_photographs("a", noisy_fit(), "b", with_problem(noisy_fit(), scene=MATTE))
     one, other = (SimpleNamespace(samples=[SimpleNamespace(pixels=np.arange(n))]) for n in (9, 1200))
     check: Any = _check_same_pixels
     check("a", one, "b", one)

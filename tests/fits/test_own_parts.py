@@ -14,6 +14,7 @@ import numpy as np
 import own_parts
 import pytest
 import synthetic
+from changed_fits import with_problem
 
 import diffshade as ds
 from diffshade.extension import (
@@ -153,7 +154,7 @@ def test_the_page_draws_an_own_law_that_says_how_and_names_one_that_does_not(abs
     assert "if (law == 0) return law_0(d);" in page
     assert "the light of lights" not in page
     lights = [dataclasses.replace(light, attenuation=own_parts.PowerAttenuation()) for light in absorbed.scene.lights]
-    silent = dataclasses.replace(absorbed, scene=dataclasses.replace(absorbed.scene, lights=lights))
+    silent = with_problem(absorbed, scene=dataclasses.replace(absorbed.scene, lights=lights))
     _, missing = ball_scene(silent, ["a", "b", "c"], 1.0)
     assert "the light of lights.0, lights.1 and lights.2" in "; ".join(missing)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import own_parts
 import pytest
+from changed_fits import with_problem
 from scenarios import noisy_fit
 from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 
@@ -101,7 +102,7 @@ def test_a_shot_as_the_first_view_was_counts_as_that_did():
 
 def test_clipped_pixels_do_not_count():
     fit = noisy_fit()
-    fit = dataclasses.replace(fit, views=(dataclasses.replace(fit.views[0], saturation=0.6), *fit.views[1:]))
+    fit = with_problem(fit, views=(dataclasses.replace(fit.views[0], saturation=0.6), *fit.views[1:]))
     shots = [dataclasses.replace(FRONT, exposure=e, name=f"{e:g}") for e in (0.5, 1.4, 5.0)]
     plan = ds.plan(fit, shots)
     scene, _ = with_shot(fit.scene, FRONT)
@@ -138,7 +139,7 @@ def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said
     unknowns = list(fit.unknowns)
     unknowns[0] = dataclasses.replace(unknowns[0], places=[("lights.1.intensity", 0)], quantity="intensity")
     unknowns[1] = dataclasses.replace(unknowns[1], places=[("views.0.exposure", 0)], quantity="views.0.exposure")
-    (note,) = [n for n in notes_of(dataclasses.replace(fit, unknowns=tuple(unknowns))) if n.startswith("assumed known")]
+    (note,) = [n for n in notes_of(with_problem(fit, unknowns=tuple(unknowns))) if n.startswith("assumed known")]
     assert "exposure of a view and intensity" in note
 
 
@@ -278,7 +279,7 @@ def test_a_shot_says_what_is_wrong_with_it():
 
 def test_a_surface_known_from_one_camera_alone_is_seen_by_no_other():
     scene = ds.Scene(ds.Object(seen_by(CAMERA), noisy_fit().material), noisy_fit().scene.lights)
-    fit = dataclasses.replace(noisy_fit(), scene=scene)
+    fit = with_problem(noisy_fit(), scene=scene)
     with pytest.raises(ValueError, match=r"from below has a camera of its own.*GBuffer") as caught:
         ds.plan(fit, BELOW)
     assert "Leave Shot.camera out" in str(caught.value)

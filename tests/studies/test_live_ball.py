@@ -11,6 +11,7 @@ import numpy as np
 import own_parts
 import pytest
 from browser import chromium
+from changed_fits import with_problem
 from report_pages import LIGHTS, Page
 from scipy import ndimage
 from synthetic import photograph
@@ -139,7 +140,7 @@ def browser(tmp_path_factory):
 def ball(fit, browser, tmp_path_factory):
     """A page whose ball has every kind of light, lobe and Fresnel term, open in a browser."""
     path = tmp_path_factory.mktemp("page") / "ball.html"
-    ds.write_report(path, dataclasses.replace(fit, scene=ds.Scene(OBJECTS, LAMPS), views=VIEWS))
+    ds.write_report(path, with_problem(fit, scene=ds.Scene(OBJECTS, LAMPS), views=VIEWS))
     browser.get(path.as_uri())
     (told,) = [json.loads(t) for a, t in Page(path).all("script") if a.get("id") == "ball-scene"]
     return told

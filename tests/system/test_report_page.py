@@ -11,6 +11,7 @@ import imageio.v3 as iio
 import jax
 import numpy as np
 import pytest
+from changed_fits import with_problem
 from report_pages import LIGHTS, Page
 from synthetic import photograph
 
@@ -66,7 +67,7 @@ def test_what_is_not_known_is_said_in_words(fit, tmp_path):
 def test_a_page_of_a_camera_with_a_sensor_says_that_it_shows_linear_light(fit, page, tmp_path):
     assert not any("they show linear light" in text for _, text in page.all("p"))
     views = tuple(dataclasses.replace(view, sensor=ds.Sensor(gamma=1.8)) for view in fit.views)
-    ds.write_report(tmp_path / "sensor.html", dataclasses.replace(fit, views=views))
+    ds.write_report(tmp_path / "sensor.html", with_problem(fit, views=views))
     assert any("they show linear light" in text for _, text in Page(tmp_path / "sensor.html").all("p"))
 
 
@@ -137,7 +138,7 @@ def test_the_pictures_are_the_photograph_and_the_fit(fit, page):
 def test_large_photographs_are_shown_smaller_and_of_many_views_some(fit, tmp_path):
     camera = dataclasses.replace(CAMERA, shape=(30, 1000))
     image = np.broadcast_to(np.linspace(0, 1, 1000)[:, None], (30, 1000, 3))
-    large = dataclasses.replace(fit, views=(ds.View(image, camera, lit=(0,)),) * (MOST_VIEWS + 3))
+    large = with_problem(fit, views=(ds.View(image, camera, lit=(0,)),) * (MOST_VIEWS + 3))
     ds.write_report(tmp_path / "fit.html", large)
     page = Page(tmp_path / "fit.html")
     assert {(a["width"], a["height"]) for a, _ in page.all("img")} == {("800", "24")}
@@ -160,7 +161,7 @@ def test_a_wrong_model_shows_over_the_angle_of_the_highlight(fit):
     with jax.enable_x64(True):
         residuals = collect_residuals(fit, silent)
         dull = eqx.tree_at(lambda s: s.objects[0].material.k_s, fit.scene, np.zeros(3))
-        wrong = collect_residuals(dataclasses.replace(fit, scene=dull), silent)
+        wrong = collect_residuals(with_problem(fit, scene=dull), silent)
     right, off = curve(residuals, residuals.to_mirror), curve(wrong, wrong.to_mirror)
     assert right is not None
     assert off is not None
@@ -204,7 +205,7 @@ def test_what_the_ball_does_not_show_is_said(fit):
     )
     view = ds.View(np.full((24, 24, 3), 0.5), dataclasses.replace(CAMERA, fov=90.0))
     with jax.enable_x64(True):
-        told, missing = ball_scene(dataclasses.replace(fit, scene=scene, views=(view,)), ["view 0"], 1.0)
+        told, missing = ball_scene(with_problem(fit, scene=scene, views=(view,)), ["view 0"], 1.0)
     said = "; ".join(missing)
     for words in ("shape", "more than one object", "k_t", "patterns", "atmosphere"):
         assert words in said
