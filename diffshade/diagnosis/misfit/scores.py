@@ -1,0 +1,80 @@
+"""Scores: which faults of the table the residuals show, each to first order or refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...inverse.unknowns.unknown import coordinate_slopes
+from .changes import Case
+from .faults import Fault, Found
+from .score_tests import Score, ScoreTests
+from .set_up import Linearised, Move
+
+FALSE_ALARM = 1e-4  # significance level of the test of one fault
+
+
+def scored(at: Linearised, faults: Iterable[Fault], named: Sequence[Found] = ()) -> list[Found]:
+    """Return the faults that the residuals show, to first order: significant, and of a plausible size.
+
+    Args:
+        at: Where to score them.
+        faults: Those to score.
+        named: Faults already found; others count with what these cannot explain.
+    """
+    tests, found = ScoreTests(at.rows, [f.change for f in named]), []
+    for fault in faults:
+        for case, change in _changes(at, fault):
+            score = tests.test(change)
+            if score is not None and score.p_value < FALSE_ALARM:
+                one = _found(at, fault, case, change, score)
+                found += [one] if fault.plausible[0] < one.size < fault.plausible[1] else []
+    return found
+
+
+def refitted(at: Linearised, found: Found) -> Found:
+    """Return a fault at its best amount, beyond first order, if it moves numbers of the set-up; else as it is."""
+
+    def test(there: Linearised) -> tuple[Move, Score] | None:
+        tests = ScoreTests(there.rows)
+        for case, change in _changes(there, found.fault):
+            if case.which == found.which and case.move is not None:
+                score = tests.test(change)
+                return None if score is None else (case.move, score)
+        return None
+
+    key = found.fault.kind, found.which
+    after, set_up = at.set_up.corrected(at, key, test), at.set_up
+    if after is at.state:
+        return found
+    return replace(
+        found,
+        amount=after.amounts[key],
+        share=at.state.share(after),
+        own_share=at.state.share(after, found.views),
+        moves=set_up.fit.values - after.fit.values,
+        after=after,
+    )
+
+
+def _changes(at: Linearised, fault: Fault) -> Iterator[tuple[Case, np.ndarray]]:
+    """Yield the cases of a fault with the change of each sample by it, where that is linear and finite."""
+    for case in fault.cases(at) if fault.cases else ():
+        change = at.jacobian.moved(case.move.rows) if case.change is None else case.change
+        if not fault.at_rims:
+            change = np.where(at.at_rims, 0.0, change)
+        if np.isfinite(change).all():
+            yield case, change
+
+
+def _found(at: Linearised, fault: Fault, case: Case, change: np.ndarray, score: Score) -> Found:
+    fit, costs = at.set_up.fit, at.state.costs
+    views = tuple(range(len(costs))) if case.views is None else case.views
+    moves = np.zeros(len(fit.values))
+    moves[at.set_up.inside] = score.moves
+    share = score.gain / at.count
+    own_share = share * float(costs.sum() / costs[list(views)].sum())
+    moves /= coordinate_slopes(fit.values, fit.unknowns)
+    return Found(fault, fit, case.which, views, share, own_share, score.amount, moves, change)
