@@ -1,4 +1,4 @@
-"""Changes: what each fault changes in the pictures, by small amounts: directions of image space, or moves of numbers."""
+"""Changes: what each fault changes in the pictures to first order: directions of image space, or moves of numbers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ...model.materials import Highlight
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
-from .set_up import Linearised, Move
+from .states import Linearised, Move
 
 LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
@@ -108,9 +108,9 @@ def of_center(at: Linearised) -> Iterator[Case]:
 
 def _of_sphere(at: Linearised, part: str) -> Iterator[Case]:
     for i, item in enumerate(at.fit.scene.objects):
-        if isinstance(item.surface, Sphere):
-            if index := at.set_up.places.get(f"objects.{item.name or i}.surface.{part}"):
-                yield Case(i, move=Move.shift(index, len(at.state.theta)))
+        index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
+        if index and isinstance(item.surface, Sphere):
+            yield Case(i, move=Move.shift(index, len(at.state.theta)))
 
 
 def _center(at: Linearised, name: str) -> np.ndarray:

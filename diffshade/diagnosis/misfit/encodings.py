@@ -21,12 +21,11 @@ from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.images import srgb_decode, srgb_encode
 from .regional import AGREED
-from .residual_correlation import correlation_of
+from .residual_correlation import CERTAIN, correlation_of
 
 PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
 STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
 MOST, ALONE = 0.7, 0.5  # fraction of that structure by the other encoding; ALONE if no rival explains half as much
-ERRORS = 10.0  # its significance in standard errors, for independent noise
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -48,11 +47,6 @@ class Encoding:
         return float(1.0 - after / before) if before > 0 else 0.0
 
     @property
-    def errors(self) -> float:
-        """The significance in standard errors, for independent noise: the root of n (C_before - C_after) / C_after."""
-        return float(np.sqrt(max(self.share, 0.0) / max(1.0 - self.share, 1e-300) * self.before[:, 2].sum()))
-
-    @property
     def agreed(self) -> float:
         """The fraction of the views that fit better."""
         seen = self.before[:, 0] > 0
@@ -66,8 +60,7 @@ class Encoding:
             rival: The largest fraction of the cost that another fault explains.
         """
         least = MOST if self.share < 2.0 * rival else ALONE
-        certain = self.errors > ERRORS and self.agreed >= AGREED
-        return certain and self.share > max(rival, least * structure)
+        return self.agreed >= AGREED and self.share > max(rival, least * structure)
 
     def __str__(self) -> str:
         """Return what it is, what it explains and the remedy."""
@@ -92,11 +85,11 @@ def better_encoding(fit: Fit, rival: float) -> Encoding | None:
         fit: The fit.
         rival: The largest fraction of the cost that another fault explains.
     """
-    structure = correlation_of(fit).share
-    if structure < STRUCTURE:
+    structure = correlation_of(fit)
+    if structure.share < STRUCTURE or structure.errors < CERTAIN:
         return None
     both = (_other_encoding(fit, decoded=decoded) for decoded in (True, False))
-    return next((encoding for encoding in both if encoding.believed(structure, rival)), None)
+    return next((encoding for encoding in both if encoding.believed(structure.share, rival)), None)
 
 
 def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
@@ -110,7 +103,7 @@ def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
     _, end, _ = solve(fit_problem(fit.scene, views, start, changed, fit.counts.of(samples), loss, clipped))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
     again = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
-    return Encoding(decoded, _misfit(fit, samples, lambda image: image), _misfit(again, samples, back))
+    return Encoding(decoded, _misfit(fit, fit.views, lambda image: image), _misfit(again, fit.views, back))
 
 
 def _thinned(samples: Sequence[Samples]) -> list[Samples]:
@@ -130,16 +123,13 @@ def _through(curve: Curve, s: Samples) -> Samples:
     return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
 
 
-def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndarray, "views 3"]:
+def _misfit(fit: Fit, views: Sequence[View], curve: Curve) -> Float[np.ndarray, "views 3"]:
     """Return the cost, the sum of squares and the number of measured samples of each view, with a curve applied."""
-    return np.array([_of_view(fit, view, s, curve) for view, s in zip(fit.views, samples, strict=True)])
-
-
-def _of_view(fit: Fit, view: View, s: Samples, curve: Curve) -> tuple[float, float, int]:
-    image = photograph(fit.scene, view)
-    image = curve(image.reshape(-1, image.shape[2])[s.pixels])
-    measured, sigma = s.ends() == 0, float(fit.likelihood.sigma)
-    r = np.where(measured, image - s.values(s.pixels), 0.0)
-    weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(np.where(measured, image, 0.0)))
-    cost = sigma**2 * np.asarray(LOSSES[fit.likelihood.loss].value(weight * r**2 / sigma**2))
-    return float(cost[measured].sum()), float((r**2).sum()), int(measured.sum())
+    sigma, rho, found = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss], []
+    for view, drawn in zip(views, fit.views, strict=True):
+        seen, image = fit.predict(view), curve(photograph(fit.scene, drawn))
+        r = np.where(seen.counts, image - seen.target, 0.0)
+        weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(image))
+        cost = sigma**2 * np.asarray(rho.value(weight * r**2 / sigma**2))
+        found.append((cost[seen.counts].sum(), (r**2).sum(), seen.counts.sum()))
+    return np.array(found, float)

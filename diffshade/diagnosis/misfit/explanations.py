@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from .faults import FAULTS, Found
+from .faults import FAULTS
+from .found import Found
 from .regional import PROMISE
-from .residual_correlation import CERTAIN, ResidualCorrelation, correlation_of
+from .residual_correlation import correlation_of
 from .scores import refitted, scored
-from .set_up import Linearised
+from .states import Linearised
 
 REFITS = 3  # of one kind at a time
 EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
-NEARLY_ALL = 0.8  # of that structure: if small faults explain it, no large one is searched for
 RIVAL = 0.5  # another fault with this fraction of the best fault's gain may be the cause as well
 NEXT = 0.25  # the least gain of a second fault, over the best fault's
 MOST = 3  # faults of all views
@@ -53,41 +54,25 @@ def of_one_view(at: Linearised) -> list[Found]:
 def of_all_views(at: Linearised) -> tuple[list[Found], list[Found]]:
     """Return the faults of all views that move a value which the fit determines, and what may be the cause as well.
 
-    Each is scored and needs no fit. One that moves numbers of the set-up is refitted; a sphere's place only if the
-    residuals are far from noise and no small fault explains them.
+    The one that explains most comes first, and the others explain what is left: where its numbers are corrected, or,
+    if it moves none, beside its direction.
     """
-    structure = correlation_of(at.fit, at.state.excluded)
-    found, rivals = _greedy(at, structure)
-    explained = sum(f.share for f in found)
-    rounded = at.fit.evidence.waves is not None  # rounding correlates neighbours
-    if structure.errors > CERTAIN and not rounded and explained < NEARLY_ALL * structure.least:
-        searched = [refitted(at, f) for f in scored(at, [fault for fault in OF_ALL if fault.large])]
-        usable = [f for f in searched if f.share > max(EXPLAINED * structure.least, explained) and f.matters()]
-        if usable:
-            large = _simplest(usable)
-            return [large], [f for f in (*found, *rivals) if f.share > RIVAL * large.share]
-    elif found:
-        again = refitted(at, found[0])
-        if again.share > found[0].share:
-            return [again, *found[1:]], [found[0], *rivals]
-    return found, rivals
-
-
-def _greedy(at: Linearised, structure: ResidualCorrelation) -> tuple[list[Found], list[Found]]:
-    """Return the faults that explain most, each in addition to those before it, and the rivals of the first."""
+    structure, base = correlation_of(at.fit, at.state.excluded).least, at.state
     found: list[Found] = []
     rivals: list[Found] = []
     while len(found) < MOST:
-        seen = scored(at, OF_ALL, found)
-        rest = structure.least - sum(f.share for f in found)
-        least = max(EXPLAINED * rest, NEXT * found[0].share if found else 0.0)
+        named, left = [f for f in found if f.after is None], 1.0 - base.share(at.state)
+        refits = [f if named else refitted(at, f) for f in scored(at, OF_ALL, named)]
+        seen = [replace(f, share=left * f.share) for f in refits]
+        least = EXPLAINED * (structure - sum(f.share for f in found))
+        least = max(least, NEXT * found[0].share if found else 0.0)
         usable = [f for f in seen if f.share > least and f.matters() and f.fault not in [g.fault for g in found]]
         if not usable:
             break
         best = _simplest(usable)
-        if not found:
-            rivals = [f for f in seen if f is not best and f.share > RIVAL * best.share]
+        rivals = rivals if found else [f for f in seen if f is not best and f.share > RIVAL * best.share]
         found.append(best)
+        at = at if best.after is None else at.set_up.linearised(best.after)
     return found, rivals
 
 

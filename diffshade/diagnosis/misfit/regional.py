@@ -9,7 +9,8 @@ from jaxtyping import Bool
 
 from ...core.words import listing
 from .regions import Seen, Shadow, cast_shadows, level, measure_rim, predicted, see
-from .set_up import SetUp, State
+from .set_up import SetUp
+from .states import State
 
 SHARE = 0.1  # the least fraction of the cost of its views that a region explains
 RIM, RIM_ERRORS = 0.02, 4.0  # excess over the mean brightness, in errors

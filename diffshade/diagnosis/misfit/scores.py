@@ -9,9 +9,9 @@ import numpy as np
 
 from ...inverse.unknowns.unknown import coordinate_slopes
 from .changes import Case
-from .faults import Fault, Found
+from .found import Fault, Found
 from .score_tests import Score, ScoreTests
-from .set_up import Linearised, Move
+from .states import Linearised, Move
 
 FALSE_ALARM = 1e-4  # significance level of the test of one fault
 
@@ -38,11 +38,9 @@ def refitted(at: Linearised, found: Found) -> Found:
     """Return a fault at its best amount, beyond first order, if it moves numbers of the set-up; else as it is."""
 
     def test(there: Linearised) -> tuple[Move, Score] | None:
-        tests = ScoreTests(there.rows)
         for case, change in _changes(there, found.fault):
-            if case.which == found.which and case.move is not None:
-                score = tests.test(change)
-                return None if score is None else (case.move, score)
+            if case.which == found.which and case.move and (score := ScoreTests(there.rows).test(change)):
+                return case.move, score
         return None
 
     key = found.fault.kind, found.which
@@ -62,11 +60,9 @@ def refitted(at: Linearised, found: Found) -> Found:
 def _changes(at: Linearised, fault: Fault) -> Iterator[tuple[Case, np.ndarray]]:
     """Yield the cases of a fault with the change of each sample by it, where that is linear and finite."""
     for case in fault.cases(at) if fault.cases else ():
-        change = at.jacobian.moved(case.move.rows) if case.change is None else case.change
-        if not fault.at_rims:
-            change = np.where(at.at_rims, 0.0, change)
-        if np.isfinite(change).all():
-            yield case, change
+        change = case.change if case.move is None else at.jacobian.moved(case.move.rows)
+        if change is not None and np.isfinite(change).all():
+            yield case, change if fault.at_rims else np.where(at.at_rims, 0.0, change)
 
 
 def _found(at: Linearised, fault: Fault, case: Case, change: np.ndarray, score: Score) -> Found:

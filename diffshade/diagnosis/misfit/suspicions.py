@@ -13,9 +13,10 @@ from ...inverse.result import Fit
 from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
 from .explanations import NEXT, of_all_views, of_one_view
-from .faults import Found
+from .found import Found
 from .scores import refitted
-from .set_up import Linearised, SetUp, State
+from .set_up import SetUp
+from .states import Linearised, State
 
 ROUNDS = 12
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
@@ -113,7 +114,7 @@ def described(set_up: SetUp, end: State, found: Sequence[Found]) -> tuple[Suspic
 
 
 def _at_end(set_up: SetUp, end: State, found: Sequence[Found]) -> list[Found]:
-    """Return faults with their amounts and pixels at the end; a round may have found only the darker part of a shadow."""
+    """Return faults with their amounts and pixels at the end; a round may have found only the darkest of a shadow."""
     masks: dict[str, dict[int, Mask]] = {}
     for f in found:
         known = masks.setdefault(f.fault.kind, {})
