@@ -21,6 +21,11 @@ FAULTS = RANDOM.standard_normal((2, 600)) + 0.5 * J[:2]
 THETA = np.array([1.0, -2.0, 0.5])
 
 
+def whole(jacobian):
+    """The Jacobian of samples that show all unknowns."""
+    return Jacobian(jacobian, np.arange(len(jacobian))[None], np.array([0, jacobian.shape[1]]), len(jacobian))
+
+
 def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
     """The problem at its weighted least-squares end; `known`: (weight, mean) of a prior on each unknown."""
     weight = np.ones(len(y)) if weight is None else weight
@@ -30,7 +35,7 @@ def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
     slope = weight * (jacobian.T @ theta - y)
     pixel = np.arange(len(y)) // 3
     known = np.diag(loss_ratio), loss_ratio * (theta - mean)
-    return theta, Rows(Jacobian.whole(jacobian), slope, weight, pixel, *known, sigma2)
+    return theta, Rows(whole(jacobian), slope, weight, pixel, *known, sigma2)
 
 
 def measured(amounts=(0.0, 0.0), seed=1, scale: Any = 1.0):

@@ -33,10 +33,8 @@ class Case:
 
     which: int
     """The index of the view, light or object, of the blur, or of the second highlight's n_s; else 0."""
-    change: Float[np.ndarray, "k n"] | None = None
-    """The change of each sample by an amount of 1."""
-    move: Move | None = None
-    """The move of the set-up's numbers from which the change follows."""
+    change: Float[np.ndarray, "k n"] | Move
+    """The change of each sample by an amount of 1, or the move of the set-up's numbers from which it follows."""
     views: tuple[int, ...] | None = None
     """The views that it affects; None for all."""
 
@@ -73,7 +71,7 @@ def of_exposure(at: Linearised) -> Iterator[Case]:
     """Yield a view's exposure, relative to the given one."""
     for i, view in enumerate(at.set_up.fit.views):
         if index := at.set_up.places.get(f"views.{i}.exposure"):
-            yield Case(i, move=Move.shift(index, len(at.state.theta), float(view.exposure)), views=(i,))
+            yield Case(i, Move.shift(index, len(at.state.theta), float(view.exposure)), views=(i,))
 
 
 def of_light(at: Linearised) -> Iterator[Case]:
@@ -85,7 +83,7 @@ def of_light(at: Linearised) -> Iterator[Case]:
             center = _center(at, name)
             axes = np.linalg.svd((at.set_up.laid.theta[index] - center)[None])[2][1:]
             views = tuple(v for v, of_view in enumerate(lit) if i in of_view)
-            yield Case(i, move=Move.turn([(index, center)], axes, at.state.theta), views=views)
+            yield Case(i, Move.turn([(index, center)], axes, at.state.theta), views=views)
 
 
 def of_rotation(at: Linearised) -> Iterator[Case]:
@@ -93,7 +91,7 @@ def of_rotation(at: Linearised) -> Iterator[Case]:
     lights = [(i, at.fit.scene.lights[i].placement) for i in sorted(set().union(*at.set_up.lit))]
     arms = [(at.set_up.places.get(f"lights.{i}.{name}", []), _center(at, name)) for i, of in lights for name in of]
     if arms and all(of for _, of in lights) and all(index for index, _ in arms):
-        yield Case(0, move=Move.turn(arms, np.eye(3), at.state.theta))
+        yield Case(0, Move.turn(arms, np.eye(3), at.state.theta))
 
 
 def of_radius(at: Linearised) -> Iterator[Case]:
@@ -110,7 +108,7 @@ def _of_sphere(at: Linearised, part: str) -> Iterator[Case]:
     for i, item in enumerate(at.fit.scene.objects):
         index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
         if index and isinstance(item.surface, Sphere):
-            yield Case(i, move=Move.shift(index, len(at.state.theta)))
+            yield Case(i, Move.shift(index, len(at.state.theta)))
 
 
 def _center(at: Linearised, name: str) -> np.ndarray:

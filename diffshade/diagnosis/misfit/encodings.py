@@ -20,12 +20,13 @@ from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.images import srgb_decode, srgb_encode
+from .explanations import EXPLAINED
 from .regional import AGREED
 from .residual_correlation import CERTAIN, correlation_of
 
 PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
 STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
-MOST, ALONE = 0.7, 0.5  # fraction of that structure by the other encoding; ALONE if no rival explains half as much
+MOST = 0.7  # fraction of that structure by the other encoding, where another fault explains half as much
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -59,7 +60,7 @@ class Encoding:
             structure: Its fraction of the cost.
             rival: The largest fraction of the cost that another fault explains.
         """
-        least = MOST if self.share < 2.0 * rival else ALONE
+        least = MOST if self.share < 2.0 * rival else EXPLAINED
         return self.agreed >= AGREED and self.share > max(rival, least * structure)
 
     def __str__(self) -> str:

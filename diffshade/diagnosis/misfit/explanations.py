@@ -27,14 +27,14 @@ OF_ALL = [fault for fault in FAULTS if fault.cases and not fault.least_share]
 def of_one_view(at: Linearised) -> list[Found]:
     """Return the faults of one view, light or region that explain enough, each by a refit with it corrected."""
     set_up, state, found = at.set_up, at.state, []
+    known = set(state.amounts)
+    seen = [f for f in scored(at, OF_ONE) if (f.fault.kind, f.which) not in known and f.exceeds(PROMISE)]
     for fault in OF_ONE:
-        known = [which for kind, which in state.amounts if kind == fault.kind]
-        seen = [f for f in scored(at, [fault]) if f.which not in known and f.exceeds(PROMISE)]
-        for f in sorted(seen, key=lambda f: -f.share)[:REFITS]:
-            again = refitted(at, f)
+        promising = sorted((f for f in seen if f.fault is fault), key=lambda f: -f.share)
+        for again in (refitted(at, f) for f in promising[:REFITS]):
+            masks = {i: set_up.samples[i].inside for i in again.views}
             if again.after is None or not again.exceeds():
                 continue
-            masks = {i: set_up.samples[i].inside for i in f.views}
             if fault.confirmed is None or fault.confirmed(set_up, state, again.after, masks, ()):
                 found.append(again)
     for fault in REGIONAL:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,8 +39,9 @@ def refitted(at: Linearised, found: Found) -> Found:
 
     def test(there: Linearised) -> tuple[Move, Score] | None:
         for case, change in _changes(there, found.fault):
-            if case.which == found.which and case.move and (score := ScoreTests(there.rows).test(change)):
-                return case.move, score
+            if case.which == found.which and isinstance(case.change, Move):
+                score = ScoreTests(there.rows).test(change)
+                return None if score is None else (case.change, score)
         return None
 
     key = found.fault.kind, found.which
@@ -57,12 +58,14 @@ def refitted(at: Linearised, found: Found) -> Found:
     )
 
 
-def _changes(at: Linearised, fault: Fault) -> Iterator[tuple[Case, np.ndarray]]:
-    """Yield the cases of a fault with the change of each sample by it, where that is linear and finite."""
-    for case in fault.cases(at) if fault.cases else ():
-        change = case.change if case.move is None else at.jacobian.moved(case.move.rows)
-        if change is not None and np.isfinite(change).all():
-            yield case, change if fault.at_rims else np.where(at.at_rims, 0.0, change)
+def _changes(at: Linearised, fault: Fault) -> list[tuple[Case, np.ndarray]]:
+    """Return the cases of a fault with the change of each sample by it, where that is linear and finite."""
+    if fault.kind not in at.changes:
+        cases = [] if fault.cases is None else list(fault.cases(at))
+        all_of_it = [at.jacobian.moved(c.change.rows) if isinstance(c.change, Move) else c.change for c in cases]
+        changes = [x if fault.at_rims else np.where(at.at_rims, 0.0, x) for x in all_of_it]
+        at.changes[fault.kind] = [(c, x) for c, x in zip(cases, changes, strict=True) if np.isfinite(x).all()]
+    return at.changes[fault.kind]
 
 
 def _found(at: Linearised, fault: Fault, case: Case, change: np.ndarray, score: Score) -> Found:

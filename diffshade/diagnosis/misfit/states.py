@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -91,6 +91,8 @@ class Linearised:
     """Those by the unknowns of the fit that are not at a bound."""
     count: int
     """The number of measured samples."""
+    changes: dict[str, Any] = field(default_factory=dict)
+    """What each kind of fault changes, once it has been asked for."""
 
     @property
     def fit(self) -> Fit:
