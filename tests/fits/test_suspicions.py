@@ -22,6 +22,7 @@ from diffshade.diagnosis.misfit.changes import Case
 from diffshade.diagnosis.misfit.encodings import Encoding, better_encoding
 from diffshade.diagnosis.misfit.faults import FAULTS, named
 from diffshade.diagnosis.misfit.found import Fault, Found
+from diffshade.diagnosis.misfit.linearised import linearise
 from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
 from diffshade.diagnosis.misfit.residual_correlation import ResidualCorrelation
 from diffshade.diagnosis.misfit.scores import scored
@@ -386,7 +387,7 @@ def test_a_new_fault_is_one_entry_and_is_scored_without_an_examination():
     )
     fit = standard_fit(noisy([image + 0.02 * ramp for image in clean_images()], 0.003, 0))
     set_up = SetUp(fit)
-    at = set_up.linearised(set_up.base)
+    at = linearise(set_up, set_up.base)
     (found,) = scored(at, [stray])
     assert found.size == pytest.approx(0.02, rel=0.1)
     assert str(found).startswith(f"stray light adds up to {found.size:.2g} on the right, which explains")

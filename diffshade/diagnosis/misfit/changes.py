@@ -20,7 +20,8 @@ from ...model.materials import Highlight
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
-from .states import Linearised, Move
+from .linearised import Linearised
+from .states import Move
 
 LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from .faults import FAULTS
 from .found import Found
+from .linearised import Linearised, linearise
 from .regional import PROMISE
 from .residual_correlation import correlation_of
 from .scores import refitted, scored
-from .states import Linearised
 
 REFITS = 3  # of one kind at a time
 EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
@@ -72,7 +72,7 @@ def of_all_views(at: Linearised) -> tuple[list[Found], list[Found]]:
         best = _simplest(usable)
         rivals = rivals if found else [f for f in seen if f is not best and f.share > RIVAL * best.share]
         found.append(best)
-        at = at if best.after is None else at.set_up.linearised(best.after)
+        at = at if best.after is None else linearise(at.set_up, best.after)
     return found, rivals
 
 

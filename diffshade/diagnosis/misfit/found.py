@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
 from .changes import Case
+from .linearised import Linearised
 from .set_up import SetUp
-from .states import Linearised, State
+from .states import State
 
 REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
 GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order

@@ -10,10 +10,14 @@ import numpy as np
 from ...inverse.unknowns.unknown import coordinate_slopes
 from .changes import Case
 from .found import Fault, Found
+from .linearised import Linearised, linearise
 from .score_tests import Score, ScoreTests
-from .states import Linearised, Move
+from .states import Move, State
 
 FALSE_ALARM = 1e-4  # significance level of the test of one fault
+STEPS = 8  # of a fault's amount
+REDUCTIONS = 3  # the most reductions of a step that does not lower the cost
+CLOSE = 1e-3  # relative decrease of the cost below which a refit stops
 
 
 def scored(at: Linearised, faults: Iterable[Fault], named: Sequence[Found] = ()) -> list[Found]:
@@ -35,27 +39,46 @@ def scored(at: Linearised, faults: Iterable[Fault], named: Sequence[Found] = ())
 
 
 def refitted(at: Linearised, found: Found) -> Found:
-    """Return a fault at its best amount, beyond first order, if it moves numbers of the set-up; else as it is."""
+    """Return a fault at its best amount, beyond first order, if it moves numbers of the set-up; else as it is.
 
-    def test(there: Linearised) -> tuple[Move, Score] | None:
-        for case, change in _changes(there, found.fault):
-            if case.which == found.which and isinstance(case.change, Move):
-                score = ScoreTests(there.rows).test(change)
-                return None if score is None else (case.change, score)
-        return None
-
-    key = found.fault.kind, found.which
-    after, set_up = at.set_up.corrected(at, key, test), at.set_up
-    if after is at.state:
+    Each step of its amount is followed by a minimisation over the fit's unknowns.
+    """
+    before, state, key = at.state, at.state, (found.fault.kind, found.which)
+    for _ in range(STEPS):
+        case, change = next((case, x) for case, x in _changes(at, found.fault) if case.which == found.which)
+        if not isinstance(case.change, Move):
+            break
+        score = ScoreTests(at.rows).test(change)
+        then = None if score is None else _stepped(at, case.change, score, key)
+        if then is None:
+            break
+        less, state = state.share(then), then
+        if less < CLOSE:
+            break
+        at = linearise(at.set_up, state)
+    if state is before:
         return found
     return replace(
         found,
-        amount=after.amounts[key],
-        share=at.state.share(after),
-        own_share=at.state.share(after, found.views),
-        moves=set_up.fit.values - after.fit.values,
-        after=after,
+        amount=state.amounts[key],
+        share=before.share(state),
+        own_share=before.share(state, found.views),
+        moves=found.given.values - state.fit.values,
+        after=state,
     )
+
+
+def _stepped(at: Linearised, move: Move, score: Score, key: tuple[str, int]) -> State | None:
+    """Return the minimum after a step of a fault's amount, reduced until it lowers the cost; None if none does."""
+    state, set_up = at.state, at.set_up
+    for k in range(REDUCTIONS):
+        amount, theta = 0.25**k * score.amount, state.theta.copy()
+        theta[set_up.inside] -= 0.25**k * score.moves
+        amounts = {**state.amounts, key: state.amounts.get(key, 0.0) + amount}
+        then = set_up.minimise(move.along(theta, amount), state.excluded, amounts)
+        if then.costs.sum() < state.costs.sum():
+            return then
+    return None
 
 
 def _changes(at: Linearised, fault: Fault) -> list[tuple[Case, np.ndarray]]:

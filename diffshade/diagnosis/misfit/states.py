@@ -1,25 +1,16 @@
-"""States: the minima of a fit with some faults corrected, their samples, and how faults move numbers of a set-up."""
+"""States: the minima of a fit with some faults corrected, and how faults move the numbers of a set-up."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from ...inverse.data.recording import photograph
-from ...inverse.data.views import channels
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
-from .jacobian import Jacobian
-from .score_tests import Rows
-
-if TYPE_CHECKING:
-    from .set_up import SetUp
 
 Mask = Bool[np.ndarray, "h w"]
 Masks = tuple[Mask | None, ...]
@@ -76,51 +67,3 @@ class Move:
             return there
 
         return Move(rows, along)
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """The samples of a state and their derivatives, on which faults are scored."""
-
-    set_up: SetUp
-    state: State
-    predicted: Float[np.ndarray, " n"]
-    jacobian: Jacobian
-    """The derivatives by all numbers."""
-    rows: Rows
-    """Those by the unknowns of the fit that are not at a bound."""
-    count: int
-    """The number of measured samples."""
-    changes: dict[str, Any] = field(default_factory=dict)
-    """What each kind of fault changes, once it has been asked for."""
-
-    @property
-    def fit(self) -> Fit:
-        """The fit at this state."""
-        return self.state.fit
-
-    @cached_property
-    def pictures(self) -> list[np.ndarray]:
-        """The whole photographs that the fit predicts."""
-        return [photograph(self.fit.scene, view) for view in self.fit.views]
-
-    @cached_property
-    def light(self) -> Float[np.ndarray, " n"]:
-        """The predictions above black."""
-        return self.predicted - np.array([float(view.black) for view in self.fit.views])[self.set_up.view]
-
-    @cached_property
-    def at_rims(self) -> Bool[np.ndarray, " n"]:
-        """Which samples are at grazing rims."""
-        shapes = [(*view.camera.shape, channels(view)) for view in self.fit.views]
-        return (
-            self.of([np.broadcast_to(r[..., None], s) for (r, _), s in zip(self.set_up.rims, shapes, strict=True)]) > 0
-        )
-
-    def of(self, pictures: Sequence[np.ndarray]) -> Float[np.ndarray, " n"]:
-        """Return the samples of pictures (h, w, c), one for each view."""
-        at, found = self.set_up, np.zeros(len(self.predicted))
-        for i, picture in enumerate(pictures):
-            here = slice(*np.searchsorted(at.view, [i, i + 1]))
-            found[here] = picture.reshape(-1, picture.shape[2])[at.pixel[here], at.channel[here]]
-        return found

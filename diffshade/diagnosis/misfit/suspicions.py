@@ -14,9 +14,10 @@ from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
 from .explanations import NEXT, of_all_views, of_one_view
 from .found import Found
+from .linearised import Linearised, linearise
 from .scores import refitted
 from .set_up import SetUp
-from .states import Linearised, State
+from .states import State
 
 ROUNDS = 12
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
@@ -55,7 +56,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         if outline is not None and outline.large:
             return (Suspicion("outline", views, None, said(fit.scene, outline), fit.names),)
         set_up = SetUp(fit)
-        at = first = set_up.linearised(set_up.base)
+        at = first = linearise(set_up, set_up.base)
         found: list[Found] = []
         for _ in range(ROUNDS):
             explanations = of_one_view(at)
@@ -66,7 +67,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
                 break
             found.append(max(explanations, key=lambda f: f.share))
             assert found[-1].after is not None
-            at = set_up.linearised(found[-1].after)
+            at = linearise(set_up, found[-1].after)
         everywhere, rivals = of_all_views(first)
         if found and not any(f.share > found[0].share for f in everywhere):
             end = settled(at, found)
@@ -82,7 +83,7 @@ def settled(at: Linearised, found: Sequence[Found]) -> Linearised:
     moved = [f for f in found if not f.masks]
     for f in moved * (2 if len(moved) > 1 else 0):
         after = refitted(at, f).after
-        at = at if after is None else at.set_up.linearised(after)
+        at = at if after is None else linearise(at.set_up, after)
     return at
 
 
