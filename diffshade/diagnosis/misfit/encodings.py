@@ -10,9 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.recording import photograph
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
@@ -104,7 +102,7 @@ def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
     _, end, _ = solve(fit_problem(fit.scene, views, start, changed, fit.counts.of(samples), loss, clipped))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
     again = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
-    return Encoding(decoded, _misfit(fit, fit.views, lambda image: image), _misfit(again, fit.views, back))
+    return Encoding(decoded, _misfit(fit, lambda image: image), _misfit(again, back))
 
 
 def _thinned(samples: Sequence[Samples]) -> list[Samples]:
@@ -124,11 +122,12 @@ def _through(curve: Curve, s: Samples) -> Samples:
     return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
 
 
-def _misfit(fit: Fit, views: Sequence[View], curve: Curve) -> Float[np.ndarray, "views 3"]:
+def _misfit(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:
     """Return the cost, the sum of squares and the number of measured samples of each view, with a curve applied."""
     sigma, rho, found = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss], []
-    for view, drawn in zip(views, fit.views, strict=True):
-        seen, image = fit.predict(view), curve(photograph(fit.scene, drawn))
+    for view in fit.views:
+        seen = fit.predict(view)
+        image = curve(seen.image)
         r = np.where(seen.counts, image - seen.target, 0.0)
         weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(image))
         cost = sigma**2 * np.asarray(rho.value(weight * r**2 / sigma**2))

@@ -63,7 +63,7 @@ def refitted(at: Linearised, found: Found) -> Found:
         amount=state.amounts[key],
         share=before.share(state),
         own_share=before.share(state, found.views),
-        moves=found.given.values - state.fit.values,
+        moves=before.fit.values - state.fit.values,
         after=state,
     )
 

@@ -82,8 +82,8 @@ def settled(at: Linearised, found: Sequence[Found]) -> Linearised:
     """Return the minimum over all that was found, in turn: each was found before later faults were corrected."""
     moved = [f for f in found if not f.masks]
     for f in moved * (2 if len(moved) > 1 else 0):
-        after = refitted(at, f).after
-        at = at if after is None else linearise(at.set_up, after)
+        again = refitted(at, f)
+        at = at if again is f or again.after is None else linearise(at.set_up, again.after)
     return at
 
 
@@ -99,18 +99,15 @@ def described(set_up: SetUp, end: State, found: Sequence[Found]) -> tuple[Suspic
 
     Those of most views or lights are merged, since they probably have one cause; those that vanish there are left out.
     """
-    merged = _at_end(set_up, end, found)
-    suspected, said_as_one = [], set()
-    for f in merged:
-        alike = [g for g in merged if g.fault is f.fault]
+    at_end, suspected = _at_end(set_up, end, found), []
+    for f in at_end:
+        alike = [g for g in at_end if g.fault is f.fault]
         count = len(set_up.lit) if f.fault.relative else len(set_up.fit.scene.lights)
-        if f.fault.of_most is not None and len(alike) > max(count / 2, 2):
-            if f.fault.kind not in said_as_one:
-                views = tuple(sorted({view for g in alike for view in g.views}))
-                suspected.append(Suspicion(f.fault.kind, views, None, f.fault.of_most(alike)))
-            said_as_one.add(f.fault.kind)
-        else:
+        if f.fault.of_most is None or len(alike) <= max(count / 2, 2):
             suspected.append(Suspicion(f.fault.kind, f.views, tuple(f.masks.values()) or None, str(f)))
+        elif f is alike[0]:
+            views = tuple(sorted({view for g in alike for view in g.views}))
+            suspected.append(Suspicion(f.fault.kind, views, None, f.fault.of_most(alike)))
     return tuple(suspected)
 
 
