@@ -20,12 +20,13 @@ from diffshade.diagnosis.examination import summarise
 from diffshade.diagnosis.misfit import encodings
 from diffshade.diagnosis.misfit.changes import Case
 from diffshade.diagnosis.misfit.encodings import Encoding, better_encoding
+from diffshade.diagnosis.misfit.explanations import at_minimum
 from diffshade.diagnosis.misfit.faults import FAULTS, named
 from diffshade.diagnosis.misfit.found import Fault, Found
 from diffshade.diagnosis.misfit.linearised import linearise
 from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
 from diffshade.diagnosis.misfit.residual_correlation import ResidualCorrelation
-from diffshade.diagnosis.misfit.scores import scored
+from diffshade.diagnosis.misfit.scores import refitted, scored
 from diffshade.diagnosis.misfit.set_up import SetUp
 from diffshade.diagnosis.misfit.states import Move
 from diffshade.diagnosis.misfit.suspicions import Suspicion, described, suspicions
@@ -386,14 +387,40 @@ def test_a_new_fault_is_one_entry_and_is_scored_without_an_examination():
         plausible=(0.0, np.inf),
     )
     fit = standard_fit(noisy([image + 0.02 * ramp for image in clean_images()], 0.003, 0))
-    set_up = SetUp(fit)
-    at = linearise(set_up, set_up.base)
+    at = at_minimum(fit)
     (found,) = scored(at, [stray])
     assert found.size == pytest.approx(0.02, rel=0.1)
     assert str(found).startswith(f"stray light adds up to {found.size:.2g} on the right, which explains")
     assert str(found).endswith("errors. Draw the curtains.")
     assert found.affected.shape == fit.values.shape
     assert scored(at, [dataclasses.replace(stray, plausible=(-np.inf, 0.0))]) == []
+
+
+@pytest.mark.thorough
+def test_a_fault_that_moves_numbers_is_an_entry_too_and_is_refitted():
+    def cases(at):
+        for i in range(8):
+            yield Case(i, Move.shift(at.set_up.places[f"views.{i}.black"], len(at.state.theta)), (i,))
+
+    black = Fault(
+        "black",
+        lambda f: f"black of views[{f.which}] is {f.size:.2g} too low",
+        lambda f: "Photograph with the lens cap on.",
+        cases,
+        lambda fit: [f"views.{i}.black" for i in range(8)],
+    )
+    images = [image + 0.02 * (i == 3) for i, image in enumerate(clean_images())]
+    fit = standard_fit(noisy(images, 0.003, 0))
+    set_up = SetUp(fit, black.numbers(fit))
+    at = linearise(set_up, set_up.base)
+    found = max(scored(at, [black]), key=lambda f: f.share)
+    again = refitted(at, found)
+    assert again.which == 3
+    assert again.views == (3,)
+    assert again.size == pytest.approx(0.02, rel=0.05)
+    assert again.share > 0.3
+    assert again.after is not None
+    np.testing.assert_allclose(again.after.fit.values - fit.values, -again.moves, atol=1e-4)
 
 
 def test_a_move_adds_to_numbers_or_turns_places_by_degrees():

@@ -12,7 +12,8 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from ...inverse.data.recording import photograph
-from ...inverse.data.views import View, channels
+from ...inverse.data.views import View, channels, lights_on
+from ...inverse.result import Fit
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
@@ -25,6 +26,7 @@ from .states import Move
 
 LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+SPHERES = 4  # with more spheres, their places are not tested
 FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 
 
@@ -38,6 +40,23 @@ class Case:
     """The change of each sample by an amount of 1, or the move of the set-up's numbers from which it follows."""
     views: tuple[int, ...] | None = None
     """The views that it affects; None for all."""
+
+
+def exposures(fit: Fit) -> list[str]:
+    """Return the paths of the exposures."""
+    return [f"views.{i}.exposure" for i in range(len(fit.views))]
+
+
+def places(fit: Fit) -> list[str]:
+    """Return the paths of where the lights that are on are, and where they point."""
+    on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
+    return [f"lights.{i}.{name}" for i in on for name in fit.scene.lights[i].placement]
+
+
+def of_spheres(fit: Fit, part: str) -> list[str]:
+    """Return the paths of a part of all spheres."""
+    names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
+    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= SPHERES]
 
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:

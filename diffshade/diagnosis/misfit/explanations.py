@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ...inverse.result import Fit
 from .faults import FAULTS
 from .found import Found
 from .linearised import Linearised, linearise
 from .regional import PROMISE
 from .residual_correlation import correlation_of
 from .scores import refitted, scored
+from .set_up import SetUp
 
 REFITS = 3  # of one kind at a time
 EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
@@ -22,6 +24,12 @@ NEARLY = 0.85  # a simpler fault with more than this fraction of the best one's 
 OF_ONE = [fault for fault in FAULTS if fault.cases and fault.least_share]
 REGIONAL = [fault for fault in FAULTS if fault.regions]
 OF_ALL = [fault for fault in FAULTS if fault.cases and not fault.least_share]
+
+
+def at_minimum(fit: Fit) -> Linearised:
+    """Return a fit where the faults of the table can be scored. In float64."""
+    set_up = SetUp(fit, (path for fault in FAULTS for path in fault.numbers(fit)))
+    return linearise(set_up, set_up.base)
 
 
 def of_one_view(at: Linearised) -> list[Found]:

@@ -25,6 +25,7 @@ FAULTS = (
             f"'views.{f.which}.exposure', and check its lights: a wrong intensity or distance looks the same."
         ),
         changes.of_exposure,
+        changes.exposures,
         size=lambda which, amount: 1.0 + float(amount[0]),
         least=0.03,
         relative=True,
@@ -45,6 +46,7 @@ FAULTS = (
         ),
         lambda f: f"Measure the light again, or free {_place(f)}.",
         changes.of_light,
+        changes.places,
         least=2.5,
         least_share=0.15,
         of_most=lambda found: (
@@ -138,6 +140,7 @@ FAULTS = (
         ),
         lambda f: f"Measure it again, or free 'surface.radius' {OWN_MASK}.",
         changes.of_radius,
+        lambda fit: changes.of_spheres(fit, "radius"),
         at_rims=False,
     ),
     Fault(
@@ -148,6 +151,7 @@ FAULTS = (
         ),
         lambda f: f"Measure it again, or free 'surface.center' {OWN_MASK}.",
         changes.of_center,
+        lambda fit: changes.of_spheres(fit, "center"),
         yields_to=("radius",),  # one of its three amounts does nearly what the radius does
         at_rims=False,
     ),
@@ -156,6 +160,7 @@ FAULTS = (
         lambda f: f"all lights together are turned by about {f.length:.2g} degrees around the axis {_axis(f)}",
         lambda f: f"Check the axes of the lights and of the camera, or free {_places(f)}.",
         changes.of_rotation,
+        changes.places,
     ),
 )
 

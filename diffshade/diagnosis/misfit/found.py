@@ -32,6 +32,8 @@ class Fault:
     remedy: Callable[[Found], str]
     cases: Callable[[Linearised], Iterable[Case]] | None = None
     """What it changes: of each view, light, object or width that it may concern."""
+    numbers: Callable[[Fit], Iterable[str]] = lambda fit: ()
+    """The paths of the numbers of the set-up that it moves, if any."""
     size: Callable[[int, Vector], float] = lambda which, amount: float(amount[0])
     """Its size in the units of the sentence, from which case it is and its amount."""
     plausible: tuple[float, float] = (-np.inf, np.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -17,26 +17,24 @@ from ...inverse.unknowns.parameters import find_unknowns
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...inverse.unknowns.visibility import shown_unknowns
-from ...model.surfaces import Sphere
 from .regions import center_of, rims
 from .states import Mask, Masks, State
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
-SPHERES = 4  # with more spheres, their places are not tested
 RTOL = 1e-6  # of the cost: where the minimisations of refits stop
 
 
 class SetUp:
     """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
 
-    def __init__(self, fit: Fit):
-        """Lay the fit out, on some of its pixels, and minimise there."""
+    def __init__(self, fit: Fit, numbers: Iterable[str]):
+        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the paths of what faults move."""
         self.fit, self.samples = fit, fit.solved.problem.samples
         self.center = center_of(fit.scene.objects, fit.views[0].camera)
         self.lit = [tuple(lights_on(fit.scene, view)) for view in fit.views]
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places} | {p.path for u in fit.unknowns for p in u.products}
-        paths = [path for path in self._paths() if path not in own]
+        paths = [path for path in dict.fromkeys(numbers) if path not in own]
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
         self.laid = fit.solved.beside(added).laid_out(PIXELS)
         self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
@@ -54,16 +52,6 @@ class SetUp:
         self.view, self.pixel, self.channel = place
         self.base = self.minimise(self.laid.theta, (None,) * len(fit.views), {})
 
-    def _paths(self) -> list[str]:
-        """Return the names of what faults move."""
-        scene, on = self.fit.scene, sorted(set().union(*self.lit))
-        spheres = [x.name or str(i) for i, x in enumerate(scene.objects) if isinstance(x.surface, Sphere)]
-        return [
-            *(f"views.{i}.exposure" for i in range(len(self.lit))),
-            *(f"lights.{i}.{name}" for i in on for name in scene.lights[i].placement),
-            *(f"objects.{n}.surface.{x}" for n in spheres for x in ("radius", "center") if len(spheres) <= SPHERES),
-        ]
-
     def exclude(self, state: State, masks: Mapping[int, Mask]) -> State:
         """Return the minimum with more pixels of some views left out."""
         excluded = list(state.excluded)
@@ -72,6 +60,7 @@ class SetUp:
         return self.minimise(state.theta, tuple(excluded), state.amounts)
 
     def minimise(self, theta: Vector, excluded: Masks, amounts: Mapping[tuple[str, int], Vector]) -> State:
+        """Return the minimum over the fit's own unknowns from theta, which has the values of all other numbers."""
         held = {j: float(theta[j]) for j in range(self.own, len(theta))}
         end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=RTOL, damping=NEAR)
         values, fit = values_at(end.theta, self.laid.problem.unknowns), self.fit
@@ -80,6 +69,7 @@ class SetUp:
         return State(end.theta, fit, np.array(end.point.views.cost) * self._inflation(excluded), excluded, amounts)
 
     def chunks(self, excluded: Masks) -> list[Block]:
+        """Return the pixels laid out, those that are left out without weight."""
         return self.laid.chunks if all(mask is None for mask in excluded) else self.laid.without(excluded)
 
     def _inflation(self, excluded: Masks) -> Float[np.ndarray, " views"]:

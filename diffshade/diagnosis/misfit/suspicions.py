@@ -12,7 +12,7 @@ from ...core.backend import in_float64
 from ...inverse.result import Fit
 from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
-from .explanations import NEXT, of_all_views, of_one_view
+from .explanations import NEXT, at_minimum, of_all_views, of_one_view
 from .found import Found
 from .linearised import Linearised, linearise
 from .scores import refitted
@@ -55,8 +55,8 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
             return (Suspicion("outline", views, None, said(fit.scene, outline), fit.names),)
-        set_up = SetUp(fit)
-        at = first = linearise(set_up, set_up.base)
+        at = first = at_minimum(fit)
+        set_up = first.set_up
         found: list[Found] = []
         for _ in range(ROUNDS):
             explanations = of_one_view(at)
