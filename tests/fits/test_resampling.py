@@ -1,9 +1,8 @@
 """The bootstrap over views."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from changed_fits import with_problem
 from scenarios import noisy_fit, noisy_images
 from synthetic import FREE, TIED, forget, one_light_each, standard_scene
 
@@ -34,7 +33,7 @@ def test_a_seed_gives_the_same_draws():
 
 def test_too_few_views_and_no_draws_are_refused():
     with pytest.raises(ValueError, match="at least three views with different cameras or lights; got 2"):
-        ds.bootstrap(dataclasses.replace(noisy_fit(), views=noisy_fit().views[:2]))
+        ds.bootstrap(with_problem(noisy_fit(), views=noisy_fit().views[:2]))
     with pytest.raises(ValueError, match="draws must be a whole number of at least 1; got 0"):
         ds.bootstrap(noisy_fit(), draws=0)
     with pytest.raises(ValueError, match="seed must be a whole number of at least 0; got -1"):

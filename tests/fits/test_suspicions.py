@@ -17,10 +17,19 @@ from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 import diffshade as ds
 from diffshade.core.words import Note
 from diffshade.diagnosis.examination import summarise
-from diffshade.diagnosis.misfit import explanations
-from diffshade.diagnosis.misfit.explanations import Explanation, MisfitSearch, matters
+from diffshade.diagnosis.misfit import encodings
+from diffshade.diagnosis.misfit.changes import Case
+from diffshade.diagnosis.misfit.encodings import Encoding, better_encoding
+from diffshade.diagnosis.misfit.explanations import at_minimum
+from diffshade.diagnosis.misfit.faults import FAULTS, named
+from diffshade.diagnosis.misfit.found import Fault, Found
+from diffshade.diagnosis.misfit.linearised import linearise
 from diffshade.diagnosis.misfit.regions import Seen, cast_shadows, center_of, level, measure_rim, rims
-from diffshade.diagnosis.misfit.suspicions import Suspicion, _views, _where, describe, suspicions
+from diffshade.diagnosis.misfit.residual_correlation import ResidualCorrelation
+from diffshade.diagnosis.misfit.scores import refitted, scored
+from diffshade.diagnosis.misfit.set_up import SetUp
+from diffshade.diagnosis.misfit.states import Move
+from diffshade.diagnosis.misfit.suspicions import Suspicion, described, suspicions
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.verdicts.stability import FitWithout
 
@@ -354,35 +363,91 @@ def test_how_bright_a_rim_is_and_how_certain():
     assert measure_rim([]) is None
 
 
+# --- the table of faults
+
+BY_KIND = {fault.kind: fault for fault in FAULTS}
+NOTHING: Any = None
+
+
+def test_each_fault_has_cases_or_regions_and_yields_to_others():
+    assert len(BY_KIND) == len(FAULTS)
+    for fault in FAULTS:
+        assert (fault.cases is None) == (fault.regions is not None), fault.kind
+        assert set(fault.yields_to) < set(BY_KIND) - {fault.kind}
+        assert fault.plausible[0] < fault.plausible[1]
+
+
+def test_a_new_fault_is_one_entry_and_is_scored_without_an_examination():
+    ramp = np.broadcast_to(np.linspace(0.0, 1.0, 24)[None, :, None], (24, 24, 3))
+    stray = Fault(
+        "stray light",
+        lambda f: f"stray light adds up to {f.size:.2g} on the right",
+        lambda f: "Draw the curtains.",
+        lambda at: [Case(0, at.of([ramp] * 8)[None])],
+        plausible=(0.0, np.inf),
+    )
+    fit = standard_fit(noisy([image + 0.02 * ramp for image in clean_images()], 0.003, 0))
+    at = at_minimum(fit)
+    (found,) = scored(at, [stray])
+    assert found.size == pytest.approx(0.02, rel=0.1)
+    assert str(found).startswith(f"stray light adds up to {found.size:.2g} on the right, which explains")
+    assert str(found).endswith("errors. Draw the curtains.")
+    assert found.affected.shape == fit.values.shape
+    assert scored(at, [dataclasses.replace(stray, plausible=(-np.inf, 0.0))]) == []
+
+
+@pytest.mark.thorough
+def test_a_fault_that_moves_numbers_is_an_entry_too_and_is_refitted():
+    def cases(at):
+        for i in range(8):
+            yield Case(i, Move.shift(at.set_up.places[f"views.{i}.black"], len(at.state.theta)), (i,))
+
+    black = Fault(
+        "black",
+        lambda f: f"black of views[{f.which}] is {f.size:.2g} too low",
+        lambda f: "Photograph with the lens cap on.",
+        cases,
+        lambda fit: [f"views.{i}.black" for i in range(8)],
+    )
+    images = [image + 0.02 * (i == 3) for i, image in enumerate(clean_images())]
+    fit = standard_fit(noisy(images, 0.003, 0))
+    set_up = SetUp(fit, black.numbers(fit))
+    at = linearise(set_up, set_up.base)
+    found = max(scored(at, [black]), key=lambda f: f.share)
+    again = refitted(at, found)
+    assert again.which == 3
+    assert again.views == (3,)
+    assert again.size == pytest.approx(0.02, rel=0.05)
+    assert again.share > 0.3
+    assert again.after is not None
+    np.testing.assert_allclose(again.after.fit.values - fit.values, -again.moves, atol=1e-4)
+
+
+def test_a_move_adds_to_numbers_or_turns_places_by_degrees():
+    theta = np.array([2.0, 1.0, 0.0, 3.0])
+    shift = Move.shift([0], 4, 0.5)
+    np.testing.assert_allclose(shift.along(theta, np.array([2.0])), [3.0, 1.0, 0.0, 3.0])
+    turn = Move.turn([([1, 2, 3], np.array([0.0, 0.0, 1.0]))], np.eye(3)[1:], theta)
+    np.testing.assert_allclose(turn.along(theta, np.array([0.0, 90.0])), [2.0, 0.0, 1.0, 3.0], atol=1e-12)
+    for k, amount in enumerate(1e-6 * np.eye(2)):
+        np.testing.assert_allclose(turn.along(theta, amount) - theta, 1e-6 * turn.rows[k], atol=1e-12)
+
+
 # --- words
 
 
-class Of(SimpleNamespace):
-    """What the sentences need of a search: a fit of so many views, with the factor or the tilt of each."""
-
-    def factor(self, end, i):
-        return self.effects[i]
-
-    def views_of(self, key):
-        return (key[1],)
-
-    def effect(self, end, key):
-        return self.effects[key[1]]
-
-
-def search_of(effects: Sequence[float]) -> Any:
+def at_end(kind: str, effects: Sequence[float], which: Sequence[int]) -> tuple[Suspicion, ...]:
+    """What is said of some views or lights, where these are the factors or degrees of all."""
     views = [SimpleNamespace(exposure=2.0)] * len(effects)
-    fit = SimpleNamespace(views=views, scene=SimpleNamespace(lights=[None] * len(effects)))
-    return Of(effects=effects, fit=fit, alternatives=Of(effects=effects))
-
-
-def explained(kind: str, i: int) -> Explanation:
-    nothing: Any = None
-    return Explanation(kind, 0.5, nothing, nothing, key=(kind, i), own_share=0.8)
+    fit: Any = SimpleNamespace(views=views, scene=SimpleNamespace(lights=[None] * len(effects)))
+    set_up: Any = SimpleNamespace(fit=fit, lit=[()] * len(effects))
+    amounts = {(kind, i): np.array([e - (kind == "exposure")]) for i, e in enumerate(effects)}
+    found = [Found(BY_KIND[kind], fit, i, (i,), 0.5, 0.8) for i in which]
+    end: Any = SimpleNamespace(amounts=amounts)
+    return described(set_up, end, found)
 
 
 def test_an_exposure_is_said_beside_the_other_views():
-    nothing: Any = None
     for effects, words in (
         (
             [1.0, 0.5, 1.0, 1.0],
@@ -390,62 +455,72 @@ def test_an_exposure_is_said_beside_the_other_views():
         ),
         ([1.0, 0.5], ("views[0] predicts (or the other view is wrong by the inverse factor)",)),
     ):
-        (found,) = describe(search_of(effects), nothing, [explained("exposure", 1)])
+        (found,) = at_end("exposure", effects, [1])
         assert (found.kind, found.views) == ("exposure", (1,))
         assert all(word in found.sentence for word in words), found.sentence
-    (found,) = describe(search_of([0.5]), nothing, [explained("exposure", 0)])
+    (found,) = at_end("exposure", [0.5], [0])
     assert "the scene predicts" in found.sentence
-    assert describe(search_of([1.02, 1.0, 1.0]), nothing, [explained("exposure", 0)]) == ()
+    (found,) = at_end("exposure", [0.5, 2.0, 4.0, 2.0], [0])
+    assert "views[0] is 0.25 times" in found.sentence
+    assert at_end("exposure", [0.5, 2.0, 4.0, 2.0], [1]) == ()  # as bright as the median of the views
+    assert at_end("exposure", [1.02, 1.0, 1.0], [0]) == ()
 
 
 def test_views_or_lights_that_all_disagree_are_told_as_one():
-    nothing: Any = None
-    dark = [0.5, 0.6, 0.7, 1.4, 1.0]
-    (found,) = describe(search_of(dark), nothing, [explained("exposure", i) for i in (3, 1, 0, 2)])
-    assert (found.kind, found.views) == ("exposure", (0, 1, 2, 3))
+    dark = [0.5, 0.6, 1.0, 1.4, 1.3]
+    (found,) = at_end("exposure", dark, (3, 1, 0, 4))
+    assert (found.kind, found.views) == ("exposure", (0, 1, 3, 4))
     assert "4 of the 5 views" in found.sentence
     assert "0.5 to 1.4" in found.sentence
     assert "attenuation" in found.sentence
-    assert len(describe(search_of(dark), nothing, [explained("exposure", i) for i in (0, 1)])) == 2
-    assert matters(("light", 0), 2.6)
-    assert not matters(("light", 0), 2.4)
-    assert matters(("exposure", 0), 0.96)
-    assert not matters(("exposure", 0), 1.02)
-    assert matters(("exposure", 0), 1.02, 0.5)
-
-
-def test_a_factor_is_over_the_median_of_three_or_more():
-    end: Any = None
-    for effects, expected in (([0.5, 2.0, 4.0, 2.0], 0.25), ([0.5, 2.0], 0.5), ([0.5], 0.5)):
-        of, like = MisfitSearch.__new__(MisfitSearch), search_of(effects)
-        of.fit, of.alternatives = like.fit, like.alternatives
-        assert of.factor(end, 0) == expected
+    assert len(at_end("exposure", dark, (0, 1))) == 2
+    (found,) = at_end("light", [3.0, 4.0, 5.0], (0, 1, 2))
+    assert "3 of the 3 lights are 3 to 5 degrees off" in found.sentence
 
 
 @pytest.mark.parametrize(
-    ("cost", "rival", "change", "believed"),
+    ("kind", "amount", "own_share", "part", "expected"),
     [
-        (1.04, 0.2, {}, False),  # nothing beyond noise that a curve could explain
-        (1.06, 0.2, {}, True),
-        (2.0, 0.2, {"explained": 0.49}, False),
-        (2.0, 0.3, {}, False),  # something else explains more than half as much
-        (2.0, 0.3, {"explained": 0.71}, True),
-        (2.0, 0.6, {"explained": 0.99}, False),
-        (2.0, 0.2, {"errors": 9.0}, False),
-        (2.0, 0.2, {"agreed": 0.7}, False),
+        ("light", 2.6, 0.8, 1.0, True),
+        ("light", 2.4, 0.8, 1.0, False),
+        ("light", 2.6, 0.14, 1.0, False),
+        ("exposure", -0.04, 0.8, 1.0, True),
+        ("exposure", 0.02, 0.8, 1.0, False),
+        ("exposure", 0.02, 0.8, 0.5, True),
+        ("exposure", 0.02, 0.04, 0.5, False),
     ],
 )
-def test_when_another_encoding_is_believed(monkeypatch, cost, rival, change, believed):
-    other = SimpleNamespace(**{"share": 0.5, "explained": 0.6, "errors": 11.0, "agreed": 0.8} | change)
-    monkeypatch.setattr(explanations, "cost_and_noise", lambda fit: (cost, 1.0))
-    monkeypatch.setattr(explanations, "other_encoding", lambda fit, noise, *, decoded: other)
-    of: Any = MisfitSearch.__new__(MisfitSearch)
-    of.fit = None
-    assert len(of.encodings([SimpleNamespace(share=rival)])) == 2 * believed
+def test_what_is_large_enough_to_matter(kind, amount, own_share, part, expected):
+    found = Found(BY_KIND[kind], NOTHING, 0, (0,), 0.5, own_share, np.array([amount]))
+    assert found.exceeds(part) == expected
 
 
-def test_places_are_said_in_words():
-    assert _where(PATCH) == "around row 12, column 10"
-    assert _views((0, 3)) == "views[0] and views[3]"
-    assert _views((0, 1, 2, 3)).count("views[") == 4
-    assert _views(tuple(range(5))) == "5 views (views[0] to views[4])"
+@pytest.mark.parametrize(
+    ("structure", "rival", "share", "agreed", "believed"),
+    [
+        (0.04, 0.0, 0.5, 4, False),  # nothing beyond noise that a curve could explain
+        (0.06, 0.2, 0.5, 4, True),
+        (0.8, 0.2, 0.41, 4, True),
+        (0.8, 0.1, 0.39, 4, False),
+        (0.8, 0.22, 0.43, 4, False),  # something else explains more than half as much
+        (0.8, 0.3, 0.57, 4, True),
+        (0.6, 0.6, 0.59, 4, False),
+        (0.06, 0.2, 0.5, 2, False),
+    ],
+)
+def test_when_another_encoding_is_believed(monkeypatch, structure, rival, share, agreed, believed):
+    before = np.array([[1.0, 1.0, 100.0]] * 4)
+    after = before * np.where(np.arange(4) < agreed, 1.0, 1.0001)[:, None]
+    after[0, 0] -= after[:, 0].sum() - 4 * (1.0 - share)
+    after[1 : max(agreed, 1), 0] -= 1e-9
+    monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 9.0))
+    monkeypatch.setattr(encodings, "_other_encoding", lambda fit, *, decoded: Encoding(decoded, before, after))
+    assert (better_encoding(NOTHING, rival) is not None) == believed
+    monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 4.0))
+    assert better_encoding(NOTHING, rival) is None  # not certain
+
+
+def test_views_are_said_in_words():
+    assert named((0, 3)) == "views[0] and views[3]"
+    assert named((0, 1, 2, 3)).count("views[") == 4
+    assert named(tuple(range(5))) == "5 views (views[0] to views[4])"

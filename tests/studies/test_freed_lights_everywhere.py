@@ -13,7 +13,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
-from diffshade.diagnosis.misfit import laid_samples
+from diffshade.diagnosis.misfit import set_up
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
 from diffshade.inverse.laid_out import LaidOut
@@ -67,7 +67,7 @@ def dense(by_blocks):
         patch.setattr(problem, "arrow_of", lambda *_: None)
         patch.setattr(rendered, "shown_unknowns", lambda *_: None)
         patch.setattr(sensitivities, "shown_unknowns", lambda *_: None)
-        patch.setattr(laid_samples, "shown_unknowns", lambda *_: None)
+        patch.setattr(set_up, "shown_unknowns", lambda *_: None)
         fit = fitted()
         found = {
             "ambient": ds.sensitivity(by_blocks, "ambient"),

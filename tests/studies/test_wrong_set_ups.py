@@ -8,8 +8,8 @@ from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
+from diffshade.diagnosis.misfit.explanations import at_minimum, of_all_views
 from diffshade.diagnosis.misfit.residual_correlation import CERTAIN, SIDES, cell_correlation, residuals
-from diffshade.diagnosis.misfit.setup_faults import setup_faults
 from diffshade.diagnosis.misfit.suspicions import suspicions
 
 
@@ -82,7 +82,7 @@ def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
     for seed in range(1000, 1500):
         fit = fitted(set_up(seed), None)
         with in_float64(fit) as own:
-            found = [fault.sentence for fault in setup_faults(own)]
+            found = [str(fault) for fault in of_all_views(at_minimum(own))[0]]
             alike = [side for side in SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN]
         if found or alike or any("outline" in note or "the prior" in note for note in fit.notes):
             alarms.append((seed, found, alike))

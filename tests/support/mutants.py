@@ -39,7 +39,8 @@ GROUPS = {
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
-        "diagnosis/misfit/explanations diagnosis/misfit/regions diagnosis/misfit/suspicions diagnosis/model_choice "
+        "diagnosis/misfit/explanations diagnosis/misfit/found diagnosis/misfit/regions diagnosis/misfit/scores "
+        "diagnosis/misfit/suspicions diagnosis/model_choice "
         "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
         "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"

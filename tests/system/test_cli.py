@@ -128,7 +128,7 @@ def test_the_shell_completes():
     assert completed("new x.toml --material em") == ["emerald"]
     assert completed("fit ball.toml --loss ge") == ["geman-mcclure"]
     assert completed("figures out --only sn") == ["snell"]
-    assert "--clipped" in completed("fit --cl")
+    assert "--memory" in completed("fit --me")
 
 
 def test_a_new_scene_renders(typed):

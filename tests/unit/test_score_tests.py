@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import diffshade as ds
-from diffshade.diagnosis.misfit.faults import _other_lobe
+from diffshade.diagnosis.misfit.changes import other_lobe
 from diffshade.diagnosis.misfit.jacobian import Jacobian
 from diffshade.diagnosis.misfit.score_tests import Rows, ScoreTests
 
@@ -19,6 +19,11 @@ RANDOM = np.random.default_rng(0)
 J = RANDOM.standard_normal((3, 600))
 FAULTS = RANDOM.standard_normal((2, 600)) + 0.5 * J[:2]
 THETA = np.array([1.0, -2.0, 0.5])
+
+
+def whole(jacobian):
+    """The Jacobian of samples that show all unknowns."""
+    return Jacobian(jacobian, np.arange(len(jacobian))[None], np.array([0, jacobian.shape[1]]), len(jacobian))
 
 
 def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
@@ -30,7 +35,7 @@ def rows(y, *, jacobian=J, weight=None, known=None, sigma2=SIGMA**2):
     slope = weight * (jacobian.T @ theta - y)
     pixel = np.arange(len(y)) // 3
     known = np.diag(loss_ratio), loss_ratio * (theta - mean)
-    return theta, Rows(Jacobian.whole(jacobian), slope, weight, pixel, *known, sigma2)
+    return theta, Rows(whole(jacobian), slope, weight, pixel, *known, sigma2)
 
 
 def measured(amounts=(0.0, 0.0), seed=1, scale: Any = 1.0):
@@ -117,11 +122,11 @@ def test_without_a_fault_the_p_values_are_no_smaller_than_chance(noise):
 
 def test_the_other_lobe_of_a_patterned_highlight():
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=ds.Chequer(0.1, 0.4), n_s=20)))
-    other = _other_lobe(scene)
+    other = other_lobe(scene)
     assert other is not None
     assert isinstance(other.objects[0].material.lobe, ds.Blinn)
     assert float(other.objects[0].material.n_s) == 80.0
-    assert _other_lobe(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=0.0)))) is None
+    assert other_lobe(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=0.0)))) is None
 
 
 def test_rows_that_vary_together_as_a_fault_would_show_none():

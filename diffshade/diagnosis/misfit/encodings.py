@@ -10,9 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.recording import photograph
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
@@ -20,8 +18,13 @@ from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.encodings import srgb_decode, srgb_encode
+from .explanations import EXPLAINED
+from .regional import AGREED
+from .residual_correlation import CERTAIN, correlation_of
 
 PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
+STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
+MOST = 0.7  # fraction of that structure by the other encoding, where another fault explains half as much
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -32,93 +35,74 @@ class Encoding:
 
     decoded: bool
     """Whether the images were decoded from sRGB for it (they were read as linear); else they were encoded."""
-    before: Float[np.ndarray, " views"]
-    after: Float[np.ndarray, " views"]
-    """The cost of each view, on the same samples, in the images' own values."""
-    noise: float
-    """The cost of noise alone, by differences of neighbouring pixels: no curve explains it."""
-    count: int
-    """The number of samples."""
-    rmse: tuple[float, float]
-    """Before and after, in the images' units."""
+    before: Float[np.ndarray, "views 3"]
+    """Of each view the cost, the sum of squares and the number of samples, in the images' own values."""
+    after: Float[np.ndarray, "views 3"]
 
     @property
     def share(self) -> float:
         """The fraction of the cost that is explained."""
-        return 1.0 - float(self.after.sum() / self.before.sum()) if self.before.sum() > 0 else 0.0
-
-    @property
-    def explained(self) -> float:
-        """The fraction of the cost beyond noise that is explained."""
-        beyond = float(self.before.sum()) - self.noise
-        return float(self.before.sum() - self.after.sum()) / beyond if beyond > 0 else 0.0
-
-    @property
-    def errors(self) -> float:
-        """The significance in standard errors, for independent noise: the root of n (C_before - C_after) / C_after."""
-        after = float(self.after.sum())
-        return float(np.sqrt(max(self.before.sum() - after, 0.0) / max(after, 1e-300) * self.count))
+        before, after = self.before[:, 0].sum(), self.after[:, 0].sum()
+        return float(1.0 - after / before) if before > 0 else 0.0
 
     @property
     def agreed(self) -> float:
         """The fraction of the views that fit better."""
-        seen = self.before > 0
-        return float(np.mean(self.after[seen] < self.before[seen])) if seen.any() else 0.0
+        seen = self.before[:, 0] > 0
+        return float(np.mean((self.after < self.before)[seen, 0])) if seen.any() else 0.0
+
+    def believed(self, structure: float, rival: float) -> bool:
+        """Whether it explains most of the structure in the residuals, in most views, and nothing else does.
+
+        Args:
+            structure: Its fraction of the cost.
+            rival: The largest fraction of the cost that another fault explains.
+        """
+        least = MOST if self.share < 2.0 * rival else EXPLAINED
+        return self.agreed >= AGREED and self.share > max(rival, least * structure)
+
+    def __str__(self) -> str:
+        """Return what it is, what it explains and the remedy."""
+        what, remedy = (
+            ("sRGB-encoded, but were read as linear: decoded", "srgb=True")
+            if self.decoded
+            else ("linear, but were decoded from sRGB: encoded again", "srgb=False")
+        )
+        before, after = (
+            np.sqrt(of[:, 1].sum() / max(self.before[:, 2].sum(), 1.0)) for of in (self.before, self.after)
+        )
+        return (
+            f"the images seem to be {what}, they fit with RMSE {after:.3g} instead of {before:.3g}. Read them with "
+            f"ds.read_image(path, {remedy})."
+        )
 
 
-def other_encoding(fit: Fit, noise: float, *, decoded: bool) -> Encoding:
-    """Fit the images in the other encoding, and compare in the images' own values. Runs in float64.
+def better_encoding(fit: Fit, rival: float) -> Encoding | None:
+    """Return the other encoding if the images fit so much better in it that it is believed. Runs in float64.
 
     Args:
         fit: The fit.
-        noise: The mean cost of a sample by noise alone (`cost_and_noise`).
-        decoded: Whether to decode the images from sRGB; else to encode them.
+        rival: The largest fraction of the cost that another fault explains.
     """
+    structure = correlation_of(fit)
+    if structure.share < STRUCTURE or structure.errors < CERTAIN:
+        return None
+    both = (_other_encoding(fit, decoded=decoded) for decoded in (True, False))
+    return next((encoding for encoding in both if encoding.believed(structure.share, rival)), None)
+
+
+def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
+    """Fit the images in the other encoding, and compare in the images' own values."""
     to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
-    samples, counts = _thinned(fit.solved.problem.samples), fit.counts
-    changed = [_through(to, s) for s in samples]
+    samples = _thinned(fit.solved.problem.samples)
+    start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
-    unknowns = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    problem = fit_problem(
-        fit.scene,
-        views,
-        unknowns,
-        changed,
-        counts.of(samples),
-        fit.likelihood.loss,
-        "hinge" if fit.clipped == "tobit" else fit.clipped,
-    )
-    _, end, _ = solve(problem)
-    theta = end.theta
-    scene, seen = put_back(fit.scene, fit.views, unknowns, values_at(theta, unknowns))
-    other = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
-    before, after = _misfit(fit, samples, lambda image: image), _misfit(other, samples, back)
-    number = max(before[:, 2].sum(), 1.0)
-    rmse = tuple(float(np.sqrt(of[:, 1].sum() / number)) for of in (before, after))
-    return Encoding(decoded, before[:, 0], after[:, 0], number * noise, int(number), (rmse[0], rmse[1]))
-
-
-def cost_and_noise(fit: Fit) -> tuple[float, float]:
-    """Return the mean cost of a sample, and the part by noise, from the differences d of neighbours' residuals.
-
-    Noise contributes 2 sigma^2 to d^2. Model error contributes little, since it is correlated over pixels.
-    """
-    cost, noise, count = 0.0, 0.0, 0
-    for view in fit.views:
-        seen = fit.predict(view)
-        r = seen.difference
-        both = seen.counts[:, 1:] & seen.counts[:, :-1]
-        weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(seen.image))[:, 1:]
-        cost += float(_cost(fit, weight * r[:, 1:] ** 2)[both].sum())
-        noise += float(_cost(fit, weight * 0.5 * (r[:, 1:] - r[:, :-1]) ** 2)[both].sum())
-        count += int(both.sum())
-    return cost / max(count, 1), noise / max(count, 1)
-
-
-def _cost(fit: Fit, squares: np.ndarray) -> np.ndarray:
-    """Return twice the cost of weighted squares: sigma^2 rho."""
-    sigma = float(fit.likelihood.sigma)
-    return sigma**2 * np.asarray(LOSSES[fit.likelihood.loss].value(squares / sigma**2))
+    changed, clipped = [_through(to, s) for s in samples], "hinge" if fit.clipped == "tobit" else fit.clipped
+    loss = fit.likelihood.loss
+    _, end, _ = solve(fit_problem(fit.scene, views, start, changed, fit.counts.of(samples), loss, clipped))
+    scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
+    again = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
+    return Encoding(decoded, _misfit(fit, lambda image: image), _misfit(again, back))
 
 
 def _thinned(samples: Sequence[Samples]) -> list[Samples]:
@@ -138,16 +122,14 @@ def _through(curve: Curve, s: Samples) -> Samples:
     return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
 
 
-def _misfit(fit: Fit, samples: Sequence[Samples], curve: Curve) -> Float[np.ndarray, "views 3"]:
+def _misfit(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:
     """Return the cost, the sum of squares and the number of measured samples of each view, with a curve applied."""
-    return np.array([_of_view(fit, view, s, curve) for view, s in zip(fit.views, samples, strict=True)])
-
-
-def _of_view(fit: Fit, view: View, s: Samples, curve: Curve) -> tuple[float, float, int]:
-    image = photograph(fit.scene, view)
-    image = curve(image.reshape(-1, image.shape[2])[s.pixels])
-    measured = s.ends() == 0
-    r = np.where(measured, image - s.values(s.pixels), 0.0)
-    weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(np.where(measured, image, 0.0)))
-    cost = np.where(measured, _cost(fit, weight * r**2), 0.0)
-    return float(cost.sum()), float((r**2).sum()), int(measured.sum())
+    sigma, rho, found = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss], []
+    for view in fit.views:
+        seen = fit.predict(view)
+        image = curve(seen.image)
+        r = np.where(seen.counts, image - seen.target, 0.0)
+        weight = 1.0 if view.noise is None else 1.0 / np.asarray(view.noise.variance(image))
+        cost = sigma**2 * np.asarray(rho.value(weight * r**2 / sigma**2))
+        found.append((cost[seen.counts].sum(), (r**2).sum(), seen.counts.sum()))
+    return np.array(found, float)

@@ -1,170 +1,91 @@
-"""Explanations: corrections that explain much of a fit's residuals, found by refits and accepted by tests."""
+"""Explanations: the faults of the table that explain the residuals: of one view, light or region, or of all views."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-
-import numpy as np
-from jaxtyping import Bool
+from collections.abc import Sequence
+from dataclasses import replace
 
 from ...inverse.result import Fit
-from .alternatives import Alternatives, Key, State, share
-from .encodings import Encoding, cost_and_noise, other_encoding
-from .regions import Seen, Shadow, cast_shadows, center_of, level, measure_rim, predicted, rims, see
+from .faults import FAULTS
+from .found import Found
+from .linearised import Linearised, linearise
+from .regional import PROMISE
+from .residual_correlation import correlation_of
+from .scores import refitted, scored
+from .set_up import SetUp
 
-# Each explanation must exceed its thresholds.
-ENCODING, ALONE = 0.7, 0.5  # fraction of the cost beyond noise by the other encoding; ALONE if no rival has half of it
-ENCODING_ERRORS = 10.0  # its significance in standard errors, for independent noise
-STRUCTURE = 1.05  # the cost over that of noise; below it encodings are not tried
-FACTOR, FACTOR_SHARE = 0.03, 0.1  # an exposure's relative error, and the fraction of its view's cost
-TILT, TILT_SHARE = 2.5, 0.15  # a light's error in degrees, and the fraction of the cost of its views
-ERRORS = 5.0  # standard errors, for independent noise
-SHADOW_SHARE = 0.1  # fraction of the view's cost
-RIM, RIM_ERRORS, RIM_SHARE = 0.02, 4.0, 0.1  # excess over the mean brightness, in errors, fraction of the cost
-AGREED = 0.75  # fraction of the views that must agree on a fault of all views
-PROMISE = 0.5  # fraction of these thresholds that the first-order step must reach for a refit
-APART = 4  # up to so many lights in a view, the shadow of each is searched for
-REFITS = 3  # refits per kind and round
+REFITS = 3  # of one kind at a time
+EXPLAINED = 0.5  # the least that a fault explains of the structure in the residuals
+RIVAL = 0.5  # another fault with this fraction of the best fault's gain may be the cause as well
+NEXT = 0.25  # the least gain of a second fault, over the best fault's
+MOST = 3  # faults of all views
+NEARLY = 0.85  # a simpler fault with more than this fraction of the best one's gain is preferred
 
-Mask = Bool[np.ndarray, "h w"]
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """One fault of the scene description, and the minimum with it corrected."""
-
-    kind: str
-    share: float
-    """The fraction of the cost of all views that it explains."""
-    before: State
-    after: State
-    key: Key | None = None
-    """What was freed; None if pixels were excluded."""
-    own_share: float = 0.0
-    """The fraction of the cost of its own views that it explains."""
-    masks: Mapping[int, Mask] = field(default_factory=dict)
-    """The pixels of each view that were excluded."""
+OF_ONE = [fault for fault in FAULTS if fault.cases and fault.least_share]
+REGIONAL = [fault for fault in FAULTS if fault.regions]
+OF_ALL = [fault for fault in FAULTS if fault.cases and not fault.least_share]
 
 
-class MisfitSearch:
-    """The search for explanations of a fit's residuals."""
-
-    def __init__(self, fit: Fit):
-        self.fit = fit
-        self.samples = fit.solved.problem.samples
-        self.alternatives = Alternatives(fit, center_of(fit.scene.objects, fit.views[0].camera))
-        self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
-
-    def explanations(self, state: State) -> list[Explanation]:
-        """Return all explanations that pass their tests."""
-        parameters = self.parameters(state)
-        return [*parameters, *self.shadows(state, parameters), *self.rim(state)]
-
-    def encodings(self, others: Iterable[Explanation]) -> list[Encoding]:
-        """Return the other encoding if it explains most of the residuals, in most views, and nothing else does."""
-        cost, noise = cost_and_noise(self.fit)
-        if cost < STRUCTURE * noise:  # no structure that a curve could explain
-            return []
-        both = [other_encoding(self.fit, noise, decoded=decoded) for decoded in (True, False)]
-        rival = max((other.share for other in others), default=0.0)
-        certain = [e for e in both if e.errors > ENCODING_ERRORS and e.agreed >= AGREED]
-        return [e for e in certain if e.share > rival and e.explained > (ENCODING if e.share < 2.0 * rival else ALONE)]
-
-    def parameters(self, state: State) -> list[Explanation]:
-        """Return the exposures and lights that explain enough, among the most promising by first order."""
-        a, found = self.alternatives, []
-        promising = [s for s in a.first_steps(state) if self._promises(state, s.key, s.gain, s.effect)]
-        for kind, least in (("exposure", FACTOR_SHARE), ("light", TILT_SHARE)):
-            for key in [step.key for step in promising if step.key[0] == kind][:REFITS]:
-                after = a.free_parameter(state, key)
-                own = share(state, after, a.views_of(key))
-                count = sum(len(self.samples[v].pixels) for v in a.views_of(key))
-                certain = own * count > ERRORS**2 * (1.0 - own)  # F test for independent noise
-                if (
-                    own > least
-                    and certain
-                    and matters(key, a.effect(after, key))
-                    and self._corrects_most_pixels(state, after, key)
-                ):
-                    found.append(Explanation(key[0], share(state, after), state, after, key=key, own_share=own))
-        return found
-
-    def shadows(self, state: State, others: Iterable[Explanation]) -> list[Explanation]:
-        """Return the cast shadows of all views, where nothing else explains more of the view."""
-        regions = {i: self.shadows_of(state, i, state.excluded[i]) for i in range(len(self.fit.views))}
-        masks = {i: union(found) for i, found in regions.items() if found}
-        if not masks:
-            return []
-        after = self.alternatives.exclude(state, masks)
-        rivals = [other.after for other in others]
-        accepted = {
-            i: mask
-            for i, mask in masks.items()
-            if share(state, after, [i]) > max([SHADOW_SHARE, *(share(state, rival, [i]) for rival in rivals)])
-        }
-        if not accepted:
-            return []
-        if len(accepted) < len(masks):
-            after = self.alternatives.exclude(state, accepted)
-        return [Explanation("shadow", share(state, after), state, after, masks=accepted)]
-
-    def rim(self, state: State) -> list[Explanation]:
-        """Return the rims that are brighter than predicted."""
-        first = measure_rim(self.see_rims(state, state.excluded))
-        if first is None or first.excess <= 0 or first.errors < PROMISE * RIM_ERRORS:
-            return []
-        masks = {i: mask for i, (mask, _) in enumerate(self.rims) if mask.any()}
-        after = self.alternatives.exclude(state, masks)
-        rim = measure_rim(self.see_rims(after, state.excluded))
-        explained = share(state, after)
-        if rim is None or rim.relative < RIM or rim.errors < RIM_ERRORS or rim.positive < AGREED:
-            return []
-        if explained < RIM_SHARE:
-            return []
-        return [Explanation("rim", explained, state, after, masks=masks)]
-
-    def _corrects_most_pixels(self, state: State, after: State, key: Key) -> bool:
-        """Whether an exposure moves most of its view's pixels, not a few, at least halfway to the prediction."""
-        kind, i = key
-        if kind != "exposure":
-            return True
-        black = float(self.fit.views[i].black)
-        before, now = (level(see(s.fit, s.fit.views[i], self.samples[i], s.excluded[i]), black) for s in (state, after))
-        return bool(abs(np.log(now)) < 0.5 * abs(np.log(before)))
-
-    def factor(self, state: State, i: int) -> float:
-        """Return a view's brightness, relative to the median of all views if there are at least three."""
-        factors = [self.alternatives.effect(state, ("exposure", k)) for k in range(len(self.fit.views))]
-        return factors[i] / (float(np.median(factors)) if len(factors) > 2 else 1.0)
-
-    def _promises(self, state: State, key: Key, gain: float, effect: float) -> bool:
-        cost = float(state.costs[list(self.alternatives.views_of(key))].sum())
-        least = FACTOR_SHARE if key[0] == "exposure" else TILT_SHARE
-        return gain > PROMISE * least * cost and matters(key, effect, PROMISE)
-
-    def shadows_of(self, state: State, i: int, excluded: Mask | None) -> list[Shadow]:
-        """Return the cast shadows in a view, from each of its lights or from all together."""
-        fit, view = state.fit, state.fit.views[i]
-        lit = self.alternatives.lit[i]
-        seen = see(fit, view, self.samples[i], excluded)
-        if not seen.counts.any():
-            return []
-        off: list[tuple[int, ...]] = [(j,) for j in lit] if len(lit) <= APART else []
-        off += [lit] if len(lit) != 1 else []
-        return cast_shadows(seen, {js: predicted(fit, view, [k for k in lit if k not in js]) for js in off})
-
-    def see_rims(self, state: State, excluded: Iterable[Mask | None]) -> list[tuple[Seen, Mask, np.ndarray]]:
-        """Return for each view photograph and prediction without excluded pixels, the rim, and the rim's sectors."""
-        pixels = zip(state.fit.views, self.samples, excluded, self.rims, strict=True)
-        return [(see(state.fit, view, samples, mask), *rim) for view, samples, mask, rim in pixels]
+def at_minimum(fit: Fit) -> Linearised:
+    """Return a fit where the faults of the table can be scored. In float64."""
+    set_up = SetUp(fit, (path for fault in FAULTS for path in fault.numbers(fit)))
+    return linearise(set_up, set_up.base)
 
 
-def matters(key: Key, effect: float, part: float = 1.0) -> bool:
-    """Whether an exposure's factor or a light's tilt exceeds its threshold, or a part of the threshold."""
-    return abs(effect - 1.0) > part * FACTOR if key[0] == "exposure" else effect > part * TILT
+def of_one_view(at: Linearised) -> list[Found]:
+    """Return the faults of one view, light or region that explain enough, each by a refit with it corrected."""
+    set_up, state, found = at.set_up, at.state, []
+    known = set(state.amounts)
+    seen = [f for f in scored(at, OF_ONE) if (f.fault.kind, f.which) not in known and f.exceeds(PROMISE)]
+    for fault in OF_ONE:
+        promising = sorted((f for f in seen if f.fault is fault), key=lambda f: -f.share)
+        for again in (refitted(at, f) for f in promising[:REFITS]):
+            masks = {i: set_up.samples[i].inside for i in again.views}
+            if again.after is None or not again.exceeds():
+                continue
+            if fault.confirmed is None or fault.confirmed(set_up, state, again.after, masks, ()):
+                found.append(again)
+    for fault in REGIONAL:
+        if fault.regions is None or fault.confirmed is None or not (masks := fault.regions(set_up, state)):
+            continue
+        after = set_up.exclude(state, masks)
+        kept = fault.confirmed(set_up, state, after, masks, [f.after for f in found if f.after and not f.masks])
+        if not kept:
+            continue
+        after = after if len(kept) == len(masks) else set_up.exclude(state, kept)
+        own = state.share(after, kept)
+        one = Found(fault, set_up.fit, 0, tuple(kept), state.share(after), own, after=after, masks=kept)
+        found += [one] if one.exceeds() else []
+    return found
 
 
-def union(shadows: Iterable[Shadow]) -> Mask:
-    """Return the pixels that are in any of the shadows."""
-    return np.logical_or.reduce([shadow.mask for shadow in shadows])
+def of_all_views(at: Linearised) -> tuple[list[Found], list[Found]]:
+    """Return the faults of all views that move a value which the fit determines, and what may be the cause as well.
+
+    The one that explains most comes first, and the others explain what is left: where its numbers are corrected, or,
+    if it moves none, beside its direction.
+    """
+    structure, base = correlation_of(at.fit, at.state.excluded).least, at.state
+    found: list[Found] = []
+    rivals: list[Found] = []
+    while len(found) < MOST:
+        named, left = [f for f in found if f.after is None], 1.0 - base.share(at.state)
+        refits = [f if named else refitted(at, f) for f in scored(at, OF_ALL, named)]
+        seen = [replace(f, share=left * f.share) for f in refits]
+        least = EXPLAINED * (structure - sum(f.share for f in found))
+        least = max(least, NEXT * found[0].share if found else 0.0)
+        usable = [f for f in seen if f.share > least and f.matters() and f.fault not in [g.fault for g in found]]
+        if not usable:
+            break
+        best = _simplest(usable)
+        rivals = rivals if found else [f for f in seen if f is not best and f.share > RIVAL * best.share]
+        found.append(best)
+        at = at if best.after is None else linearise(at.set_up, best.after)
+    return found, rivals
+
+
+def _simplest(found: Sequence[Found]) -> Found:
+    """Return the fault that explains most, or a simpler one that explains nearly as much."""
+    best = max(found, key=lambda f: f.share)
+    simpler = [f for f in found if f.fault.kind in best.fault.yields_to and f.share > NEARLY * best.share]
+    return max(simpler, key=lambda f: f.share, default=best)

@@ -1,230 +1,220 @@
-"""Faults of a setup as directions of image space: the change of every sample by a small amount of each fault."""
+"""Faults of a set-up: what each changes in the pictures, its plausible sizes, its words. A new fault is an entry."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy import ndimage
 
-from ...inverse.data.recording import photograph
-from ...inverse.data.views import View, channels, lights_on
-from ...inverse.forward.rounding import sawtooth
-from ...inverse.result import Fit
-from ...inverse.unknowns.parameters import find_unknowns
-from ...model.bands import widened
-from ...model.fresnel import NoFresnel
-from ...model.lobes import AbstractPowerLobe, Blinn, Phong
-from ...model.materials import Highlight
-from ...model.patterns import AbstractPattern
-from ...model.scenes import Scene
-from ...model.surfaces import Sphere
-from .laid_samples import LaidSamples, Samples
-from .regions import center_of, rims
-from .score_tests import Rows
+from ...core.words import listing
+from ...model.lobes import Blinn
+from . import changes, regional
+from .changes import BLURS, FACTORS
+from .found import Fault, Found
 
-LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
-PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
-BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
-SPHERES = 4  # with more spheres, their places are not tested
+FREE_SENSOR = "or give the views a Sensor() and free"
+OWN_MASK = "and give each View a mask"
 
-Mask = Bool[np.ndarray, "h w"]
-
-
-@dataclass(frozen=True, eq=False)
-class Direction:
-    """The change of each sample by a fault of amount 1; a fault may have several amounts."""
-
-    kind: str
-    which: int
-    """The index of the object, of the blur or of the second highlight's n_s; else 0."""
-    change: Float[np.ndarray, "k n"]
-    along: tuple[int, ...] = ()
-    """For a fault of the geometry, its directions in the laid samples."""
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """A fit as a linear problem at its minimum, and the faults as directions of it."""
-
-    samples: LaidSamples
-    """With the geometry's parameters added to the fit's own unknowns."""
-    rows: Rows
-    inside: Int[np.ndarray, " q"]
-    """The unknowns that are not at a bound; the rows' Jacobian has these."""
-    count: int
-    """The number of measured samples."""
-    directions: list[Direction]
-
-
-def linearised(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> Linearised:
-    """Return a fit as a linear problem at its minimum, on evenly spread samples. Runs in float64.
-
-    Args:
-        fit: The fit.
-        excluded: The pixels of each view that do not count.
-    """
-    paths = _paths(fit)
-    added = find_unknowns(fit.scene, fit.views, list(paths), from_scene=True) if paths else []
-    solved = fit.solved if excluded is None else fit.solved.keeping([None if m is None else ~m for m in excluded])
-    laid = solved.beside(added).laid_out(PIXELS)
-    p = len(fit.unknowns)
-    at = {unknown.places[0]: p + j for j, unknown in enumerate(added)}
-    moves = _moves(fit, at, len(laid.theta))
-    laid_samples = LaidSamples(fit, laid, np.concatenate([np.zeros((0, len(laid.theta))), *moves.values()]))
-    end = laid_samples.at(laid.theta)
-    samples = Samples(laid_samples.view, laid_samples.pixel, laid_samples.channel, end.predicted)
-    inside, known = laid_samples.inside, laid_samples.known(laid.theta)
-    measured = end.base > 0
-    noise, bend = ((of[measured] / end.base[measured]).sum() for of in (end.slope**2, end.weight))
-    rows = Rows(
-        end.jacobian,
-        end.slope,
-        end.weight,
-        _pixels(fit, samples),
-        np.asarray(known.hessian)[np.ix_(inside, inside)],
-        np.asarray(known.gradient)[inside],
-        float(noise / bend),
-        None if fit.evidence.waves is None else sawtooth(fit.rounding, samples.view, end.predicted, end.base),
-    )
-    directions = [*_of_images(fit, samples), *_of_geometry(fit, samples, end.along, moves)]
-    return Linearised(laid_samples, rows, inside, int(measured.sum()), directions)
-
-
-def _pixels(fit: Fit, samples: Samples) -> Int[np.ndarray, " n"]:
-    """Return the pixel number of each sample."""
-    size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
-    return np.unique(samples.view * size + samples.pixel, return_inverse=True)[1]
-
-
-def _of_images(fit: Fit, samples: Samples) -> list[Direction]:
-    """Return the changes by faults of the camera and the file, and by the other lobe."""
-    m = samples.predicted
-    black = np.array([float(view.black) for view in fit.views])[samples.view]
-    light = m - black
-    found = [
-        Direction("vignetting", 0, -(light * samples.of([_rho2(view) for view in fit.views]))[None]),
-        Direction("gamma", 0, (light * np.log(np.maximum(light, 1e-6)) * (light > 0))[None]),
-    ]
-    whole = [photograph(fit.scene, view) for view in fit.views]
-    for k, sigma in enumerate(BLURS):
-        blurred = [ndimage.gaussian_filter(image, (sigma, sigma, 0), mode="nearest") - image for image in whole]
-        found.append(Direction("blur", k, samples.of(blurred)[None]))
-    other = _other_lobe(fit.scene)
-    if other is not None:
-        changed = [photograph(other, view) - image for view, image in zip(fit.views, whole, strict=True)]
-        found.append(Direction("lobe", 0, samples.of(changed)[None]))
-    for k, factor in enumerate(FACTORS):
-        two = _with_second_highlight(fit.scene, factor)
-        if two is not None:
-            changed = [photograph(two, view) - image for view, image in zip(fit.views, whole, strict=True)]
-            found.append(Direction("highlight", k, samples.of(changed)[None]))
-    return found
-
-
-def _rho2(view: View) -> np.ndarray:
-    """Return the square of each pixel's distance from the image centre, over that of a corner."""
-    h, w = view.camera.shape
-    row, column = np.mgrid[:h, :w]
-    rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
-    return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
-
-
-def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
-    """Return the scene with a second highlight as strong as the first, of n_s by a factor; None if nothing shines."""
-    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        m = scene.objects[i].material
-        if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
-            return None
-        second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
-        second = widened(second, len(scene.channels))  # of one band its colour was made RGB
-        scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
-    return scene if shiny else None
-
-
-def _other_lobe(scene: Scene) -> Scene | None:
-    """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
-    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        material = scene.objects[i].material
-        if not isinstance(material.lobe, Phong | Blinn):
-            return None
-        lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
-        n_s = factor * np.asarray(material.n_s, np.float64)
-        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
-    return scene if shiny else None
-
-
-def shines(k_s: Any) -> bool:
-    """Whether a surface with this k_s has a highlight."""
-    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))
-
-
-def _paths(fit: Fit) -> list[str]:
-    """Return the parameters of the tested geometry that are not free: spheres, and the places of the lights."""
-    own = {path for unknown in fit.unknowns for path, _ in unknown.places}
-    own |= {product.path for unknown in fit.unknowns for product in unknown.products}
-    paths = [path for group in (*_spheres(fit), *_lights(fit)) for path in group]
-    return [path for path in paths if path not in own]
+FAULTS = (
+    Fault(
+        "exposure",
+        lambda f: f"views[{f.which}] is {f.size:.3g} times as bright as {_than_what(f)}",
+        lambda f: (
+            f"Give it exposure={f.size * float(f.given.views[f.which].exposure):.3g} or free "
+            f"'views.{f.which}.exposure', and check its lights: a wrong intensity or distance looks the same."
+        ),
+        changes.of_exposure,
+        changes.exposures,
+        size=lambda which, amount: 1.0 + float(amount[0]),
+        least=0.03,
+        relative=True,
+        least_share=regional.SHARE,
+        confirmed=regional.corrects_most_pixels,
+        of_most=lambda found: (
+            f"{len(found)} of the {len(found[0].given.views)} views are darker or brighter than the other views "
+            f"predict, by factors of {min(f.size for f in found):.3g} to {max(f.size for f in found):.3g}. Check the "
+            "lights' intensities, distances and attenuation and whether the material model is complete, or free "
+            "'exposure'."
+        ),
+    ),
+    Fault(
+        "light",
+        lambda f: (
+            f"judging by the shading in {named(f.views)}, lights.{f.which} is {f.length:.2g} degrees off as seen from "
+            "the surface"
+        ),
+        lambda f: f"Measure the light again, or free {_place(f)}.",
+        changes.of_light,
+        changes.places,
+        least=2.5,
+        least_share=0.15,
+        of_most=lambda found: (
+            f"{len(found)} of the {len(found[0].given.scene.lights)} lights are "
+            f"{min(f.length for f in found):.2g} to {max(f.length for f in found):.2g} degrees off, judging by the "
+            "shading. Check the axes of directions and normals, that directions point the way the light travels, and "
+            "whether the material model is complete."
+        ),
+    ),
+    Fault(
+        "shadow",
+        lambda f: f"predicted light is missing, as in a cast shadow: {f.where}",
+        lambda f: "Exclude these pixels with View.mask, or fit with loss='cauchy'.",
+        least_share=regional.SHARE,
+        regions=regional.shadows,
+        confirmed=regional.in_shadow,
+        described=regional.where_shadows_are,
+    ),
+    Fault(
+        "rim",
+        lambda f: f"the rim in {named(f.views)} is brighter than predicted{f.where}",
+        lambda f: (
+            "Possible causes are interreflection or another form of highlight. Exclude the rim with View.mask, or fit "
+            "with loss='cauchy'."
+        ),
+        least_share=regional.SHARE,
+        regions=regional.bright_rims,
+        confirmed=regional.at_bright_rims,
+        described=regional.how_bright_rims_are,
+    ),
+    Fault(
+        "vignetting",
+        lambda f: f"the images darken towards their corners by about {f.size:.0%} (vignetting)",
+        lambda f: (
+            f"Divide them by 1 - {f.size:.2g} rho^2, with rho the distance from the centre over that of a corner, or "
+            f"use a smaller aperture, {FREE_SENSOR} 'sensor.vignetting.second'."
+        ),
+        changes.of_vignetting,
+        plausible=(0.0, 0.9),
+    ),
+    Fault(
+        "gamma",
+        lambda f: f"the images look like linear ones raised to the power {f.size:.4g} (gamma)",
+        lambda f: (
+            f"Raise them to the power {1.0 / f.size:.4g}, read them with the camera's own curve, {FREE_SENSOR} "
+            "'sensor.gamma'."
+        ),
+        changes.of_gamma,
+        size=lambda which, amount: 1.0 + float(amount[0]),
+        plausible=(0.3, 1.7),
+    ),
+    Fault(
+        "blur",
+        lambda f: (
+            f"the images are blurred by about {f.size:.2g} pixels (standard deviation), or the highlights have wider "
+            "edges than the lobe"
+        ),
+        lambda f: "Focus, or shrink the images, and exclude the pixels next to outlines with View.mask.",
+        changes.of_blur,
+        size=lambda which, amount: BLURS[which] * float(np.sqrt(np.maximum(amount[0], 0.0))),
+        plausible=(0.0, 4.0),
+    ),
+    Fault(
+        "lobe",
+        lambda f: "the highlights fit {1}'s lobe better than {0}'s".format(*_lobes(f)),
+        lambda f: f"Give Material(lobe=ds.{_lobes(f)[1]}()), or compare both with ds.compare.",
+        changes.of_lobe,
+        plausible=(0.4, 1.7),  # 1 is exactly the other lobe
+    ),
+    Fault(
+        "highlight",
+        lambda f: f"the highlights have a second, {_wider(f)} part, with n_s near {_exponent(f):.2g}",
+        lambda f: f"Give the material highlights=ds.Highlight(k_s=0.1, n_s={_exponent(f):.2g}) and free both.",
+        changes.of_second_highlight,
+        plausible=(0.0, np.inf),
+        yields_to=(
+            "vignetting",
+            "gamma",
+            "blur",
+            "lobe",
+            "radius",
+            "center",
+            "rotation",
+        ),  # of any width it is like many
+    ),
+    Fault(
+        "radius",
+        lambda f: (
+            f"{_surface(f)}.radius seems to be about {float(_sphere(f).radius) + f.size:.3g}, but the scene has "
+            f"{float(_sphere(f).radius):.3g}"
+        ),
+        lambda f: f"Measure it again, or free 'surface.radius' {OWN_MASK}.",
+        changes.of_radius,
+        lambda fit: changes.of_spheres(fit, "radius"),
+        at_rims=False,
+    ),
+    Fault(
+        "center",
+        lambda f: (
+            f"{_surface(f)}.center seems to be off by about {f.length:.2g}, near "
+            f"{_numbers(np.asarray(_sphere(f).center) + f.amount, '.3g')}"
+        ),
+        lambda f: f"Measure it again, or free 'surface.center' {OWN_MASK}.",
+        changes.of_center,
+        lambda fit: changes.of_spheres(fit, "center"),
+        yields_to=("radius",),  # one of its three amounts does nearly what the radius does
+        at_rims=False,
+    ),
+    Fault(
+        "rotation",
+        lambda f: f"all lights together are turned by about {f.length:.2g} degrees around the axis {_axis(f)}",
+        lambda f: f"Check the axes of the lights and of the camera, or free {_places(f)}.",
+        changes.of_rotation,
+        changes.places,
+    ),
+)
 
 
-def _spheres(fit: Fit) -> list[list[str]]:
-    """Return the radius and the centre of each sphere."""
-    objects = fit.scene.objects
-    names = [item.name or str(i) for i, item in enumerate(objects) if isinstance(item.surface, Sphere)]
-    return (
-        [[f"objects.{n}.surface.radius", f"objects.{n}.surface.center"] for n in names] if len(names) <= SPHERES else []
-    )
+def named(views: Sequence[int]) -> str:
+    """Name some views."""
+    names = [f"views[{i}]" for i in views]
+    return listing(names) if len(names) <= 4 else f"{len(names)} views ({names[0]} to {names[-1]})"
 
 
-def _lights(fit: Fit) -> list[list[str]]:
-    """Return the paths of where each light that is on in a view is, and where it points."""
-    on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
-    return [[f"lights.{i}.{name}" for name in fit.scene.lights[i].placement] for i in on]
+def _than_what(f: Found) -> str:
+    count = len(f.given.views)
+    if count == 2:
+        return f"views[{1 - f.which}] predicts (or the other view is wrong by the inverse factor)"
+    return "the other views predict" if count > 2 else "the scene predicts"
 
 
-def _moves(fit: Fit, at: dict[tuple[str, int], int], p: int) -> dict[tuple[str, int], np.ndarray]:
-    """Return the change of the parameters by each fault of geometry, per scene unit, or per degree for the lights."""
-    moves: dict[tuple[str, int], np.ndarray] = {}
-    for i, paths in enumerate(_spheres(fit)):
-        for kind, path in zip(("radius", "center"), paths, strict=True):
-            index = [at[path, c] for c in range(3) if (path, c) in at]
-            if index:
-                moves[kind, i] = np.eye(p)[index]
-    turned, lights = np.zeros((3, p)), _lights(fit)
-    every = [path for paths in lights for path in paths]
-    if every and all(lights) and all((path, 2) in at for path in every):
-        center = center_of(fit.scene.objects, fit.views[0].camera)
-        for path in every:
-            _, i, name = path.split(".")
-            place = np.asarray(getattr(fit.scene.lights[int(i)], name), np.float64)
-            arm = place if name == "direction" else place - center
-            for k, axis in enumerate(np.eye(3)):
-                turned[k, [at[path, c] for c in range(3)]] = np.deg2rad(1.0) * np.cross(axis, arm)
-        moves["rotation", 0] = turned
-    return moves
+def _place(f: Found) -> str:
+    light = (f.given if f.after is None else f.after.fit).scene.lights[f.which]
+    what = light.placement[0]
+    return f"'lights.{f.which}.{what}', which is near {_numbers(getattr(light, what), '.3g')}"
 
 
-def _of_geometry(
-    fit: Fit, samples: Samples, change: Float[np.ndarray, "k n"], moves: dict[tuple[str, int], np.ndarray]
-) -> list[Direction]:
-    """Return the changes by faults of geometry, except at grazing rims, where they are not linear."""
-    shapes = [(*view.camera.shape, channels(view)) for view in fit.views]
-    grazing = [rims(fit.scene.objects, view.camera)[0][..., None] for view in fit.views]
-    rim = samples.of([np.broadcast_to(*of) for of in zip(grazing, shapes, strict=True)]) > 0
-    found, first = [], 0
-    for (kind, i), of in moves.items():
-        along = tuple(range(first, first + len(of)))
-        first += len(of)
-        rows = change[list(along)]
-        if kind in ("radius", "center"):
-            rows = np.where(rim, 0.0, rows)
-        if np.isfinite(rows).all():
-            found.append(Direction(kind, i, rows, along))
-    return found
+def _numbers(of: Any, form: str) -> str:
+    return f"({', '.join(format(x, form) for x in np.asarray(of))})"
+
+
+def _lobes(f: Found) -> tuple[str, str]:
+    """Return the name of the material's own lobe, and of the other."""
+    is_blinn = isinstance(f.given.scene.objects[f.which].material.lobe, Blinn)
+    return ("Blinn", "Phong") if is_blinn else ("Phong", "Blinn")
+
+
+def _wider(f: Found) -> str:
+    return "sharper" if FACTORS[f.which] > 1 else "wider"
+
+
+def _exponent(f: Found) -> float:
+    shiny = (x.material.n_s for x in f.given.scene.objects if changes.shines(x.material.k_s))
+    return FACTORS[f.which] * float(np.mean(np.asarray(next(shiny))))
+
+
+def _surface(f: Found) -> str:
+    return f"objects.{f.given.scene.objects[f.which].name or f.which}.surface"
+
+
+def _sphere(f: Found) -> Any:
+    return f.given.scene.objects[f.which].surface
+
+
+def _axis(f: Found) -> str:
+    return _numbers(f.amount / max(f.length, 1e-300), ".2g")
+
+
+def _places(f: Found) -> str:
+    names = ("direction", "position")
+    return listing([f"'{n}'" for n in names if any(hasattr(light, n) for light in f.given.scene.lights)])

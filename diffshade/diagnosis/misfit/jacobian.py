@@ -24,11 +24,6 @@ class Jacobian:
     """The first sample of each view, and n."""
     p: int
 
-    @staticmethod
-    def whole(J: Float[np.ndarray, "p n"]) -> Jacobian:
-        """Return the Jacobian of samples that show all unknowns."""
-        return Jacobian(J, np.arange(len(J))[None], np.array([0, J.shape[1]]), len(J))
-
     def _views(self) -> Iterator[tuple[Int[np.ndarray, " s"], Float[np.ndarray, "s of_view"], slice]]:
         """Yield for each view the unknowns that it shows, their rows, and where its samples are."""
         for index, start, end in zip(self.index, self.first[:-1], self.first[1:], strict=True):

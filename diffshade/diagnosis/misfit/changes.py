@@ -1,0 +1,181 @@
+"""Changes: what each fault changes in the pictures to first order: directions of image space, or moves of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+
+from ...inverse.data.recording import photograph
+from ...inverse.data.views import View, channels, lights_on
+from ...inverse.result import Fit
+from ...model.bands import widened
+from ...model.fresnel import NoFresnel
+from ...model.lobes import AbstractPowerLobe, Blinn, Phong
+from ...model.materials import Highlight
+from ...model.patterns import AbstractPattern
+from ...model.scenes import Scene
+from ...model.surfaces import Sphere
+from .linearised import Linearised
+from .states import Move
+
+LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
+BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+SPHERES = 4  # with more spheres, their places are not tested
+FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A fault at one place, with one amount or several."""
+
+    which: int
+    """The index of the view, light or object, of the blur, or of the second highlight's n_s; else 0."""
+    change: Float[np.ndarray, "k n"] | Move
+    """The change of each sample by an amount of 1, or the move of the set-up's numbers from which it follows."""
+    views: tuple[int, ...] | None = None
+    """The views that it affects; None for all."""
+
+
+def exposures(fit: Fit) -> list[str]:
+    """Return the paths of the exposures."""
+    return [f"views.{i}.exposure" for i in range(len(fit.views))]
+
+
+def places(fit: Fit) -> list[str]:
+    """Return the paths of where the lights that are on are, and where they point."""
+    on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
+    return [f"lights.{i}.{name}" for i in on for name in fit.scene.lights[i].placement]
+
+
+def of_spheres(fit: Fit, part: str) -> list[str]:
+    """Return the paths of a part of all spheres."""
+    names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
+    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= SPHERES]
+
+
+def of_vignetting(at: Linearised) -> Iterator[Case]:
+    """Yield light that falls by the square of the distance from the image's centre."""
+    yield Case(0, -(at.light * at.of([_rho2(view) for view in at.fit.views]))[None])
+
+
+def of_gamma(at: Linearised) -> Iterator[Case]:
+    """Yield light raised to a power."""
+    yield Case(0, (at.light * np.log(np.maximum(at.light, 1e-6)) * (at.light > 0))[None])
+
+
+def of_blur(at: Linearised) -> Iterator[Case]:
+    """Yield pictures blurred by some widths."""
+    for k, sigma in enumerate(BLURS):
+        blurred = [ndimage.gaussian_filter(x, (sigma, sigma, 0), mode="nearest") - x for x in at.pictures]
+        yield Case(k, at.of(blurred)[None])
+
+
+def of_lobe(at: Linearised) -> Iterator[Case]:
+    """Yield the other lobe."""
+    yield from _of_scene(at, 0, other_lobe(at.fit.scene))
+
+
+def of_second_highlight(at: Linearised) -> Iterator[Case]:
+    """Yield second highlights, sharper and wider."""
+    for k, factor in enumerate(FACTORS):
+        yield from _of_scene(at, k, _with_second_highlight(at.fit.scene, factor))
+
+
+def of_exposure(at: Linearised) -> Iterator[Case]:
+    """Yield a view's exposure, relative to the given one."""
+    for i, view in enumerate(at.set_up.fit.views):
+        if index := at.set_up.places.get(f"views.{i}.exposure"):
+            yield Case(i, Move.shift(index, len(at.state.theta), float(view.exposure)), views=(i,))
+
+
+def of_light(at: Linearised) -> Iterator[Case]:
+    """Yield a light turned about what it illuminates, by degrees about two axes."""
+    lit = at.set_up.lit
+    for i in sorted(set().union(*lit)):
+        name = next(iter(at.fit.scene.lights[i].placement), "")
+        if index := at.set_up.places.get(f"lights.{i}.{name}"):
+            center = _center(at, name)
+            axes = np.linalg.svd((at.set_up.laid.theta[index] - center)[None])[2][1:]
+            views = tuple(v for v, of_view in enumerate(lit) if i in of_view)
+            yield Case(i, Move.turn([(index, center)], axes, at.state.theta), views=views)
+
+
+def of_rotation(at: Linearised) -> Iterator[Case]:
+    """Yield all lights turned together, by degrees about three axes, if the places of all are known."""
+    lights = [(i, at.fit.scene.lights[i].placement) for i in sorted(set().union(*at.set_up.lit))]
+    arms = [(at.set_up.places.get(f"lights.{i}.{name}", []), _center(at, name)) for i, of in lights for name in of]
+    if arms and all(of for _, of in lights) and all(index for index, _ in arms):
+        yield Case(0, Move.turn(arms, np.eye(3), at.state.theta))
+
+
+def of_radius(at: Linearised) -> Iterator[Case]:
+    """Yield the radius of each sphere."""
+    yield from _of_sphere(at, "radius")
+
+
+def of_center(at: Linearised) -> Iterator[Case]:
+    """Yield the centre of each sphere."""
+    yield from _of_sphere(at, "center")
+
+
+def _of_sphere(at: Linearised, part: str) -> Iterator[Case]:
+    for i, item in enumerate(at.fit.scene.objects):
+        index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
+        if index and isinstance(item.surface, Sphere):
+            yield Case(i, Move.shift(index, len(at.state.theta)))
+
+
+def _center(at: Linearised, name: str) -> np.ndarray:
+    return np.zeros(3) if name == "direction" else at.set_up.center
+
+
+def _of_scene(at: Linearised, which: int, scene: Scene | None) -> Iterator[Case]:
+    """Yield the change of the pictures by another scene."""
+    if scene is not None:
+        changed = [photograph(scene, v) - x for v, x in zip(at.fit.views, at.pictures, strict=True)]
+        yield Case(which, at.of(changed)[None])
+
+
+def _rho2(view: View) -> np.ndarray:
+    """Return the square of each pixel's distance from the image centre, over that of a corner."""
+    h, w = view.camera.shape
+    row, column = np.mgrid[:h, :w]
+    rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
+    return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
+
+
+def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
+    """Return the scene with a second highlight as strong as the first, of n_s by a factor; None if nothing shines."""
+    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
+    for i in shiny:
+        m = scene.objects[i].material
+        if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
+            return None
+        second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
+        second = widened(second, len(scene.channels))  # of one band its colour was made RGB
+        scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
+    return scene if shiny else None
+
+
+def other_lobe(scene: Scene) -> Scene | None:
+    """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
+    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
+    for i in shiny:
+        material = scene.objects[i].material
+        if not isinstance(material.lobe, Phong | Blinn):
+            return None
+        lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
+        n_s = factor * np.asarray(material.n_s, np.float64)
+        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
+    return scene if shiny else None
+
+
+def shines(k_s: Any) -> bool:
+    """Whether a surface with this k_s has a highlight."""
+    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))

@@ -1,0 +1,123 @@
+"""Found: what a fault of a set-up is, and one that the residuals show, with its size and in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...inverse.result import Fit
+from ...inverse.statistics.uncertainty import Vector
+from .changes import Case
+from .linearised import Linearised
+from .set_up import SetUp
+from .states import State
+
+REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
+GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
+
+Mask = Bool[np.ndarray, "h w"]
+Masks = Mapping[int, Mask]
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """Something that may be wrong with a set-up. It has `cases`, which are scored, or `regions`, which are left out."""
+
+    kind: str
+    what: Callable[[Found], str]
+    """What it is and how large, in words."""
+    remedy: Callable[[Found], str]
+    cases: Callable[[Linearised], Iterable[Case]] | None = None
+    """What it changes: of each view, light, object or width that it may concern."""
+    numbers: Callable[[Fit], Iterable[str]] = lambda fit: ()
+    """The paths of the numbers of the set-up that it moves, if any."""
+    size: Callable[[int, Vector], float] = lambda which, amount: float(amount[0])
+    """Its size in the units of the sentence, from which case it is and its amount."""
+    plausible: tuple[float, float] = (-np.inf, np.inf)
+    """Between these is its size: an image is darker at its corners, and blurred, not sharpened."""
+    yields_to: tuple[str, ...] = ()
+    """Simpler kinds, which are named instead where they explain nearly as much."""
+    at_rims: bool = True
+    """Whether its change is linear at grazing rims too."""
+    least: float = 0.0
+    """Of one view or light: the least amount that matters, such as a relative error or degrees."""
+    least_share: float = 0.0
+    """Of one view, light or region: the least fraction of the cost of its own views that it explains. 0 if it is of all
+    views together: then it explains part of the structure in the residuals."""
+    relative: bool = False
+    """Whether its size counts relative to that of the other views, if there are several."""
+    of_most: Callable[[Sequence[Found]], str] | None = None
+    """What is said where it is found in most views or of most lights, which probably has one cause."""
+    regions: Callable[[SetUp, State], Masks] | None = None
+    """The pixels of each view that it spoils."""
+    confirmed: Callable[[SetUp, State, State, Masks, Sequence[State]], Masks] | None = None
+    """Of which views to believe it, by the states before and after it is corrected and those that rivals lead to."""
+    described: Callable[[SetUp, State, Masks], tuple[str, Masks]] | None = None
+    """Where its pixels are and how dark or bright, in words, and which they are, when all else is corrected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A fault that the residuals show."""
+
+    fault: Fault
+    given: Fit
+    which: int
+    """The index of its case."""
+    views: tuple[int, ...]
+    share: float
+    """The fraction of the cost of all views that it explains."""
+    own_share: float
+    """That of its own views."""
+    amount: Vector = field(default_factory=lambda: np.zeros(1))
+    moves: Vector = field(default_factory=lambda: np.zeros(0))
+    """How far it moves the values, in their own units."""
+    change: Float[np.ndarray, "k n"] = field(default_factory=lambda: np.zeros((0, 0)))
+    """The change of each sample by an amount of 1."""
+    after: State | None = None
+    """The minimum with it corrected, if it was refitted."""
+    masks: Masks = field(default_factory=dict)
+    """The pixels that are left out."""
+    where: str = ""
+    """Of a region, in words: how dark or bright it is, and where."""
+
+    @property
+    def size(self) -> float:
+        """Its size, in the units of the sentence."""
+        return self.fault.size(self.which, self.amount)
+
+    @property
+    def length(self) -> float:
+        """The length of its amount."""
+        return float(np.linalg.norm(self.amount))
+
+    def exceeds(self, part: float = 1.0) -> bool:
+        """Whether it is as large as matters and explains enough of its own views, or a part of that."""
+        return self.own_share > part * self.fault.least_share and self.length >= part * self.fault.least
+
+    def matters(self) -> bool:
+        """Whether it is gross, or moves a value which the fit determines."""
+        return self.share > GROSS or bool(
+            np.any(self.given.determined & (np.abs(self.moves) > REPORTED * self.given.errors))
+        )
+
+    @property
+    def affected(self) -> Bool[np.ndarray, " p"]:
+        """The values that it moves so far that they are not determined."""
+        return self.given.determined & (np.abs(self.moves) > AFFECTED * self.given.errors)
+
+    def __str__(self) -> str:
+        """Return what it is, its size, what it explains and moves, and the remedy."""
+        what, remedy, fit = self.fault.what(self), self.fault.remedy(self), self.given
+        if self.fault.regions:
+            return f"{what}. {remedy}"
+        if self.fault.least_share:
+            return f"{what}, which explains {self.own_share:.0%} of the residuals there. {remedy}"
+        away = np.where(fit.determined, np.abs(self.moves) / fit.errors, 0.0)
+        worst = int(np.argmax(away))
+        share = f"{self.share:.0%}" if self.share >= 0.01 else "less than 1%"
+        moves = f"This moves {fit.names[worst]} by {away[worst]:.2g} errors."
+        return f"{what}, which explains {share} of the residuals. {moves} {remedy}"

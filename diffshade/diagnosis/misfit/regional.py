@@ -1,0 +1,110 @@
+"""Regional faults: the pixels that cast shadows and bright rims spoil, which of them to believe, and where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Bool
+
+from ...core.words import listing
+from .regions import Seen, Shadow, cast_shadows, level, measure_rim, predicted, see
+from .set_up import SetUp
+from .states import State
+
+SHARE = 0.1  # the least fraction of the cost of its views that a region explains
+RIM, RIM_ERRORS = 0.02, 4.0  # excess over the mean brightness, in errors
+AGREED = 0.75  # fraction of the views that must agree on a fault of all views
+PROMISE = 0.5  # fraction of the thresholds of size and significance from which a refit is tried
+APART = 4  # up to so many lights in a view, the shadow of each is searched for
+
+Mask = Bool[np.ndarray, "h w"]
+Masks = Mapping[int, Mask]
+
+
+def corrects_most_pixels(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+    """Return the views most of whose pixels, not a few, an exposure moves at least halfway to the prediction."""
+
+    def off(state: State, i: int) -> float:
+        return abs(np.log(level(_seen(set_up, state, i), float(set_up.fit.views[i].black))))
+
+    return {i: mask for i, mask in masks.items() if off(after, i) < 0.5 * off(before, i)}
+
+
+def shadows(set_up: SetUp, state: State) -> Masks:
+    """Return the cast shadows of each view."""
+    found = {i: shadows_of(set_up, state, i, state.excluded[i]) for i in range(len(set_up.samples))}
+    return {i: union(of) for i, of in found.items() if of}
+
+
+def in_shadow(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+    """Return the shadows of the views of which nothing else explains more."""
+    least = lambda i: max([SHARE, *(before.share(rival, [i]) for rival in rivals)])  # noqa: E731
+    return {i: mask for i, mask in masks.items() if before.share(after, [i]) > least(i)}
+
+
+def where_shadows_are(set_up: SetUp, end: State, masks: Masks) -> tuple[str, Masks]:
+    """Return in words where shadows are and how dark, and their pixels, where all other faults are corrected."""
+    regions, places = {}, []
+    for i, mask in masks.items():
+        found = [s for s in shadows_of(set_up, end, i, None) if (s.mask & mask).any()]
+        regions[i] = union(found) if found else mask
+        lights = [f"lights.{j}" for j in dict.fromkeys(j for s in found for j in s.lights)]
+        source = f" under {listing(lights)}" if lights and len(lights) <= APART else ""
+        shown = max((s.shown for s in found), default=0.0)
+        row, column = (round(float(x.mean())) for x in np.nonzero(regions[i]))
+        places.append(
+            f"{regions[i].sum():,} pixels of views[{i}] around row {row}, column {column}{source} show "
+            f"{max(shown, 0.0):.0%} of that light"
+        )
+    rest = f"; and {len(places) - 3} more views" if len(places) > 3 else ""
+    return f"{'; '.join(places[:3])}{rest}", regions
+
+
+def bright_rims(set_up: SetUp, state: State) -> Masks:
+    """Return the rims if they seem brighter than predicted."""
+    rim = measure_rim(_see_rims(set_up, state, state))
+    if rim is None or rim.excess <= 0 or rim.errors < PROMISE * RIM_ERRORS:
+        return {}
+    return {i: mask for i, (mask, _) in enumerate(set_up.rims) if mask.any()}
+
+
+def at_bright_rims(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+    """Return the rims if they are brighter than what is fitted without them predicts."""
+    rim = measure_rim(_see_rims(set_up, after, before))
+    sure = rim is not None and rim.relative > RIM and rim.errors > RIM_ERRORS and rim.positive >= AGREED
+    return masks if sure else {}
+
+
+def how_bright_rims_are(set_up: SetUp, end: State, masks: Masks) -> tuple[str, Masks]:
+    """Return in words by how much rims are brighter and over how many pixels, and these pixels."""
+    rim = measure_rim(_see_rims(set_up, end, set_up.base))
+    size = "" if rim is None else f" by {rim.excess:.2g} ({rim.relative:.0%} of the object's mean)"
+    regions = {i: mask & set_up.samples[i].inside for i, mask in masks.items()}
+    return f"{size}, over {sum(int(r.sum()) for r in regions.values()):,} pixels at a grazing angle", regions
+
+
+def shadows_of(set_up: SetUp, state: State, i: int, excluded: Mask | None) -> list[Shadow]:
+    """Return the cast shadows in a view, from each of its lights or from all together."""
+    lit, seen = set_up.lit[i], see(state.fit, state.fit.views[i], set_up.samples[i], excluded)
+    if not seen.counts.any():
+        return []
+    off: list[tuple[int, ...]] = [(j,) for j in lit] if len(lit) <= APART else []
+    off += [lit] if len(lit) != 1 else []
+    view = state.fit.views[i]
+    return cast_shadows(seen, {js: predicted(state.fit, view, [k for k in lit if k not in js]) for js in off})
+
+
+def union(of: Sequence[Shadow]) -> Mask:
+    """Return the pixels that are in any of the shadows."""
+    return np.logical_or.reduce([shadow.mask for shadow in of])
+
+
+def _seen(set_up: SetUp, state: State, i: int, of: State | None = None) -> Seen:
+    """Return a view as a state predicts it, without what it or another one leaves out."""
+    return see(state.fit, state.fit.views[i], set_up.samples[i], (of or state).excluded[i])
+
+
+def _see_rims(set_up: SetUp, state: State, of: State) -> list[tuple[Seen, Mask, np.ndarray]]:
+    """Return for each view photograph and prediction without what a state leaves out, the rim, and its sectors."""
+    return [(_seen(set_up, state, i, of), *rim) for i, rim in enumerate(set_up.rims)]

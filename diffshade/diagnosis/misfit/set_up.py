@@ -1,0 +1,81 @@
+"""Set-up: a fit laid out beside the numbers that faults move: exposures, the places of lights, spheres."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from ...inverse.data.views import channels, lights_on
+from ...inverse.pixels.blocks import Block
+from ...inverse.result import Fit
+from ...inverse.solve.solvers import NEAR
+from ...inverse.statistics.uncertainty import Vector
+from ...inverse.unknowns.parameters import find_unknowns
+from ...inverse.unknowns.slots import put_back
+from ...inverse.unknowns.unknown import values_at
+from ...inverse.unknowns.visibility import shown_unknowns
+from .regions import center_of, rims
+from .states import Mask, Masks, State
+
+PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
+RTOL = 1e-6  # of the cost: where the minimisations of refits stop
+
+
+class SetUp:
+    """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
+
+    def __init__(self, fit: Fit, numbers: Iterable[str]):
+        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the paths of what faults move."""
+        self.fit, self.samples = fit, fit.solved.problem.samples
+        self.center = center_of(fit.scene.objects, fit.views[0].camera)
+        self.lit = [tuple(lights_on(fit.scene, view)) for view in fit.views]
+        self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
+        own = {path for u in fit.unknowns for path, _ in u.places} | {p.path for u in fit.unknowns for p in u.products}
+        paths = [path for path in dict.fromkeys(numbers) if path not in own]
+        added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
+        self.laid = fit.solved.beside(added).laid_out(PIXELS)
+        self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
+        self.places: dict[str, list[int]] = {}
+        """The index of each number that faults move."""
+        for j, unknown in enumerate(added):
+            self.places.setdefault(unknown.places[0][0], []).append(self.own + j)
+        shown, p = shown_unknowns(fit.scene, fit.views, self.laid.problem.unknowns), self.own + len(added)
+        self.shown = np.tile(np.arange(p), (len(fit.views), 1)) if shown is None else shown
+        where = [
+            np.broadcast_arrays(v, pixels, np.arange(channels(fit.views[v]))[:, None])
+            for v, _, pixels in self.laid.parts
+        ]
+        place = np.concatenate([np.reshape(of, (3, -1)) for of in where], 1).astype(int)
+        self.view, self.pixel, self.channel = place
+        self.base = self.minimise(self.laid.theta, (None,) * len(fit.views), {})
+
+    def exclude(self, state: State, masks: Mapping[int, Mask]) -> State:
+        """Return the minimum with more pixels of some views left out."""
+        excluded = list(state.excluded)
+        for view, mask in masks.items():
+            excluded[view] = mask if (known := excluded[view]) is None else mask | known
+        return self.minimise(state.theta, tuple(excluded), state.amounts)
+
+    def minimise(self, theta: Vector, excluded: Masks, amounts: Mapping[tuple[str, int], Vector]) -> State:
+        """Return the minimum over the fit's own unknowns from theta, which has the values of all other numbers."""
+        held = {j: float(theta[j]) for j in range(self.own, len(theta))}
+        end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=RTOL, damping=NEAR)
+        values, fit = values_at(end.theta, self.laid.problem.unknowns), self.fit
+        scene, views = put_back(fit.scene, fit.views, self.laid.problem.unknowns, values)
+        fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, views), values=values[: self.own])
+        return State(end.theta, fit, np.array(end.point.views.cost) * self._inflation(excluded), excluded, amounts)
+
+    def chunks(self, excluded: Masks) -> list[Block]:
+        """Return the pixels laid out, those that are left out without weight."""
+        return self.laid.chunks if all(mask is None for mask in excluded) else self.laid.without(excluded)
+
+    def _inflation(self, excluded: Masks) -> Float[np.ndarray, " views"]:
+        """Return for each view all samples over those that are not left out."""
+        found = np.ones(len(excluded))
+        for view, mask in enumerate(excluded):
+            if mask is not None:
+                found[view] = 1.0 / max(np.mean(~mask.reshape(-1)[self.pixel[self.view == view]]), 1e-6)
+        return found
