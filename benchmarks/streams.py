@@ -1,7 +1,7 @@
 """Show that fits of photographs larger than memory take time in proportion to the pixels, and flat memory.
 
-`ds.fit`: one material from one view of a ball, 10 unknowns, photographs made row by row as they are read, `memory` so
-small that all are read anew at each pass. `ds.fit_texels`: k_d, k_s and n_s at every texel from 12 grey views of a
+`ds.fit`: one material from one view of a ball, 10 unknowns, photographs made row by row as they are read, of which an
+even part fits into `memory`. `ds.fit_texels`: k_d, k_s and n_s at every texel from 12 grey views of a
 plane, the maps written to files. Every count runs in a process of its own, after small ones that compile the programs;
 memory is by how much the process's own (RssAnon) grows at most.
 
@@ -29,7 +29,7 @@ import diffshade as ds
 
 COUNTS = (100_000, 1_000_000, 10_000_000, 100_000_000)
 CALLS = ("fit", "fit_texels")
-MEMORY = {"fit": 1.0, "fit_texels": 1 << 27}
+MEMORY = {"fit": 1 << 26, "fit_texels": 1 << 27}
 NOISE = 37  # rows of noise, which come again
 WIDTH = 1000
 
