@@ -133,7 +133,7 @@ def collect_samples(
         if clipped == "exclude" and (ends := found.ends()).any():
             left_out += int(np.abs(ends).sum())
             found = dataclasses.replace(found, pixels=found.pixels[~ends.any(-1)])
-        same = shown.setdefault((camera_key(view.camera), blake2b(found.pixels).digest()), found.pixels)
+        same = shown.setdefault((camera_key(view.camera), blake2b(found.pixels.data).digest()), found.pixels)
         samples.append(dataclasses.replace(found, pixels=same))
     whole = sum(len(s.pixels) for s in samples)
     if whole > at_most:
