@@ -190,7 +190,7 @@ def _read(path: Path) -> Reading:
         return reading
     if suffix not in READERS:
         raise ValueError(f"no material can be read from '{path.suffix}'. Use one of {', '.join([*READERS, '.toml'])}.")
-    text = read_glb(path) if suffix == ".glb" else read_text(path, "material file")
+    text = read_glb(path)[0] if suffix == ".glb" else read_text(path, "material file")
     reading = READERS[suffix](text, f"{path}")
     if not reading.materials:
         raise ValueError(next(iter(reading.refused.values())))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-import struct
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,9 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from jaxtyping import Float, Int
 
-from .polygons import NONE, Polygons, joined
+from ..core.words import count as counted
+from .parsing import read_glb
+from .polygons import NONE, Polygons, joined, stated
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -31,24 +33,43 @@ class Document(NamedTuple):
 def read_gltf(path: Path) -> Polygons:
     """Read the triangles of a glTF file's scene; of other files only buffers in its own folder.
 
-    Where a primitive has no normals its triangles are flat, as the format has it. Skins and morph targets are not read:
-    a mesh is as it stands in the file.
+    Where a primitive has no normals its triangles are flat, as the format has it. Skins and morph targets are not
+    applied, which the notes say: such a mesh is as it stands in the file.
+
+    trimesh 5.2 loses the file's own normals, refuses fans, and reads a file that needs an extension without it.
 
     Raises:
         ValueError: The file is not glTF 2.0, or needs an extension that is not read.
     """
+    data, binary = path.read_bytes(), b""
+    if data[:4] == b"glTF":
+        text, rest = read_glb(path, largest=math.inf)
+        data, part = text.encode(), data[rest:]
+        if part[4:8] == b"BIN\0":
+            binary = part[8 : 8 + int.from_bytes(part[:4], "little")]
     try:
-        document = _document(path)
-        names = material_names(document.json.get("materials", []))
-        scene = _placed(document.json)
-        return joined([_primitive(document, of, matrix, names) for matrix, of in scene])
-    except (AttributeError, IndexError, KeyError, TypeError, struct.error, RecursionError, OverflowError) as error:
+        document = _document(data, binary, path.parent)
+        names, meshes = material_names(document.json.get("materials", [])), document.json.get("meshes", [])
+        scene = [(matrix, node, meshes[node["mesh"]]) for matrix, node in _placed(document.json)]
+        found = [_primitive(document, of, matrix, names) for matrix, _, mesh in scene for of in mesh["primitives"]]
+        skins = sum("skin" in node for _, node, _ in scene)
+        morphs = sum(any(node.get("weights", mesh.get("weights", ()))) for _, node, mesh in scene)
+        whole = joined(found)
+    except (AttributeError, IndexError, KeyError, TypeError, RecursionError, OverflowError) as error:
         said = f" ({error})" if isinstance(error, KeyError) else ""
         raise ValueError(
             f"{path} is not glTF 2.0: something is missing or of another type{said}. Export it again."
         ) from None
     except ValueError as error:
         raise ValueError(f"{path} cannot be read as glTF 2.0: {error}"[:2000].replace("\n", " ")) from None
+    return whole._replace(
+        notes=tuple(
+            f"{counted(number, kind)} {'is' if number == 1 else 'are'} not applied; "
+            "the mesh is drawn as the file stores it."
+            for number, kind in ((skins, "skin"), (morphs, "set of morph weights"))
+            if number
+        )
+    )
 
 
 def material_names(materials: Sequence[Any]) -> list[str]:
@@ -64,16 +85,8 @@ def material_names(materials: Sequence[Any]) -> list[str]:
     return list(found)
 
 
-def _document(path: Path) -> Document:
-    """Return what a .gltf or .glb file holds, and its buffers."""
-    data, binary = path.read_bytes(), b""
-    if data[:4] == b"glTF":
-        version, _, size = struct.unpack_from("<III", data, 4)
-        if version != 2 or data[16:20] != b"JSON":
-            raise ValueError(f"it is of version {version}, or has no JSON. Convert it to glTF 2.0.")
-        data, rest = data[20 : 20 + size], data[20 + size :]
-        if rest[4:8] == b"BIN\0":
-            binary = rest[8 : 8 + int.from_bytes(rest[:4], "little")]
+def _document(data: bytes, binary: bytes, folder: Path) -> Document:
+    """Return what the JSON of a file holds, and its buffers."""
     found = json.loads(data)
     if not str(found["asset"]["version"]).startswith("2."):
         raise ValueError(f"it is of version {found['asset']['version']}. Convert it to glTF 2.0.")
@@ -82,7 +95,7 @@ def _document(path: Path) -> Document:
             raise ValueError(f"it needs the extension {str(name)[:60]}, which is not read. Export it without.")
     buffers = []
     for row in found.get("buffers", []):
-        of = binary if "uri" not in row else _at(row["uri"], path.parent)
+        of = binary if "uri" not in row else _at(row["uri"], folder)
         if len(of) < row["byteLength"]:
             raise ValueError(f"a buffer has {len(of)} of its {row['byteLength']} bytes. Export it again.")
         buffers.append(of)
@@ -102,7 +115,7 @@ def _at(uri: str, folder: Path) -> bytes:
 
 
 def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], dict[str, Any]]]:
-    """Yield the primitives of the scene, each with the matrix from its mesh to the scene."""
+    """Yield the nodes of the scene with a mesh, each with the matrix from its mesh to the scene."""
     nodes = found.get("nodes", [])
     if found.get("scenes"):
         roots = found["scenes"][found.get("scene", 0)].get("nodes", [])
@@ -120,7 +133,7 @@ def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], d
         matrix = parent @ _matrix(node)
         waiting += [(child, matrix) for child in node.get("children", [])]
         if "mesh" in node:
-            yield from ((matrix, primitive) for primitive in found["meshes"][node["mesh"]]["primitives"])
+            yield np.eye(4) if "skin" in node else matrix, node  # glTF 2.0, 3.7.3.3: that of a skinned one is ignored
 
 
 def _matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
@@ -145,7 +158,7 @@ def _primitive(document: Document, of: dict[str, Any], matrix: Float[np.ndarray,
     """Return the triangles of a primitive in the scene; none of points and lines."""
     point = _accessor(document, of["attributes"]["POSITION"])
     given = of["attributes"].get("NORMAL")
-    normal = np.full(point.shape, np.nan) if given is None else _accessor(document, given)
+    normal = np.full(point.shape, np.nan) if given is None else stated(_accessor(document, given))
     every = np.arange(len(point))
     index = _accessor(document, of["indices"])[:, 0].astype(int) if "indices" in of else every
     if point.shape[1] != 3 or normal.shape != point.shape or (index >= len(point)).any():

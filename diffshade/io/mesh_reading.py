@@ -15,10 +15,11 @@ from .obj_files import read_obj
 from .ply_files import read_ply
 from .polygons import Polygons, triangulated
 from .stl_files import read_stl
-from .vertex_normals import corner_normals
+from .vertex_normals import corner_normals, unit
 
 READERS = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".gltf": read_gltf, ".glb": read_gltf}
 MOST_NAMED = 3  # faces that a note names; of more it gives the number
+CROSSED = 1e-3  # of a face's area: rounding of positions in files changes it by less, and no picture shows it
 
 
 class Surface(NamedTuple):
@@ -70,7 +71,13 @@ def read_surface(path: str | Path) -> Surface:
     if not len(corner):
         raise ValueError(f"{path} has no triangle with an area. Export the surface as triangles.")
     normal = corner_normals(faces, corner, face)
-    notes = (*_without_area(len(found.size), number[face]), *_without_direction(faces, corner))
+    lost = np.setdiff1d(np.arange(len(found.size)), number[face])
+    notes = (
+        *found.notes,
+        *_on_faces(lost, len(found.size), "no area or fewer than three corners", "left out"),
+        *_on_faces(number[_crossed(faces, corner, face)], len(found.size), "edges that cross", "drawn with overlaps"),
+        *_without_direction(faces, corner),
+    )
     point = faces.point[faces.at[corner]]
     turned = wound_against(point, normal)[:, None, None]
     point, normal = (np.where(turned, of[:, ::-1], of) for of in (point, normal))
@@ -101,14 +108,24 @@ def _with_area(corner: Float[np.ndarray, "t 3 3"]) -> Any:
     return np.linalg.norm(np.cross(ab, ac), axis=-1) > rounding
 
 
-def _without_area(faces: int, kept: Int[np.ndarray, " t"]) -> list[str]:
-    lost = np.setdiff1d(np.arange(faces), kept) + 1
-    if not len(lost):
+def _crossed(of: Polygons, corner: Int[np.ndarray, "t 3"], face: Int[np.ndarray, " t"]) -> Int[np.ndarray, " crossed"]:
+    """Return the faces whose triangles do not cover them once: their areas along the face's normal are not its own."""
+    a, b, c = np.moveaxis(of.point[of.at[corner]], 1, 0)
+    cross, area = np.cross(b - a, c - a), of.areas()
+    own, faces = np.linalg.norm(area, axis=-1), len(of.size)
+    along = np.bincount(face, np.abs((cross * unit(area)[face]).sum(-1)), faces)
+    whole = np.bincount(face, np.linalg.norm(cross, axis=-1), faces)
+    return np.flatnonzero((whole > 0) & ((np.abs(along - own) > CROSSED * own) | (own < CROSSED * whole)))
+
+
+def _on_faces(which: Int[np.ndarray, " n"], faces: int, having: str, done: str) -> list[str]:
+    if not len(which):
         return []
-    which = f"face {lost[0]}" if len(lost) == 1 else f"{len(lost):,} faces"
-    if 1 < len(lost) <= MOST_NAMED:
-        which = f"faces {listing([f'{number}' for number in lost])}"
-    return [f"{which} of {faces:,} {'has' if len(lost) == 1 else 'have'} no area, and nothing of it is seen."]
+    one = len(which) == 1
+    named = f"face {which[0] + 1}" if one else f"{len(which):,} faces"
+    if 1 < len(which) <= MOST_NAMED:
+        named = f"faces {listing([f'{number + 1}' for number in which])}"
+    return [f"{named} of {faces:,} {'has' if one else 'have'} {having}; {'it is' if one else 'they are'} {done}."]
 
 
 def _without_direction(of: Polygons, corner: Int[np.ndarray, "t 3"]) -> list[str]:

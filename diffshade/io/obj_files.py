@@ -9,9 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from .parsing import number, read_text, short
-from .polygons import NONE, Polygons
+from .polygons import NONE, Polygons, stated
 
 COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
+NOT_FINITE = re.compile(r"[+-]?(?:nan|inf)", re.IGNORECASE)
+OF_MICROSOFT = re.compile(r"1\.#(?:IND|INF|QNAN|SNAN)\w*")  # the same, which a comment does not begin in
+FLAT = ([], ["off"], ["null"], ["0"])
 CONTINUED = re.compile(r"\\[ \t]*(?:\r\n|\r|\n)")
 
 
@@ -29,13 +32,15 @@ def read_obj(path: Path) -> Polygons:
     groups: list[int] = []
     parts: list[int] = []
     names: dict[str, int] = {}
+    smooth: dict[str, int] = {}
     name, group = "", 0
-    for line in re.split("\r\n|\r|\n", CONTINUED.sub(" ", read_text(path, "Wavefront OBJ file", largest=math.inf))):
+    text = OF_MICROSOFT.sub("nan", read_text(path, "Wavefront OBJ file", largest=math.inf))
+    for line in re.split("\r\n|\r|\n", CONTINUED.sub(" ", text)):
         key, *words = line.partition("#")[0].split() or [""]
         if key in ("v", "vn"):
             if len(words) < 3:
                 raise ValueError(f"{path}: {short(line)} must have three numbers. Export the file again.")
-            (points if key == "v" else normals).append([number(word, f"{path}: {key}") for word in words[:3]])
+            (points if key == "v" else normals).append([_coordinate(word, f"{path}: {key}") for word in words[:3]])
         elif key in ("f", "fo"):  # as the format was at first
             for word in words:
                 index = word.split("/")
@@ -48,12 +53,14 @@ def read_obj(path: Path) -> Polygons:
         elif key == "usemtl":
             name = COMMENT.split(line, maxsplit=1)[0].strip()[len(key) :].strip()
         elif key == "s":
-            group = NONE if words in ([], ["off"], ["0"]) else int(number(words[0], f"{path}: s"))
+            words = [word.lower() for word in words]
+            group = NONE if words in FLAT else smooth.setdefault(words[0], 1 + len(smooth))
     if (most := max(at, default=NONE)) >= len(points):
         raise ValueError(
             f"{path} has {len(points)} vertices, and a face names number {most + 1}. Export the file again."
         )
-    known = np.array([*normals, [0.0] * 3, [np.nan] * 3])  # 0 for one that is missing, NaN where a face names none
+    known = stated(np.array([*normals, [0.0] * 3]))  # 0 for one that is missing,
+    known = np.append(known, [[np.nan] * 3], axis=0)  # NaN where a face names none
     of_normal = [k if k == NONE else min(k, len(normals)) for k in of_normal]
     return Polygons(
         np.array(points).reshape(-1, 3),
@@ -64,6 +71,11 @@ def read_obj(path: Path) -> Polygons:
         np.array(parts, int),
         tuple(names) or ("",),
     )
+
+
+def _coordinate(word: str, where: str) -> float:
+    """Return a number of a vertex or normal, which is no error as NaN where no face uses it."""
+    return math.nan if NOT_FINITE.match(word) else number(word, where)
 
 
 def _index(word: str, count: int, line: str, path: Path) -> int:

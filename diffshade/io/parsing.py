@@ -43,8 +43,8 @@ def read_text(path: str | Path, noun: str, *, largest: float | None = None) -> s
         return data.decode("latin-1")
 
 
-def read_glb(path: Path) -> str:
-    """Return the JSON of a binary glTF file, without its other parts, which may be large (glTF 2.0, 4.4).
+def read_glb(path: Path, *, largest: float = LARGEST) -> tuple[str, int]:
+    """Return the JSON of a binary glTF file, and where its other parts begin, which may be large (glTF 2.0, 4.4).
 
     Raises:
         ValueError: If the file is not binary glTF 2.0, or its JSON is too large.
@@ -59,9 +59,9 @@ def read_glb(path: Path) -> str:
             raise ValueError(
                 f"{path} is not binary glTF 2.0: its first bytes are others. Give a .glb file, or convert it."
             )
-        if size > LARGEST:
-            raise ValueError(f"{path} has {size} bytes of JSON; at most {LARGEST} are read. Give a smaller file.")
-        return file.read(size).decode("utf-8", "replace")
+        if size > largest:
+            raise ValueError(f"{path} has {size} bytes of JSON; at most {largest} are read. Give a smaller file.")
+        return file.read(size).decode("utf-8", "replace"), 20 + size
 
 
 def number(word: str, where: str) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .parsing import short
-from .polygons import Polygons
+from .polygons import Polygons, stated
 
 KINDS = {
     "char": "i1",
@@ -52,6 +52,8 @@ class Columns(NamedTuple):
 def read_ply(path: Path) -> Polygons:
     """Read the faces of a PLY file.
 
+    trimesh 5.2 loses the file's own normals, and refuses a binary file with triangles and quads.
+
     Raises:
         ValueError: The header or the rows are not those of PLY 1.0.
     """
@@ -88,7 +90,7 @@ def _polygons(found: dict[str, Columns], path: Path) -> Polygons:
         point = np.stack([vertex.items[name].astype(float) for name in ("x", "y", "z")], -1)
         normal = np.full((len(point), 3), np.nan)
     if {"nx", "ny", "nz"} <= vertex.items.keys():
-        normal = np.stack([vertex.items[name].astype(float) for name in ("nx", "ny", "nz")], -1)
+        normal = stated(np.stack([vertex.items[name].astype(float) for name in ("nx", "ny", "nz")], -1))
     lists = [name for name in (*INDICES, *face.lengths) if name in face.lengths]
     at, size = (face.items[lists[0]], face.lengths[lists[0]]) if lists else (np.zeros(0), np.zeros(0))
     if len(at) and not (0 <= at.min() <= at.max() < len(point) and (at == np.floor(at)).all()):

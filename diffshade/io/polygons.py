@@ -26,6 +26,8 @@ class Polygons(NamedTuple):
     part: Int[np.ndarray, " faces"]
     """Index of the material that each face names."""
     names: tuple[str, ...] = ("",)
+    notes: tuple[str, ...] = ()
+    """What of the file is not followed, in a sentence each."""
 
     @property
     def first(self) -> Int[np.ndarray, " faces"]:
@@ -49,6 +51,11 @@ class Polygons(NamedTuple):
         cross = np.cross(near[:-1], near[1:])
         cross[self.first[1:] - 1] = 0.0  # between two faces
         return np.add.reduceat(np.concatenate([cross, np.zeros((1, 3))]), self.first)
+
+
+def stated(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return normals that a file states: 0, which has no direction, where one is not finite."""
+    return np.where(np.isfinite(normals).all(-1, keepdims=True), normals, 0.0)
 
 
 def joined(found: list[Polygons]) -> Polygons:
@@ -80,8 +87,7 @@ def triangulated(of: Polygons) -> tuple[Int[np.ndarray, "t 3"], Int[np.ndarray, 
         corner = first[face][:, None] + np.arange(size)
         near = of.point[of.at[corner]] - of.point[of.at[corner[:, :1]]]
         across = np.cross(near[:, 1:-1], near[:, 2:])
-        rounding = 1e-12 * np.linalg.norm(area[face], axis=-1) ** 2
-        seen = ((across @ area[face][:, :, None])[..., 0] >= -rounding[:, None]).all(1)
+        seen = ((across @ area[face][:, :, None])[..., 0] >= 0).all(1)
         fan = np.stack([np.zeros(size - 2, int), np.arange(1, size - 1), np.arange(2, size)], -1)
         corners.append(corner[seen][:, fan].reshape(-1, 3))
         faces.append(np.repeat(face[seen], size - 2))

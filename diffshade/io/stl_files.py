@@ -18,6 +18,9 @@ LOOP = re.compile(rb"outer\s+loop\b(.*?)\bendloop\b", re.DOTALL | re.IGNORECASE)
 def read_stl(path: Path) -> Polygons:
     """Read the triangles of an STL file, which are flat; which side is outside is said by the order of their corners.
 
+    trimesh 5.2 refuses a binary file with bytes after its triangles, lines that end in CR and a name with the word
+    vertex, and takes an ASCII file that ends too early for one of fewer triangles.
+
     Raises:
         ValueError: The file is neither a whole binary STL nor a whole ASCII one.
     """

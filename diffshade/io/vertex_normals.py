@@ -99,18 +99,16 @@ def _sides(
 
     near = np.isin(place, place[doubled])
     some = np.flatnonzero(near.any(1))
-    at: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for k in some.tolist():
-        for c in range(3):
-            at.setdefault((place[k, c], place[k, (c + 1) % 3]), []).append((k, c))
-    pairs = [
-        pair
-        for (a, b), ones in at.items()
-        for k, c in ones
-        for m, d in at.get((b, a), ())
-        if sheet[k] != sheet[m] or turned[k] == turned[m]
-        for pair in ((3 * k + c, 3 * m + (d + 1) % 3), (3 * k + (c + 1) % 3, 3 * m + d))
-    ]
-    one, other = np.array(pairs, int).reshape(-1, 2).T
+    begin, corner = place[some].ravel(), np.arange(place.size).reshape(-1, 3)[some]
+    end, next_corner = (np.roll(of, -1, axis=1).ravel() for of in (place[some], corner))
+    edge, reverse = begin * (place.max() + 1) + end, end * (place.max() + 1) + begin
+    order = np.argsort(edge)
+    first, last = (np.searchsorted(edge[order], reverse, side) for side in ("left", "right"))
+    many = last - first  # edges that run against each
+    against = order[np.arange(many.sum()) + np.repeat(first - (np.cumsum(many) - many), many)]
+    one, other = np.repeat(corner.ravel(), many), next_corner[against]  # at one point
+    k, m = one // 3, other // 3
+    joined = (sheet[k] != sheet[m]) | (turned[k] == turned[m])
+    one, other = one[joined], other[joined]
     graph = coo_array((np.ones(len(one), np.int8), (one, other)), (place.size, place.size))
     return np.where(near, 1 + connected_components(graph, directed=False)[1].reshape(place.shape), 0)

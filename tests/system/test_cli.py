@@ -224,6 +224,7 @@ def test_meshes_are_drawn_as_their_formats_define_them(typed):
         words = ("render", f"{name}.obj", "--material", material, "--size", "32x32", "-o", f"{name}.exr")
         assert typed(*words).status == 0
         lit[name] = int((ds.read_image(f"{name}.exr").max(-1) > 0).sum())
+    assert (lit["wall"], lit["card"]) == pytest.approx((279, 196), abs=3)
     assert lit["absolute"] == lit["relative"] == lit["tabs"] == lit["one"] > 150
     Path("plain.obj").write_text(mesh_files.NOTCH.replace("f 1 2 3 4 5", "f 1 2 4\nf 2 3 4\nf 1 4 5"))
     typed("render", "plain.obj", "--material", "emerald", "--size", "32x32", "-o", "plain.exr")
@@ -239,6 +240,30 @@ def test_meshes_are_drawn_as_their_formats_define_them(typed):
     refusal = typed("render", "bare.glb", "--material", "x.glb", "--size", "32x32", "-o", "bare.exr").refusal
     assert "faces of bare.glb name no material, and x.glb has 2" in refusal
     assert not Path("bare.exr").exists()
+
+
+def test_meshes_are_shaded_by_their_own_normals(typed, caplog):
+    """A tilted square in three formats; in OBJ at a map's coordinates, in two materials and with a face of no area."""
+    pytest.importorskip("embreex")
+    far = "".join(f"v {500_000 + x:.0f} {5_400_000 + y:.0f} 300\n" for x, y, _ in mesh_files.POINTS)
+    faces = "f 1//1 1//1 1//1\nusemtl red\nf 1//1 2//2 3//3\nusemtl blue\nf 1//1 3//3 4//4\n"
+    Path("q.obj").write_text(far + mesh_files.TILTED + faces)
+    Path("q.mtl").write_text(mesh_files.TWO_MTL.replace("0.8 0.1 0.1", "0.1 0.1 0.8"))
+    Path("q.ply").write_bytes(mesh_files.ply("ascii", [(0, 1, 2), (0, 2, 3)]))
+    kinds = ((mesh_files.POINTS, "VEC3"), (mesh_files.NORMALS, "VEC3"))
+    row = {"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": 2, "mode": 6}
+    order = (np.array([0, 1, 2, 3], "<u1"), "SCALAR")
+    Path("q.glb").write_bytes(mesh_files.gltf([row], [*((of.astype("<f4"), kind) for of, kind in kinds), order]))
+    Path("one.mtl").write_text("newmtl blue\nKd 0.1 0.1 0.8\nillum 1\n")
+    images = []
+    for name, material in (("q.obj", "q.mtl"), ("q.ply", "one.mtl"), ("q.glb", "one.mtl")):
+        done = typed("render", name, "--material", material, "--size", "32x32", "-o", "q.exr")
+        assert done.status == 0, done.err
+        images.append(ds.read_image("q.exr"))
+    assert caplog.messages == ["q.obj: face 1 of 3 has no area or fewer than three corners; it is left out."]
+    for image in images[1:]:
+        np.testing.assert_allclose(image, images[0], atol=1e-4)
+    assert np.ptp(images[0][16, 10:22, 2]) > 0.02  # a flat square has one shade
 
 
 def test_a_render_is_the_librarys(typed):
