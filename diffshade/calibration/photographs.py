@@ -77,12 +77,12 @@ def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = Fal
     images = [without_alpha(image[:]) if image.shape[2] in (2, 4) else image for image in images]
     for name, image in zip(names, images, strict=True):
         check_floats(name, image.dtype)
-    mask = alpha if mask is None else mask
+    mask = [as_given(alpha)] if mask is None and alpha is not None else mask
     edge = _edge(images, extras, srgb) if mask is None and mirror else None
     if edge is not None:
         masks = (disc(edge, shapes[0]),)
     else:
-        masks = (_round_piece(images),) if mask is None else tuple(_as_mask(m, shapes[0]) for m in _each(mask))
+        masks = (_round_piece(images),) if mask is None else tuple(_of_shape(m, shapes[0]) for m in mask)
     for name, image in zip(names, images, strict=True):
         _check_finite(name, np.asarray(image[:]), np.logical_or.reduce(masks))
     return Photographs(tuple(names), tuple(images), masks, mask is None, edge)
@@ -118,12 +118,20 @@ def _edge(images: Sequence[Any], extras: Sequence[Path], srgb: bool | None) -> P
     return own
 
 
-def _each(mask: Any) -> Sequence[Any]:
-    return mask if isinstance(mask, tuple | list) else (mask,)
+def _given_masks(mask: Any) -> list[Mask] | None:
+    """Read one mask or several; None stays what it is."""
+    if mask is None:
+        return None
+    each = mask if isinstance(mask, tuple | list) else (mask,)
+    if not each:
+        raise ValueError("mask must hold at least one; got none. Give a mask for each ball, or leave it out.")
+    return [as_given(one) for one in each]
 
 
-def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], list[Any], Any, tuple[Path, ...]]:
-    """Return names and images, the mask, by default that in the same folder, and images left out there."""
+def _read(
+    photographs: Any, srgb: bool | None, mask: Any
+) -> tuple[list[str], list[Any], list[Mask] | None, tuple[Path, ...]]:
+    """Return names and images, the masks, by default that in the same folder, and images left out there."""
     masks: list[Path] = []
     extras: tuple[Path, ...] = ()
     if isinstance(photographs, str | Path) and Path(photographs).is_dir():
@@ -147,9 +155,8 @@ def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], li
     if mask is None and len(masks) > 1:
         listed = ", ".join(sorted(file.name for file in masks))
         raise ValueError(f"{photographs} holds several masks, {listed}. Choose one with mask= (--mask).")
-    mask = masks[0] if mask is None and masks else mask
-    first = None if mask is None else _each(mask)[0]
-    shape = None if first is None else as_given(first).shape
+    given = _given_masks(masks[0] if mask is None and masks else mask)
+    shape = None if given is None else given[0].shape
     paths = [Path(file) for file in files if isinstance(file, str | Path)]
     read = photograph_files(paths, srgb=srgb, shape=shape)
     for note in read.notes:
@@ -164,14 +171,13 @@ def _read(photographs: Any, srgb: bool | None, mask: Any) -> tuple[list[str], li
             raise ValueError(
                 f"{name} must be an image (H, W) or (H, W, C); got shape {image.shape}. Give one image each."
             )
-    return names, images, mask, extras
+    return names, images, given, extras
 
 
-def _as_mask(mask: Any, shape: tuple[int, ...]) -> Mask:
-    found = as_given(mask)
-    if found.shape != shape:
-        raise ValueError(f"mask must have the photographs' shape {shape}; got {found.shape}. Resize it.")
-    return found
+def _of_shape(mask: Mask, shape: tuple[int, ...]) -> Mask:
+    if mask.shape != shape:
+        raise ValueError(f"mask must have the photographs' shape {shape}; got {mask.shape}. Resize it.")
+    return mask
 
 
 def _round_piece(images: Sequence[Any]) -> Mask:

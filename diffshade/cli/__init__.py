@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import click
 
 SOON = 0.02  # seconds between two looks at whether an import has ended
+STANDARD = os.path.dirname(os.__file__)  # the folder of Python's own modules
 STOPPED = 130  # the exit status after Ctrl-C, as in shells
 
 ERRORS = (OSError, ValueError, TypeError, ArithmeticError, RuntimeError, ImportError, MemoryError)
@@ -110,21 +111,30 @@ def _print_error(sentence: str) -> None:
 
 
 def _stop(signum: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, repeatedly, since a callback of C code drops it; but not before an import has ended.
-
-    Modules in C import others and print what stops them, or go on without.
-    """
+    """Raise KeyboardInterrupt, repeatedly, since a callback of C code drops it; but not within a library's import."""
     import threading
 
-    importing = False
-    while frame is not None and not importing:
-        importing = frame.f_code.co_filename.startswith("<frozen importlib")
-        frame = frame.f_back
+    importing = _imports_a_library(frame)
     again = threading.Timer(SOON if importing else 1.0, signal.raise_signal, (signum,))
     again.daemon = True
     again.start()
     if not importing:
         raise KeyboardInterrupt
+
+
+def _imports_a_library(frame: FrameType | None) -> bool:
+    """Whether a frame is within the import of a library, not of a user's own module (--import), which may take long.
+
+    Modules in C import others and print what stops them, or go on without.
+    """
+    while frame is not None and frame.f_code is not main.__code__:
+        file = frame.f_code.co_filename
+        if file.startswith("<frozen importlib"):
+            return True
+        if frame.f_code.co_name == "<module>":
+            return file.startswith(("<frozen", STANDARD)) or "-packages" in file
+        frame = frame.f_back
+    return False
 
 
 def _ignore_stops(found: sys.UnraisableHookArgs) -> None:

@@ -45,12 +45,22 @@ def check_load(name: str, value: Any) -> None:
 
 def check_no_bytes(name: str, value: Any) -> None:
     """Refuse the bytes of an image file, which are not the numbers that they stand for."""
-    kind = getattr(value, "dtype", None)
-    if kind in (np.uint8, np.uint16) and np.ndim(value) > 1:
-        raise TypeError(
-            f"{name} must hold the numbers themselves; got whole numbers of {kind}. Read the file with read_image, or "
-            f"divide by {np.iinfo(kind).max}."
-        )
+    if (said := bytes_in(value)) and np.ndim(value) > 1:
+        raise TypeError(f"{name} {said}")
+
+
+def bytes_in(value: Any) -> str:
+    """Return what is wrong with the bytes of an image file: the end of a sentence that begins with a name; or empty."""
+    try:
+        kind = value.dtype if isinstance(value, jax.Array) else plain(value).dtype
+    except (TypeError, ValueError):  # no plain numbers, which is refused elsewhere
+        return ""
+    if kind not in (np.uint8, np.uint16):
+        return ""
+    return (
+        f"must hold the numbers themselves; got whole numbers of {kind}. Read the file with read_image, or divide by "
+        f"{np.iinfo(kind).max}."
+    )
 
 
 def _load_of(value: Any) -> str:
@@ -66,7 +76,7 @@ def _load_of(value: Any) -> str:
     unit = f"{getattr(value, 'unit', getattr(value, 'units', ''))}"  # of astropy; of pint, unyt and xarray
     if unit in ("", "1", "dimensionless"):
         return ""
-    return f"some in the unit {unit}. Give the numbers alone (.value, .magnitude), in the scene's units."
+    return f"numbers in the unit {unit}. Give the numbers alone (.value, .magnitude), in the scene's units."
 
 
 def numbers(name: str, value: Any) -> Any:
@@ -79,17 +89,22 @@ def numbers(name: str, value: Any) -> Any:
     Raises:
         TypeError: They are no real numbers, or carry more than numbers.
     """
-    try:
-        array = value if isinstance(value, jax.Array) else plain(value)
-    except TypeError as error:
-        raise TypeError(f"{name} {error}") from None
-    except ValueError:
-        raise TypeError(f"{name} must be an array of numbers; got rows of different lengths. Correct it.") from None
+    array = value if isinstance(value, jax.Array) else named_plain(name, value)
     if array.dtype != bool and not is_number(array.dtype):
         raise TypeError(
             f"{name} must be an array of real numbers; got {type(value).__name__} of {array.dtype}. Give a NumPy array."
         )
     return array
+
+
+def named_plain(name: str, value: Any) -> np.ndarray:
+    """Return what `plain` does; raise one TypeError that begins with a name."""
+    try:
+        return plain(value)
+    except TypeError as error:
+        raise TypeError(f"{name} {error}") from None
+    except ValueError:
+        raise TypeError(f"{name} must be an array of numbers; got rows of different lengths. Correct it.") from None
 
 
 def float64_of(name: str, value: Any) -> np.ndarray:

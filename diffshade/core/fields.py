@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import ArrayLike, Float
 
-from .arrays import Loaded, check_no_bytes, is_number, plain
+from .arrays import Loaded, bytes_in, is_number, plain
 from .words import with_article
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def as_exponent(value: Numbers | Checked) -> Any:
     """Make one number for all channels, or three, one a channel; or these for each pixel, along a last axis."""
     if isinstance(value, Checked):
         return value
-    check_no_bytes("an array over the pixels", value)
+    if (said := bytes_in(value)) and np.ndim(value) > 1:  # a single whole number is an exponent
+        return Loaded(said)
     array = as_array(value)
     return array[..., None] if getattr(array, "ndim", 0) == 2 else array
 
@@ -83,6 +84,8 @@ def as_colour(value: Numbers | None) -> Any:
     """Make a colour; a single number means grey. None, where it means no such term, stays what it is."""
     if value is None:
         return value
+    if said := bytes_in(value):
+        return Loaded(said)
     colour = as_array(value)
     if getattr(colour, "shape", None) in ((), (1,)) and is_number(colour.dtype):
         return colour * np.ones(3) if isinstance(colour, np.ndarray) else colour.reshape(()).repeat(3)
@@ -98,7 +101,8 @@ def as_coefficient(value: Numbers | Checked | None) -> Any:
     """Make a colour, or a colour for each pixel; a pattern stays one, and None, where it means no such term, too."""
     if value is None or isinstance(value, Checked):
         return value
-    check_no_bytes("an array over the pixels", value)
+    if bytes_in(value):
+        return as_colour(value)
     array = as_array(value)
     if getattr(array, "ndim", 0) == 2:
         array = array[..., None]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
+from ..core.arrays import float64_of
 from ..core.fields import Numbers
 
 Curve = Callable[[np.ndarray], np.ndarray]
@@ -57,9 +58,9 @@ def srgb_encode(linear: Numbers) -> Float64[np.ndarray, "..."]:
         The sRGB values, of the same shape.
 
     Raises:
-        ValueError: `linear` is not an array of numbers.
+        TypeError: `linear` is no array of real numbers, or carries more than numbers: a unit, masked values.
     """
-    x = np.asarray(linear, np.float64)
+    x = float64_of("linear", linear)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
@@ -75,9 +76,9 @@ def srgb_decode(encoded: Numbers) -> Float64[np.ndarray, "..."]:
         Linear radiance, of the same shape.
 
     Raises:
-        ValueError: `encoded` is not an array of numbers.
+        TypeError: `encoded` is no array of real numbers, or carries more than numbers: a unit, masked values.
     """
-    x = np.asarray(encoded, np.float64)
+    x = float64_of("encoded", encoded)
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 

@@ -22,19 +22,19 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     stays as it was. A symbolic link at `path` stays a link: the file it points to is replaced.
 
     Raises FileNotFoundError where the folder does not exist, PermissionError where it cannot be written to, and
-    IsADirectoryError where `path` is a folder; all three before the block is entered. Where the disk is full, whatever
-    the writer raises becomes one OSError that names `path`.
+    IsADirectoryError where `path` is a folder; all three before the block is entered. Where the disk is full, an
+    OSError or RuntimeError of the writer becomes one OSError that names `path`.
     """
     target = writable(path)
     temporary = target.with_name(f".{secrets.token_hex(8)}{Path(path).suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
-    except Exception as error:
+    except (OSError, RuntimeError) as error:  # C++ writers, OpenEXR's among them, raise RuntimeError
         if getattr(error, "errno", None) in NO_ROOM or shutil.disk_usage(target.parent).free < LITTLE:
             raise OSError(
                 f"cannot write {path}: the disk is full. Free some space, or choose another folder."
-            ) from None
+            ) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)  # after the replacement there is nothing to remove

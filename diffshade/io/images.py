@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from ..core.arrays import float64_of
 from ..core.fields import MOST_BANDS, Numbers
+from ..core.masks import as_mask
 from ..core.words import with_article
 from .encodings import LINEAR, SRGB, Encoding, srgb_encode
 from .files import replacing
@@ -132,18 +134,22 @@ def load_image(
     """
     stored = _read(path)
     taken = _read_as(path, "", stored.dtype, srgb)
-    own = taken.statement.orientation
-    wanted = own if orientation is None else orientation
-    if format_of(path).upright and wanted != own:
-        stored = turned(stored, {6: 8, 8: 6}.get(own, own))  # back to how it is stored
-        stored = turned(stored, wanted)
-    elif not format_of(path).upright:
-        stored = turned(stored, wanted)
+    stored = _upright(path, stored, taken.statement.orientation, orientation)
     image = decoded(as_fractions(path, stored), stored.dtype, taken.encoding)
     if clipped and stored.dtype.kind == "u" and taken.encoding.to_srgb is not None:
         full = (without_alpha(stored) == np.iinfo(stored.dtype).max).any(-1)
         without_alpha(image)[full] = 1.0
     return image, taken
+
+
+def _upright(path: Path, stored: np.ndarray, own: int, orientation: int | None = None) -> np.ndarray:
+    """Return a file's picture upright, by its own orientation or another one."""
+    wanted = own if orientation is None else orientation
+    if format_of(path).upright:
+        if wanted == own:
+            return stored
+        stored = turned(stored, {6: 8, 8: 6}.get(own, own))  # back to how it is stored
+    return turned(stored, wanted)
 
 
 def turned(stored: np.ndarray, orientation: int) -> np.ndarray:
@@ -156,8 +162,8 @@ def turned(stored: np.ndarray, orientation: int) -> np.ndarray:
 def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     """Read a mask: True where alpha or, in a file without alpha or opaque everywhere, the mean colour is at least half.
 
-    Half is half of the full range of integers (128 of 255 is inside and 127 is not) and .5 for floats. No sRGB curve is
-    applied.
+    Half is half of the full range of integers (128 of 255 is inside and 127 is not) and .5 for floats. Integers that
+    are all 0 or 1 are False and True. No sRGB curve is applied.
 
     Args:
         path: The image file, in one of the formats of `read_image`, which turns it as the file states.
@@ -168,14 +174,16 @@ def read_mask(path: str | os.PathLike[str]) -> Bool[np.ndarray, "h w"]:
     Raises:
         FileNotFoundError: There is no such file.
         IsADirectoryError: `path` is a folder.
-        ValueError: As `read_image` raises it.
+        ValueError: As `read_image` raises it, or the values are not those of a mask.
+        TypeError: The numbers of a .npy are not real.
         OSError: As `read_image` raises it.
     """
-    image, _ = load_image(Path(path), srgb=False)
-    if not _has_alpha(image):
-        return image.mean(axis=-1) >= 0.5
-    colours, alpha = image[..., :-1], image[..., -1]
-    return (alpha if (alpha < 0.5).any() else colours.mean(axis=-1)) >= 0.5
+    path = Path(path)
+    stored = _read(path)
+    if stored.shape[-1] > 4:
+        raise ValueError(f"cannot read {path}: it has {stored.shape[-1]} bands, and a mask 1 to 4. Write one of them.")
+    upright = _upright(path, stored, statement_of(path).orientation)
+    return np.asarray(as_mask(upright, f"mask {path}"))
 
 
 def write_image(
@@ -200,6 +208,7 @@ def write_image(
     Raises:
         ValueError: A value is not finite or too large for the format, or the shape, suffix or number of bits is not
             supported.
+        TypeError: The image is no array of real numbers, or carries more than numbers: a unit, masked values.
         FileNotFoundError: The folder does not exist.
         PermissionError: The folder is not writable.
         IsADirectoryError: `path` is a folder.
@@ -317,10 +326,8 @@ def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
 
 
 def _as_pixels(path: Path, image: Numbers) -> np.ndarray:
-    array = np.asarray(image)
-    if np.iscomplexobj(array) or array.dtype.kind in "OSUMm":
-        raise ValueError(f"cannot write {path}: the image has type {array.dtype}. Give an array of real numbers.")
-    return _with_channels(array.astype(np.float64), f"cannot write {path}: the image", format_of(path))
+    array = float64_of(f"cannot write {path}: the image", image)
+    return _with_channels(array, f"cannot write {path}: the image", format_of(path))
 
 
 def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:

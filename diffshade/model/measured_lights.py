@@ -156,11 +156,13 @@ def _beams(vertical: Any, horizontal: Any, values: Any) -> tuple[str, list[str]]
     words = [(" + ".join(f"{beam:.3g}" for beam in beams[C]) or "-") + of_plane[C] for C in beams]
     said = []
     for C, lobes in beams.items():
-        where = f"Across C{C:g}" if len(horizontal) > 1 else "In every plane"
-        if len(lobes) == 0:
-            said.append(f"{where} no direction reaches half of the peak, so that no beam angle is defined there.")
+        where = f"Across C{C:g} " if len(horizontal) > 1 else ""
+        if not values.any():
+            said = ["The lamp is dark in all directions, so that it has no beam angle."]
+        elif len(lobes) == 0:
+            said.append(f"{where}no direction reaches half of the peak, so that no beam angle is defined there.")
         elif len(lobes) > 1:
-            said.append(f"{where} {len(lobes)} lobes reach half of the peak, each with a beam angle of its own.")
+            said.append(f"{where}{len(lobes)} lobes reach half of the peak, each with a beam angle of its own.")
     return listing(words), said
 
 

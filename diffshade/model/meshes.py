@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..core.arrays import float64_of, numbers
 from ..core.fields import Array, Numbers
 from .cameras import Rays
 from .surfaces import AbstractSurface, Hit
@@ -35,6 +36,7 @@ class Mesh(AbstractSurface):
     Raises:
         ValueError: The shapes do not match, there is no triangle, an index is not that of a vertex, or a number is not
             finite.
+        TypeError: An argument is no array of real numbers, or carries more than numbers: a unit, masked values.
     """
 
     corners: Float[Array, "clusters t 3 3"]
@@ -47,7 +49,7 @@ class Mesh(AbstractSurface):
         *,
         normals: Numbers | None = None,
     ):
-        points, faces = np.asarray(vertices, np.float64), np.asarray(faces)
+        points, faces = float64_of("Mesh.vertices", vertices), np.asarray(numbers("Mesh.faces", faces))
         for name, array in (("vertices", points), ("faces", faces)):
             if array.ndim != 2 or array.shape[1] != 3 or not len(array):
                 raise ValueError(f"Mesh.{name} must have shape (n, 3); got {array.shape}. Give rows of three.")
@@ -58,7 +60,7 @@ class Mesh(AbstractSurface):
             )
         if not np.isfinite(points).all():
             raise ValueError("Mesh.vertices must be finite; got others. Leave those vertices out.")
-        at_vertices = None if normals is None else np.asarray(normals, np.float64)
+        at_vertices = None if normals is None else float64_of("Mesh.normals", normals)
         if at_vertices is not None and (at_vertices.shape != points.shape or not (at_vertices != 0).any(-1).all()):
             raise ValueError(
                 f"Mesh.normals must be one vector other than 0 for each of the {len(points)} vertices; got shape "

@@ -43,8 +43,10 @@ def beam_angles(vertical: Angles, horizontal: Angles, values: Values, C: float) 
 
     It is the angle between the two directions, on either side of a lobe's peak, in which the intensity falls below half
     of the lamp's peak (ANSI/IES LS-1, "beam angle"; CIE S 017, "half-peak divergence"), wherever in the plane they are.
-    Beyond the angles of the table it is dark.
+    Beyond the angles of the table it is dark. A lamp that is dark everywhere has no lobe.
     """
+    if not values.any():
+        return np.zeros(0)
     ahead, behind = (plane(horizontal, values, at) for at in (C, C + 180.0))
     dark = np.zeros(1)
     angle = np.concatenate([vertical[:1], vertical, vertical[-1:]])

@@ -48,7 +48,7 @@ class FolderKind:
     """What kind of results a folder holds: how it is marked, and the words of its error messages."""
 
     contents: str
-    """What the folder holds, for messages: "maps", "checkpoint"."""
+    """What the folder holds, for messages: "maps"."""
     argument: str
     """The argument of the public function that names the folder."""
     marker: str

@@ -11,7 +11,9 @@ from measured import measured
 
 import diffshade as ds
 from diffshade.calibration.balls import find_ball
+from diffshade.calibration.photographs import gather
 from diffshade.calibration.result import degrees
+from diffshade.inverse.data import photographs as reading
 
 CHROME, MATTE = ds.Material(k_s=1.0, n_s=400), ds.Material(k_d=0.8)
 
@@ -52,6 +54,15 @@ def test_through_a_pinhole_the_sphere_is_where_it_was(at):
     step = ball.sphere.center - center
     assert abs(step @ right) < 3 * ball.errors[0]
     assert np.linalg.norm(step - (step @ forward) * forward) < 0.1 * ball.pixel
+
+
+def test_no_mask_in_a_list_is_refused_and_each_is_read_once(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match=r"^mask must hold at least one; got none\. Give a mask"):
+        gather(np.zeros((6, 8)), [], None)
+    read = []
+    monkeypatch.setattr(reading, "read_mask", lambda path: read.append(path) or np.ones((6, 8), bool))
+    gather(np.zeros((6, 8)), ["a.png", "b.png"], None)
+    assert read == ["a.png", "b.png"]
 
 
 def test_a_ball_is_found_without_a_mask_and_in_its_own_shadow():

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -606,6 +607,19 @@ def test_bad_input_is_one_sentence_and_a_status_and_nothing_is_written(typed, tm
         assert done.status, name
         assert message in done.refusal, name
         assert files(tmp_path) == before, name
+
+
+def test_a_stop_waits_for_the_import_of_a_library_and_for_no_other(typed, tmp_path, monkeypatch):
+    look = "import sys, diffshade.cli\nwaits = diffshade.cli._imports_a_library(sys._getframe())\n"
+    libraries = tmp_path / "site-packages"
+    libraries.mkdir()
+    monkeypatch.syspath_prepend(libraries)
+    (libraries / "a_library.py").write_text(look)
+    Path("a_helper.py").write_text(look)
+    Path("a_module.py").write_text(f"import a_library, a_helper\n{look}")
+    typed("--import", "a_module.py", "render", "ball.toml", "-o", "new.png")
+    waits = {name: sys.modules.pop(name).waits for name in ("a_library", "a_helper", "a_module")}
+    assert waits == {"a_library": True, "a_helper": False, "a_module": False}
 
 
 def test_a_stop_is_told_in_one_sentence(typed, monkeypatch):

@@ -95,6 +95,17 @@ def test_a_full_disk_is_named_with_its_file_which_stays_as_it_was(tmp_path, monk
     assert (tmp_path / "maps.npy").read_text() == "old"
 
 
+def test_a_fault_of_the_program_is_not_laid_to_a_full_disk(tmp_path, monkeypatch):
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
+    with pytest.raises(ValueError, match="no number"), replacing(tmp_path / "a.npy"):
+        raise ValueError("no number")
+    cause = RuntimeError("Failed to write pixel data")  # OpenEXR's
+    with pytest.raises(OSError, match="the disk is full") as refused, replacing(tmp_path / "a.exr"):
+        raise cause
+    assert refused.value.__cause__ is cause
+
+
 def test_the_space_of_a_file_is_taken_where_the_system_cannot_reserve(tmp_path, monkeypatch):
     def refuses(*_):
         raise OSError(errno.EOPNOTSUPP, "not here")

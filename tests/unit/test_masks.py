@@ -58,6 +58,16 @@ def test_an_array_is_what_its_file_is(tmp_path, suffix):
         np.testing.assert_array_equal(as_mask(array), read)
 
 
+@pytest.mark.parametrize("suffix", ["png", "tif", "npy"])
+def test_a_file_of_0_and_1_is_a_mask_and_one_of_labels_is_refused(tmp_path, suffix):
+    path, labels = (tmp_path / f"{name}.{suffix}" for name in ("mask", "labels"))
+    for file, stored in ((path, INSIDE.astype(np.uint8)), (labels, INSIDE.astype(np.uint8) * 2)):
+        np.save(file, stored) if suffix == "npy" else Image.fromarray(stored).save(file)
+    np.testing.assert_array_equal(ds.read_mask(path), INSIDE)
+    with pytest.raises(ValueError, match=rf"^mask .*labels\.{suffix} of uint8 must be 0 and 1, or"):
+        ds.read_mask(labels)
+
+
 def test_a_mask_mapped_from_disk(tmp_path):
     np.save(tmp_path / "mask.npy", SOFT)
     np.testing.assert_array_equal(as_mask(np.load(tmp_path / "mask.npy", mmap_mode="r")), INSIDE)

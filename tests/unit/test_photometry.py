@@ -5,6 +5,7 @@ import pytest
 from lamp_files import ies, ldt
 
 import diffshade as ds
+from diffshade.model.photometry import beam_angles
 
 GAMMA = np.arange(0, 181, 5.0)
 CIRCLE = np.arange(0, 361, 15.0)
@@ -75,3 +76,15 @@ def test_beyond_the_table_it_is_dark(tmp_path):
     assert "beam angle  60 degrees" in summary(tmp_path, "a.ies", ies([0], [[1, 0.8]], np.array([0, 30])))
     up = ies([0], [[0.2, 0.6, 1]], np.array([90, 150, 180]))  # half of the peak at 135
     assert "beam angle  90 degrees" in summary(tmp_path, "a.ies", up)
+
+
+@pytest.mark.parametrize("planes", [[0.0], CIRCLE], ids=["the same all around", "planes"])
+def test_a_dark_lamp_has_no_beam_angle(planes):
+    planes, values = np.array(planes), np.zeros((len(planes), len(GAMMA)))
+    assert len(beam_angles(GAMMA, planes, values, 0.0)) == 0
+
+
+def test_a_lamp_of_one_plane_names_no_plane(tmp_path):
+    found = summary(tmp_path, "a.ies", ies([0], 1000 * np.cos(np.deg2rad(GAMMA))[None] ** 2, GAMMA))
+    assert "2 lobes reach half of the peak" in found
+    assert "plane" not in found

@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int
 
-from ...core.arrays import check_load, is_number
+from ...core.arrays import check_load, is_number, named_plain
 from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter
 from ...core.masks import as_mask
 from ...core.words import Note, count
@@ -44,7 +44,7 @@ def as_image(image: Any, name: str = "View.image") -> Any:
     in_memory = hasattr(image, "__dlpack__") or isinstance(image, np.generic)  # NumPy, JAX, PyTorch
     if not in_memory and all(hasattr(image, part) for part in ("shape", "dtype", "__getitem__")):
         return LazyImage(SlicedRows(image), image.shape, image.dtype)
-    array = np.asarray(image)
+    array = named_plain(name, image)
     if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
         array = array.astype(np.float32)
     if array.dtype == np.longdouble:  # which JAX has not
