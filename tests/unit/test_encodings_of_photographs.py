@@ -7,6 +7,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.cli.sources import Encodings, Options
+from diffshade.io.images import read_as
 
 LEVEL = 0.2  # linear; .484 behind the sRGB curve
 
@@ -81,7 +82,7 @@ def test_the_folder_of_a_camera_near_by_takes_the_flag_too(tmp_path):
 def test_what_is_mixed_is_said_of_each(tmp_path):
     for name in ("a.jpg", "b.jpg", "c.exr"):
         ds.write_image(tmp_path / name, np.full((6, 8, 3), LEVEL))
-    said = f"{Encodings.of((tmp_path / name for name in ('a.jpg', 'b.jpg', 'c.exr')), None)}"
+    said = f"{Encodings.of([read_as(tmp_path / name) for name in ('a.jpg', 'b.jpg', 'c.exr')], None)}"
     assert "sRGB: 2 JPEG; as linear: 1 EXR" in said
 
 
