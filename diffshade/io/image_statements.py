@@ -240,7 +240,7 @@ def _colour_space(stated: Any) -> tuple[Encoding | None, str]:
 
 
 def _orientation(exif: Any) -> int:
-    found = None if exif is None else exif.get(ORIENTATION)
+    found: Any = None if exif is None else exif.get(ORIENTATION)
     return found if found in range(1, 9) else 1
 
 

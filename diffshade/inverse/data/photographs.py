@@ -151,8 +151,8 @@ def read_folder(
     scene = Scene(Object(GBuffer(known, flat, mask), Material()), lamps)
     for note in (*notes, *said):
         _LOGGER.warning("%s: %s", folder, note)
-    seen, taken = (tuple(of[i] for i in indices) for of in (names, photographs.read_as))
-    return PhotographFolder(scene, tuple(views), seen, tuple(indices), taken)
+    taken = tuple(photographs.read_as[i] for i in indices)
+    return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices), taken)
 
 
 def _directions(folder: Path, listed: Listing) -> tuple[Float[np.ndarray, "photographs 3"], list[str]]:
