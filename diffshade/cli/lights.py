@@ -55,6 +55,7 @@ def calibrate(
 
     from ..calibration.result import check_folder, read_directions
     from ..inverse.data.folders import list_folder
+    from ..io.images import read_as
 
     if out is not None:
         check_folder(out)
@@ -99,7 +100,7 @@ def calibrate(
         for path in photos
         for file in ([path / name for name in list_folder(path).names] if path.is_dir() else [path])
     ]
-    encodings = Encodings.of(files, srgb)
+    encodings = Encodings.of([read_as(file, srgb=srgb) for file in files], srgb)
     lines = [
         f"{encodings}",
         *(f"{one}" for one in balls),
@@ -211,7 +212,7 @@ def find_lights(
         write_photographs(out, names, images, inside, found.directions, intensities, errors, distances)
         for name in (name for name in NORMALS if (photos / name).is_file()):
             shutil.copyfile(photos / name, out / name)
-    encodings = Encodings.of((photos / name for name in names), srgb)
+    encodings = Encodings.of(read.read_as, srgb)
     lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
     data = {
         "photographs": names,

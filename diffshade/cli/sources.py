@@ -7,7 +7,7 @@ import functools
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,8 @@ from .terminal import FILE, Bounds, Lit, Names, OneOf
 
 if TYPE_CHECKING:
     import diffshade as ds
+
+    from ..io.images import ReadAs
 
 _LOGGER = logging.getLogger("diffshade")
 FREE = ("k_a", "k_d", "k_s", "n_s")
@@ -67,11 +69,8 @@ class Encodings:
     """What decided: the file type, the file's own statement, or --srgb or --linear."""
 
     @classmethod
-    def of(cls, files: Iterable[Path], srgb: bool | None) -> Encodings:
+    def of(cls, taken: Sequence[ReadAs], srgb: bool | None) -> Encodings:
         """Return the encodings of files that were read with `srgb`."""
-        from ..io.images import read_as
-
-        taken = [read_as(file, srgb=srgb) for file in files]
         stated = [of.statement.encoding is not None for of in taken]
         own = "as the files state" if all(stated) else "as stated, or by file type" if any(stated) else "by file type"
         return cls(tuple((of.kind, of.encoding.name) for of in taken), "as requested" if srgb is not None else own)
@@ -190,7 +189,7 @@ class Options:
         shaped = has_normals(self.source) if normals is None else normals
         read = read_folder(self.source, normals=shaped, mask=self.mask, srgb=self.srgb, exif=not self.no_exif)
         views = read.views if self.noise is None else tuple(replace(view, noise=self.noise) for view in read.views)
-        encodings = Encodings.of((self.source / name for name in read.names), self.srgb)
+        encodings = Encodings.of(read.read_as, self.srgb)
         return Source(read.scene, views, read.names, self.source, encodings, read.indices)
 
     def _of_scene(self) -> Source:
@@ -209,13 +208,13 @@ class Options:
         mask = None if self.mask is None else ds.read_mask(self.mask)
         views, photographs = [], photograph_files(self.photos, srgb=self.srgb, shape=camera.shape)
         for note in photographs.notes:
-            _LOGGER.warning("%s", note)
+            _LOGGER.warning("%s: %s", self.photos[0].parent, note)
         for i, (path, lit) in enumerate(zip(self.photos, self._lights(scene), strict=True)):
             try:
                 views.append(ds.View(photographs.read(i), camera, mask, lit=lit, noise=self.noise))
             except (ValueError, TypeError) as error:
                 raise ValueError(f"{error}" if f"{path}" in f"{error}" else f"{path}: {error}") from None
-        encodings = Encodings.of(self.photos, self.srgb)
+        encodings = Encodings.of(photographs.read_as, self.srgb)
         return Source(scene, tuple(views), tuple(str(path) for path in self.photos), None, encodings)
 
     def _lights(self, scene: ds.Scene) -> list[tuple[int, ...] | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,9 @@ def stated_exposures(files: Sequence[Path]) -> Float[np.ndarray, " photographs"]
 def _stated(file: Path) -> tuple[float, ...]:
     """Return exposure time, F-number and ISO, NaN where a file does not state them."""
     try:
-        stated = exposure_of_raw(file) if file.suffix.lower() in RAW_SUFFIXES else _tagged(file)
+        with warnings.catch_warnings():  # of Pillow about damaged EXIF
+            warnings.simplefilter("ignore", UserWarning)
+            stated = exposure_of_raw(file) if file.suffix.lower() in RAW_SUFFIXES else _tagged(file)
     except ImportError:
         raise
     except Exception:  # a file without EXIF, such as .exr, or a damaged one, which its reader will name

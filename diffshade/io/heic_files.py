@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,18 @@ def opened_heic(path: Path) -> Any:
             f"cannot read {path} without the package pillow-heif. Install it: pip install 'diffshade[heic]'."
         ) from None
     return pillow_heif.open_heif(path)
+
+
+def orientation_of_heic(path: Path) -> int:
+    """Return how the library turns the stored picture, as EXIF numbers it; 1 also where that is not plain.
+
+    The file's own turn counts (`irot`, ISO/IEC 23008-12), and not its EXIF, which programs change without it.
+    """
+    data = path.read_bytes()
+    turns = set(re.findall(rb"\0\0\0\x09irot(.)", data, re.DOTALL))
+    if len(turns) != 1 or b"\0\0\0\x09imir" in data:
+        return 1
+    return (1, 8, 3, 6)[turns.pop()[0] & 3]  # quarter turns anticlockwise
 
 
 def exif_of_heic(path: Path) -> Any:

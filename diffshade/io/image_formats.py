@@ -9,6 +9,7 @@ it is decoded (`image_headers`).
 import io
 import math
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -127,7 +128,8 @@ def _decode_netpbm(path: Path, data: bytes) -> np.ndarray:
     shape = (height, width, 3 if kind in (b"P3", b"P6") else 1)
     dtype, full = (np.uint8, 255) if maximum < 256 else (np.uint16, 65535)
     if kind in (b"P2", b"P3"):  # text
-        stored = np.fromstring(data[start - 1 :].decode("ascii"), np.float64, math.prod(shape), sep=" ")
+        words = data[start - 1 :].decode("ascii").split(maxsplit=math.prod(shape))
+        stored = np.array(words[: math.prod(shape)], np.int64)
     else:
         stored = np.frombuffer(data, np.dtype(dtype).newbyteorder(">"), math.prod(shape), start)
     if not 0 <= stored.min() <= stored.max() <= maximum:
@@ -163,7 +165,9 @@ def _decode_with_pillow(name: str, path: Path, data: bytes) -> np.ndarray:
     if mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA"):
         raise UnsupportedError(f"has pixels of the kind {mode}. Save it as grey or RGB.")
     mode = ("L" if mode in ("1", "L", "LA") else "RGB") + alpha
-    return iio.imread(path, plugin="pillow", index=0, mode=mode)
+    with warnings.catch_warnings():  # about damaged EXIF
+        warnings.simplefilter("ignore", UserWarning)
+        return iio.imread(path, plugin="pillow", index=0, mode=mode)
 
 
 def _decode_with_opencv(path: Path, page: Any = 0) -> np.ndarray:

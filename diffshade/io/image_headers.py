@@ -24,7 +24,7 @@ _EXR = {0: 1, 1: 64, 2: DEFLATE, 3: DEFLATE, 4: DEFLATE, 5: 2 * DEFLATE, 6: 16, 
 # Pixels per byte. JPEG: one bit per block of 64. TGA, BMP: 2 bytes per run of 128 and 255. Radiance: 8 per run of 127.
 # WebP and HEIC have no largest; of a white picture WebP needs a byte for 23,000 pixels.
 _PIXELS = {"JPEG": 512, "TGA": 64, "BMP": 128, "HDR": 16, "WEBP": 2**15, "HEIC": 2**15}
-_KINDS = {1: "B", 2: "B", 3: "H", 4: "I", 7: "B"}  # of numbers in a TIFF
+_KINDS = {1: "B", 2: "B", 3: "H", 4: "I", 7: "B", 13: "I", 16: "Q", 18: "Q"}  # of numbers in a TIFF; 16, 18: BigTIFF
 # The TIFF tags that give the position and format of the pixels.
 _TAGS = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 322, 323, 324, 325, 339)
 
@@ -66,10 +66,12 @@ def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
 
     Several pages are the bands of one picture: each is grey, and all are of one size and kind.
     """
-    order, directory = _start_of_tiff(data)
+    layout, directory = _start_of_tiff(data)
+    if layout.big:
+        raise UnsupportedError("is a BigTIFF. Open it by rows with ds.open_image, or save it as TIFF.")
     found: dict[int, dict[int, tuple[int, ...]]] = {}
     while directory and directory not in found and len(found) <= MOST_BANDS:
-        found[directory], directory = _tags_of_page(data, order, directory, _TAGS)
+        found[directory], directory = _tags_of_page(data, layout, directory, _TAGS)
     pages = list(found.values())
     kinds = {tuple(tags.get(tag, (1,)) for tag in (256, 257, 258, 339, 277, 262)) for tags in pages}
     grey = all(kind[-2:] == ((1,), (1,)) for kind in kinds)
@@ -87,31 +89,44 @@ def check_tiff(data: bytes) -> list[dict[int, tuple[int, ...]]]:
 
 def tags_of_tiff(data: Any, wanted: Collection[int], directory: int | None = None) -> dict[int, tuple[int, ...]]:
     """Return those of some tags that the first page of a TIFF has, or another of its directories."""
-    order, first = _start_of_tiff(data)
-    return _tags_of_page(data, order, first if directory is None else directory, wanted)[0]
+    layout, first = _start_of_tiff(data)
+    return _tags_of_page(data, layout, first if directory is None else directory, wanted)[0]
 
 
-def _start_of_tiff(data: Any) -> tuple[str, int]:
-    """Return the order of bytes, and where the first page begins."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
-    return order, struct.unpack_from(f"{order}I", data, 4)[0]
+class _Layout(NamedTuple):
+    """How a TIFF stores its directories: the order of bytes, and their numbers of 64 bits if it is a BigTIFF."""
+
+    order: str
+    big: bool
+
+
+def _start_of_tiff(data: Any) -> tuple[_Layout, int]:
+    """Return the layout, and where the first page begins."""
+    order, big = {b"II*\0": ("<", False), b"MM\0*": (">", False), b"II+\0": ("<", True), b"MM\0+": (">", True)}[
+        data[:4]
+    ]
+    return _Layout(order, big), struct.unpack_from(f"{order}{'4xQ' if big else 'I'}", data, 4)[0]
 
 
 def _tags_of_page(
-    data: Any, order: str, directory: int, wanted: Collection[int]
+    data: Any, layout: _Layout, directory: int, wanted: Collection[int]
 ) -> tuple[dict[int, tuple[int, ...]], int]:
     """Return tags of a page, and where the next page begins; 0 for none."""
-    (n_tags,) = struct.unpack_from(f"{order}H", data, directory)
-    end = directory + 2 + 12 * n_tags
+    order, wide = layout
+    counter, word = ("Q", "Q") if wide else ("H", "I")
+    inline = struct.calcsize(f"={word}")  # bytes of a value that stands in its entry
+    (n_tags,) = struct.unpack_from(f"{order}{counter}", data, directory)
+    first, step = directory + struct.calcsize(f"={counter}"), 4 + 2 * inline
+    end = first + step * n_tags
     tags: dict[int, tuple[int, ...]] = {}
-    for entry in range(directory + 2, end, 12):
-        tag, kind, count, place = struct.unpack_from(f"{order}HHII", data, entry)
+    for entry in range(first, end, step):
+        tag, kind, count, place = struct.unpack_from(f"{order}HH{word}{word}", data, entry)
         if tag in wanted:
             if tag in tags:  # if a tag occurs twice, decoders disagree on which counts
                 raise ValueError
             numbers = struct.Struct(f"{order}{count}{_KINDS[kind]}")
-            tags[tag] = numbers.unpack_from(data, place if numbers.size > 4 else entry + 8)
-    return tags, struct.unpack_from(f"{order}I", data, end)[0]
+            tags[tag] = numbers.unpack_from(data, place if numbers.size > inline else entry + 4 + inline)
+    return tags, struct.unpack_from(f"{order}{word}", data, end)[0]
 
 
 def _check_strips(data: bytes, tags: dict[int, tuple[int, ...]]) -> None:
@@ -228,6 +243,8 @@ class Radiance(NamedTuple):
     """What its numbers were multiplied by."""
     primaries: tuple[float, ...] | None
     """x y of red, green, blue and white."""
+    unused: str
+    """What it states of its colours that is not used, as the object of a sentence."""
 
 
 def radiance_header(data: bytes) -> Radiance:
@@ -245,4 +262,10 @@ def radiance_header(data: bytes) -> Radiance:
     given = [tuple(map(float, value.split())) for name, _, value in lines if name == b"PRIMARIES"]
     if not 0.0 < exposure < math.inf:
         raise ValueError
-    return Radiance((int(size[4]), int(size[2])), exposure, given[-1] if given else None)
+    unused = {
+        name.decode(): value.decode("latin-1").strip()
+        for name, _, value in lines
+        if name in (b"GAMMA", b"COLORCORR") and any(float(word) != 1.0 for word in value.split())
+    }
+    said = " and ".join(f"{name}={value}" for name, value in unused.items())
+    return Radiance((int(size[4]), int(size[2])), exposure, given[-1] if given else None, said)

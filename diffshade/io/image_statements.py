@@ -2,22 +2,24 @@
 
 PNG: the chunks cICP, iCCP, sRGB, gAMA and cHRM, in this order of precedence (PNG, section 4.3), and eXIf. JPEG, TIFF,
 WebP and HEIC: the ICC profile, else EXIF ColorSpace; HEIC also the codes of its video codec. OpenEXR and Radiance: the
-primaries.
+primaries. What BMP, TGA and Radiance state of a curve is said and not used. Each part is read apart from the others: a
+damaged one is said, and does not hide them.
 """
 
 from __future__ import annotations
 
 import mmap
 import struct
+import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from .encodings import ADOBE, BT2020_XY, LINEAR, P3_XY, SRGB, SRGB_XY, Encoding, encoding, power, xyz_of
 from .exif import EXIF
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
-from .heic_files import exif_of_heic, opened_heic
+from .heic_files import exif_of_heic, opened_heic, orientation_of_heic
 from .icc_profiles import encoding_of_profile, profile_name
 from .image_headers import radiance_header, tags_of_tiff
 from .raw_files import SUFFIXES as RAW_SUFFIXES
@@ -49,7 +51,9 @@ def statement_of(path: Path) -> Statement:
         if suffix in RAW_SUFFIXES:
             orientation, size = orientation_of_raw(path)
             return Statement(orientation=orientation, size=size)
-        return _READERS[suffix](path) if suffix in _READERS else Statement()
+        with warnings.catch_warnings():  # of Pillow about damaged EXIF
+            warnings.simplefilter("ignore", UserWarning)
+            return _READERS[suffix](path) if suffix in _READERS else Statement()
     except ImportError:
         raise
     except Exception:
@@ -61,11 +65,14 @@ def _of_png(path: Path) -> Statement:
 
     chunks = _chunks_of_png(path)
     exif: Any = Image.Exif()
-    if b"eXIf" in chunks:
-        exif.load(chunks[b"eXIf"])
     width, height = struct.unpack_from(">II", chunks[b"IHDR"])
-    stated, unused = _colours_of_png(chunks, exif)
-    return Statement(stated, unused, _orientation(exif), (height, width))
+    if b"eXIf" in chunks:
+        exif = _or(None, lambda: exif.load(chunks[b"eXIf"]) or exif)
+    where = next((of for name, of in ((b"cICP", "a cICP"), (b"iCCP", "an iCCP")) if name in chunks), "a gAMA or cHRM")
+    stated, unused = _or((None, f"{where} chunk that is damaged"), lambda: _colours_of_png(chunks, exif))
+    return Statement(
+        stated, unused or ("EXIF that is damaged" if exif is None else ""), _orientation(exif), (height, width)
+    )
 
 
 def _chunks_of_png(path: Path) -> dict[bytes, bytes]:
@@ -107,39 +114,70 @@ def _colours_of_png(chunks: Mapping[bytes, bytes], exif: Any) -> tuple[Encoding 
 
 def _of_tiff(path: Path) -> Statement:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        tags = tags_of_tiff(data, (256, 257, ORIENTATION, PROFILE, TRANSFER, EXIF))
-        camera = tags_of_tiff(data, (COLOUR_SPACE,), tags[EXIF][0]) if EXIF in tags else {}
-    stated, unused = None, ""
-    if PROFILE in tags:
-        stated, unused = _profiled(bytes(tags[PROFILE]))
-    elif TRANSFER in tags:
-        unused = "a curve in its tag TransferFunction"
-    elif COLOUR_SPACE in camera:
-        stated, unused = _colour_space(camera[COLOUR_SPACE][0])
-    orientation = tags.get(ORIENTATION, (1,))[0]
-    return Statement(stated, unused, orientation if 1 <= orientation <= 8 else 1, (tags[257][0], tags[256][0]))
+        size = tags_of_tiff(data, (256, 257))
+        damaged = {ORIENTATION: (0,)}
+        turned = _or(damaged, lambda: tags_of_tiff(data, (ORIENTATION,))).get(ORIENTATION, (1,))[0]
+        stated, unused = _colours_of_tiff(data)
+    if not 1 <= turned <= 8:
+        turned, unused = 1, unused or "an orientation that is damaged"
+    return Statement(stated, unused, turned, (size[257][0], size[256][0]))
+
+
+def _colours_of_tiff(data: Any) -> tuple[Encoding | None, str]:
+    profile = _or(None, lambda: tags_of_tiff(data, (PROFILE,)))
+    if profile is None or profile:
+        return _profiled(bytes(profile[PROFILE])) if profile else (None, "a colour profile that is damaged")
+    if _or({TRANSFER: ()}, lambda: tags_of_tiff(data, (TRANSFER,))):
+        return None, "a curve in its tag TransferFunction"
+
+    def of_camera() -> tuple[Encoding | None, str]:
+        camera = tags_of_tiff(data, (EXIF,))
+        space = tags_of_tiff(data, (COLOUR_SPACE,), camera[EXIF][0]) if camera else {}
+        return _colour_space(space.get(COLOUR_SPACE, (None,))[0])
+
+    return _or((None, "EXIF that is damaged"), of_camera)
 
 
 def _of_pillow(path: Path) -> Statement:
     from PIL import Image
 
     with Image.open(path) as image:
-        exif, size = image.getexif(), (image.height, image.width)
-        profile = image.info.get("icc_profile")
+        size, profile = (image.height, image.width), image.info.get("icc_profile")
+        exif = _or(None, image.getexif)
     stated, unused = _profiled(profile) if profile else _of_exif(exif)
     return Statement(stated, unused, _orientation(exif), size)
 
 
+def _of_bmp(path: Path) -> Statement:
+    """Return what a header of version 4 or 5 says: its kind of colours, and the curves of the kind 0."""
+    with path.open("rb") as file:
+        head = file.read(122)
+    if struct.unpack_from("<I", head, 14)[0] < 108:
+        return Statement()
+    kind = head[70:74]
+    if kind in (b"DEBM", b"KNIL"):
+        return Statement(unused="a colour profile")
+    return Statement(unused="curves and primaries of its own" if kind == bytes(4) and any(head[110:122]) else "")
+
+
+def _of_tga(path: Path) -> Statement:
+    """Return what the extension area says of the curve (TGA 2.0, field 20)."""
+    data = path.read_bytes()
+    if data[-18:] != b"TRUEVISION-XFILE.\0" or not (at := struct.unpack_from("<I", data, len(data) - 26)[0]):
+        return Statement()
+    above, below = struct.unpack_from("<HH", data, at + 478)
+    return Statement(unused="" if below == 0 or above in (0, below) else f"a gamma of {above / below:.3g}")
+
+
 def _of_heic(path: Path) -> Statement:
     image = opened_heic(path)
-    exif = exif_of_heic(path)
-    orientation, size = _orientation(exif), (image.size[1], image.size[0])  # as shown
+    orientation, size = orientation_of_heic(path), (image.size[1], image.size[0])  # as shown
     if profile := image.info.get("icc_profile"):
         stated, unused = _profiled(profile)
     elif coded := image.info.get("nclx_profile"):
         stated, unused = _coded(coded["color_primaries"], coded["transfer_characteristics"], "nclx profile")
     else:
-        stated, unused = _of_exif(exif)
+        stated, unused = _of_exif(_or(None, lambda: exif_of_heic(path)))
     return Statement(stated, unused, orientation, size[::-1] if orientation > 4 else size)
 
 
@@ -152,7 +190,8 @@ def _of_exr(path: Path) -> Statement:
 
 def _of_radiance(path: Path) -> Statement:
     with path.open("rb") as file:
-        return _of_primaries(radiance_header(file.read(2**16)).primaries)
+        header = radiance_header(file.read(2**16))
+    return _of_primaries(header.primaries)._replace(unused=header.unused)
 
 
 def _of_primaries(chromaticities: Any) -> Statement:
@@ -162,12 +201,20 @@ def _of_primaries(chromaticities: Any) -> Statement:
     return Statement(encoding("linear in primaries of its own", LINEAR.curves, xyz_of(chromaticities)))
 
 
-def _profiled(profile: bytes) -> tuple[Encoding | None, str]:
+def _or(damaged: Any, read: Callable[[], Any]) -> Any:
+    """Return what a part of a file says, or what stands for a damaged one, of which readers raise anything."""
     try:
+        return read()
+    except Exception:
+        return damaged
+
+
+def _profiled(profile: bytes) -> tuple[Encoding | None, str]:
+    def read() -> tuple[Encoding | None, str]:
         stated = encoding_of_profile(profile)
-    except Exception:  # damaged, in any way
-        return None, "a colour profile that is damaged"
-    return stated, "" if stated else f"the colour profile '{profile_name(profile)}'"
+        return stated, "" if stated else f"the colour profile '{profile_name(profile)}'"
+
+    return _or((None, "a colour profile that is damaged"), read)
 
 
 def _coded(primaries: int, curve: int, where: str, *, full: bool = True) -> tuple[Encoding | None, str]:
@@ -179,8 +226,11 @@ def _coded(primaries: int, curve: int, where: str, *, full: bool = True) -> tupl
 
 
 def _of_exif(exif: Any) -> tuple[Encoding | None, str]:
-    space = exif.get_ifd(EXIF).get(COLOUR_SPACE)
-    interoperable = exif.get_ifd(INTEROPERABILITY).get(1)
+    """Return what EXIF states; None for EXIF stands for damaged tags."""
+    if exif is None:
+        return None, "EXIF that is damaged"
+    space = _or(None, lambda: exif.get_ifd(EXIF).get(COLOUR_SPACE))
+    interoperable = _or(None, lambda: exif.get_ifd(INTEROPERABILITY).get(1))
     return (ADOBE, "") if interoperable == "R03" else _colour_space(space)  # R03: the DCF's optional colour space
 
 
@@ -190,7 +240,7 @@ def _colour_space(stated: Any) -> tuple[Encoding | None, str]:
 
 
 def _orientation(exif: Any) -> int:
-    found = exif.get(ORIENTATION)
+    found: Any = None if exif is None else exif.get(ORIENTATION)
     return found if found in range(1, 9) else 1
 
 
@@ -199,6 +249,8 @@ _READERS = {
     ".exr": _of_exr,
     ".hdr": _of_radiance,
     **dict.fromkeys((".tif", ".tiff"), _of_tiff),
-    **dict.fromkeys((".jpg", ".jpeg", ".webp", ".bmp"), _of_pillow),
+    ".bmp": _of_bmp,
+    ".tga": _of_tga,
+    **dict.fromkeys((".jpg", ".jpeg", ".webp"), _of_pillow),
     **dict.fromkeys(HEIC_SUFFIXES, _of_heic),
 }

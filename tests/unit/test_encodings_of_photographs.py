@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import diffshade as ds
 from diffshade.cli.sources import Encodings, Options
+from diffshade.inverse.data import photograph_files
+from diffshade.io.images import read_as
 
 LEVEL = 0.2  # linear; .484 behind the sRGB curve
 
@@ -78,10 +81,25 @@ def test_the_folder_of_a_camera_near_by_takes_the_flag_too(tmp_path):
         assert abs(Options(folder, (), srgb=srgb).read().views[0].image[:].mean() - level) < 0.003
 
 
+def test_headers_are_read_once_and_notes_name_the_folder(tmp_path, caplog, monkeypatch):
+    folder = write_folder(tmp_path / "photographs", "{}.jpg")
+    photos = [file for file in sorted(folder.glob("*.jpg")) if "mask" not in file.stem]
+    for file in photos:
+        Image.open(file).save(file, icc_profile=b"nonsense")
+    camera = ds.Camera(eye=(0, 0, 4), fov=30, shape=(6, 8))
+    lights = [ds.DirectionalLight((0, 0, -1))] * len(photos)
+    ds.write_scene(tmp_path / "scene.toml", ds.Scene(ds.Object(ds.Sphere()), lights), camera=camera)
+    read = []
+    monkeypatch.setattr(photograph_files, "read_as", lambda file, srgb: read.append(file) or read_as(file, srgb=srgb))
+    Options(tmp_path / "scene.toml", tuple(photos)).read()
+    assert read == photos
+    assert f"{folder}: {len(photos)} photographs state a colour profile that is damaged" in caplog.text
+
+
 def test_what_is_mixed_is_said_of_each(tmp_path):
     for name in ("a.jpg", "b.jpg", "c.exr"):
         ds.write_image(tmp_path / name, np.full((6, 8, 3), LEVEL))
-    said = f"{Encodings.of((tmp_path / name for name in ('a.jpg', 'b.jpg', 'c.exr')), None)}"
+    said = f"{Encodings.of([read_as(tmp_path / name) for name in ('a.jpg', 'b.jpg', 'c.exr')], None)}"
     assert "sRGB: 2 JPEG; as linear: 1 EXR" in said
 
 

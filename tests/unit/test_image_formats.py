@@ -83,6 +83,8 @@ def test_netpbm_by_hand(tmp_path):
         b"P5 0 2 15 ",
         b"P5 2 1 0 ab",
         b"P2 2 1 9 1 x",
+        b"P2 2 1 9 1    ",
+        b"P3\n2 1\n255\n128 128 128 1 2",
         b"P5 2",
     ):
         (tmp_path / "a.pgm").write_bytes(data)

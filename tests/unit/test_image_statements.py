@@ -120,6 +120,82 @@ def test_what_is_not_used_is_said(tmp_path, caplog, data, what):
     assert record.getMessage().endswith("which is not used: it is read as sRGB.")
 
 
+@pytest.mark.parametrize(
+    ("kind", "body", "what"),
+    [
+        (b"iCCP", b"x\0\0notzlib", "an iCCP chunk"),
+        (b"gAMA", bytes(4), "a gAMA or cHRM chunk"),
+        (b"cICP", b"\1\1\0", "a cICP chunk"),
+    ],
+)
+def test_a_damaged_part_of_a_png_is_said_and_hides_no_other(tmp_path, kind, body, what):
+    (tmp_path / "a.png").write_bytes(by.png(SRGB, 8, (kind, body), (b"eXIf", by.exif(orientation=6)[6:])))
+    assert statement_of(tmp_path / "a.png") == (None, f"{what} that is damaged", 6, TRUTH.shape[:2])
+    assert ds.read_image(tmp_path / "a.png").shape[:2] == TRUTH.shape[1::-1]
+
+
+def retyped(data, tag, kind, value=None):
+    """Return a TIFF one of whose tags has another type, and value."""
+    out, (at,) = bytearray(data), struct.unpack_from("<I", data, 4)
+    for entry in range(at + 2, at + 2 + 12 * struct.unpack_from("<H", data, at)[0], 12):
+        if struct.unpack_from("<H", out, entry)[0] == tag:
+            struct.pack_into("<H", out, entry + 2, kind)
+            if value is not None:
+                struct.pack_into("<I", out, entry + 8, value)
+    return bytes(out)
+
+
+def test_a_damaged_part_of_a_tiff_is_said_and_hides_no_other(tmp_path, recwarn):
+    tags = Image.Exif()
+    tags[0x0112], tags.get_ifd(0x8769)[0xA001] = 6, 1
+    whole = by.saved(SRGB, "TIFF", icc_profile=LCMS_SRGB, exif=tags)
+    for data in (retyped(whole, 0x8769, 13), retyped(whole, 0x8769, 4, 2**30)):
+        (tmp_path / "a.tif").write_bytes(data)
+        stated = statement_of(tmp_path / "a.tif")
+        assert stated.encoding is not None
+        assert (stated.encoding.name, *stated[1:]) == ("sRGB", "", 6, TRUTH.shape[:2])
+        ds.read_image(tmp_path / "a.tif")
+    (tmp_path / "a.tif").write_bytes(retyped(whole, 0x8773, 6))
+    assert statement_of(tmp_path / "a.tif") == (None, "a colour profile that is damaged", 6, TRUTH.shape[:2])
+    assert not recwarn.list  # of Pillow
+
+
+def test_a_bigtiff_is_opened_as_it_states_and_not_read_whole(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    for order in "<>":
+        numbers = np.rint(65535 * ADOBE).astype(np.uint16)
+        options = {"photometric": "rgb", "byteorder": order, "iccprofile": OF_ADOBE}
+        tifffile.imwrite(tmp_path / "a.tif", numbers, bigtiff=True, **options)
+        np.testing.assert_allclose(ds.open_image(tmp_path / "a.tif")[:], TRUTH, atol=4e-4)
+        with pytest.raises(ValueError, match=r"it is a BigTIFF\. Open it by rows with ds\.open_image"):
+            ds.read_image(tmp_path / "a.tif")
+
+
+def test_curves_of_bmp_tga_and_radiance_are_said(tmp_path):
+    plain = by.saved(SRGB, "BMP")
+    for more, what in (
+        (bytes(36) + struct.pack("<3I", *[65536] * 3), "curves and primaries of its own"),
+        (bytes(48), ""),
+    ):
+        head = struct.pack("<I", 108) + plain[18:54] + bytes(16) + bytes(4) + more
+        start = struct.pack("<IHHI", len(plain) + 68, 0, 0, 122)
+        (tmp_path / "a.bmp").write_bytes(b"BM" + start + head + plain[54:])
+        assert statement_of(tmp_path / "a.bmp").unused == what
+        np.testing.assert_allclose(ds.read_image(tmp_path / "a.bmp"), TRUTH, atol=0.01)
+    data = image_files.tga(np.rint(255 * SRGB).astype(np.uint8))
+    for ratio, what in (((22, 10), "a gamma of 2.2"), ((1, 1), ""), ((0, 0), "")):
+        area = bytes(478) + struct.pack("<HH", *ratio) + bytes(13)
+        (tmp_path / "a.tga").write_bytes(data + area + struct.pack("<II", len(data), 0) + b"TRUEVISION-XFILE.\0")
+        assert statement_of(tmp_path / "a.tga").unused == what
+        ds.read_image(tmp_path / "a.tga")
+    ds.write_image(tmp_path / "a.hdr", TRUTH)
+    data = (tmp_path / "a.hdr").read_bytes()
+    (tmp_path / "a.hdr").write_bytes(data.replace(b"\n\n", b"\nGAMMA=2.2\nCOLORCORR= 2 1 1\n\n", 1))
+    assert statement_of(tmp_path / "a.hdr").unused == "GAMMA=2.2 and COLORCORR=2 1 1"
+    (tmp_path / "a.hdr").write_bytes(data.replace(b"\n\n", b"\nGAMMA=1\n\n", 1))
+    assert statement_of(tmp_path / "a.hdr").unused == ""
+
+
 def test_primaries_of_openexr_and_radiance(tmp_path):
     import OpenEXR
 
@@ -185,6 +261,12 @@ def test_heic_states_profile_and_orientation(tmp_path):
         assert stated.encoding is not None
         assert stated.encoding.name == name
         assert (stated.orientation, stated.size) == (6 if "exif" in options else 1, blocks.shape[:2])
+    data = path.read_bytes().replace(b"\x01\x12\0\x03\0\0\0\x01\0\x06", b"\x01\x12\0\x03\0\0\0\x01\0\x01")
+    path.write_bytes(data.replace(b"\x12\x01\x03\0\x01\0\0\0\x06", b"\x12\x01\x03\0\x01\0\0\0\x01"))
+    assert statement_of(path).orientation == 6  # what the decoder does, whatever EXIF says
+    turn = path.read_bytes().index(b"irot") + 4
+    path.write_bytes(path.read_bytes()[:turn] + b"\0" + path.read_bytes()[turn + 1 :])
+    assert (statement_of(path).orientation, ds.read_image(path).shape) == (1, blocks.shape)
 
 
 def test_a_damaged_file_states_nothing_here(tmp_path):

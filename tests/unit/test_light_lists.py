@@ -8,6 +8,7 @@ import pytest
 import diffshade as ds
 from diffshade.cli import main
 from diffshade.inverse.data.light_lists import numbers_in, read_lp
+from diffshade.inverse.data.photograph_names import by_name
 
 LIGHTS = np.array([(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8), (0, -0.6, 0.8)])
 ROWS = ["0.6 0 0.8", "0 0.6 0.8", "-0.6 0 0.8", "0 -0.6 0.8"]
@@ -97,6 +98,31 @@ def test_the_count_may_be_missing_and_comments_are_skipped(tmp_path, head):
     np.testing.assert_allclose(read(tmp_path), LIGHTS, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "names", [["#1.png", "#2.png", "%20a.png", "b.png"], [";a 1.png", "b.png", "c.png", "//d.png"]]
+)
+def test_names_may_begin_as_comments_do_where_the_count_says_so(tmp_path, names):
+    files = [name.removeprefix("//") for name in names]
+    dome(tmp_path, files, names, head="# of a dome\n{}\n# x y z\n")
+    np.testing.assert_allclose(read(tmp_path), LIGHTS, atol=1e-12)
+    (tmp_path / "dome.lp").write_text("1\n# a.png 1 0 0\nb.png 0 0 1\n")
+    assert read_lp(tmp_path / "dome.lp").names == ("b.png",)
+    (tmp_path / "dome.lp").write_text("1\n")
+    with pytest.raises(ValueError, match="must have 1 line after its first"):
+        read_lp(tmp_path / "dome.lp")
+
+
+def test_lengths_and_lights_behind_are_said(tmp_path):
+    (tmp_path / "dome.lp").write_text("a.png 0 0 -1.031\nb.png 0 0 -1.061\n")
+    lengths, behind = read_lp(tmp_path / "dome.lp").notes
+    assert lengths == "the vectors in dome.lp have lengths from 1.031 to 1.061, and are made unit vectors."
+    assert behind == "all lights in dome.lp are behind the object, z < 0: z must point to the camera."
+
+
+def test_a_whole_name_comes_before_its_stem():
+    assert by_name(["scan.1", "scan.2"], ["scan.png", "scan.1.png", "scan.2.png"]) == [1, 2]
+
+
 def test_a_list_in_the_letters_of_an_old_machine_is_read(tmp_path):
     dome(tmp_path, [f"münze{i}.png" for i in range(4)], [f"münze{i}.png" for i in range(4)])
     text = (tmp_path / "dome.lp").read_text(encoding="utf-8")
@@ -158,7 +184,7 @@ def test_lengths_and_further_columns_are_said(tmp_path, caplog):
     assert "the columns of dome.lp after x, y and z are not used" in caplog.text
     dome(tmp_path, names, names, [f"{60 * x} {60 * y} {60 * z}" for x, y, z in LIGHTS])
     np.testing.assert_allclose(read(tmp_path), LIGHTS, atol=1e-12)
-    assert "the vectors in dome.lp have one length, 60, and are divided by it" in caplog.text
+    assert "the vectors in dome.lp have the length 60, and are made unit vectors" in caplog.text
     scale = (3, 1, 2, 9)
     dome(tmp_path, names, names, [f"{s * x} {s * y} {s * z}" for s, (x, y, z) in zip(scale, LIGHTS, strict=True)])
     np.testing.assert_allclose(read(tmp_path), LIGHTS, atol=1e-12)
@@ -185,6 +211,7 @@ WRONG = {
         [*ROWS[:3], "0 1"],
         "three numbers a line; got '3.png 0 1' on line 5",
     ),
+    "either comma beside points": (range(4), range(4), [*ROWS[:3], "0.1,0.2,0,9"], "got '3.png 0.1,0.2,0,9' on line 5"),
     "either comma": (range(4), range(4), [*ROWS[:3], "0,6,0,0,0,8"], "three numbers a line; got '3.png 0,6,0,0,0,8'"),
     "one name twice": (range(4), (0, 1, 2, 2), ROWS, "names '2.png' twice"),
 }
@@ -214,6 +241,11 @@ def test_commas_are_what_the_line_says():
     assert numbers_in("inf") == [np.inf]
     with pytest.raises(ValueError, match="commas in '0,6,0,8'"):
         numbers_in("0,6,0,8")
+    for either in ("0.1,0.2,0,9", "0.5,0,1,7"):
+        with pytest.raises(ValueError, match=f"commas in '{either}'"):
+            numbers_in(either)
+    assert numbers_in("0.6,0,0.8,0.5") == [0.6, 0, 0.8, 0.5]
+    assert numbers_in("\N{MINUS SIGN}0.6 0 0.8") == [-0.6, 0, 0.8]
 
 
 def test_a_long_line_is_refused_quickly(tmp_path):

@@ -38,6 +38,9 @@ def stating(*orientations):
         ((6, 6), None, (6, 6), ["state the EXIF orientation 6 and are turned upright; mask, normals and lights"]),
         ((6, 6), (8, 16), (1, 1), ["but the mask or camera has the size of what is stored: they are not turned."]),
         ((3, 3), (8, 16), (3, 3), ["state the EXIF orientation 3 and are turned upright"]),
+        ((6, 1), None, (1, 1), ["0.jpg states the EXIF orientation 6, and the others 1."]),
+        ((6, 1), (16, 8), (6, 6), ["1.jpg states the EXIF orientation 1, and the others 6.", "are turned upright"]),
+        ((6, 6, 8), (8, 16), (1,) * 3, ["orientation 6 and 8, but the mask or camera has the size of what is stored"]),
         ((1, *(6,) * 4, *(1,) * 9), None, (1,) * 14, ["4 photographs, such as 1.jpg, state the EXIF orientation 6"]),
     ],
 )

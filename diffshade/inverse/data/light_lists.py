@@ -15,11 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ...core.words import count
 from ...io.parsing import read_text, short
 
 UNIT = 0.02  # by which a length may differ from 1: that of numbers of two decimals does
 COMMENTS = ("#", "//", ";", "%")
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE)
+EITHER = re.compile(r"(?<![\d.])\d+,\d+(?![\d.])", re.ASCII)  # two whole numbers, or one with a decimal comma
+NO_LETTERS = re.compile(r"[\s;,.\d+-]*", re.ASCII)
 SUFFIX = re.compile(r"\.[A-Za-z]\w*\"?(?=[\s;,])")  # where a name ends
 
 
@@ -35,18 +38,24 @@ class LightList(NamedTuple):
     """What the file says that is not used."""
 
 
-def lines_of(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a text, but for empty ones and comments, each with its number."""
+def lines_of(path: Path, *, comments: bool = False) -> list[tuple[int, str]]:
+    """Return the lines of a text, but for empty ones and, unless asked for, comments, each with its number."""
     lines = enumerate(read_text(path, "list of lights").splitlines(), 1)
-    return [(number, line.strip()) for number, line in lines if line.strip() and not line.strip().startswith(COMMENTS)]
+    return [(number, line.strip()) for number, line in lines if line.strip() and (comments or not is_comment(line))]
+
+
+def is_comment(line: str) -> bool:
+    """Return whether a line begins as comments do."""
+    return line.strip().startswith(COMMENTS)
 
 
 def numbers_in(text: str) -> list[float]:
     """Return the numbers of a line; raise ValueError for anything else, or if its commas could mean either."""
+    text = text.replace("\N{MINUS SIGN}", "-")
     words = [word.strip(",") for word in re.split(r"[\s;]+", text) if word.strip(",")]
     if not all(NUMBER.fullmatch(word) for word in words):  # commas separate numbers
         words = [word for word in re.split(r"[\s;,]+", text) if word]
-        if "." not in text and len(words) > 3:
+        if len(words) > 3 and EITHER.search(text):
             raise ValueError(f"the commas in {short(text)} separate numbers or are decimal signs")
     return [float(word.replace(",", ".")) for word in words]
 
@@ -68,10 +77,13 @@ def read_lp(path: Path) -> LightList:
     lines = lines_of(path)
     says = lines[0][1].strip(" ;,") if lines else ""
     if says.isdecimal() and len(says) < 10:
-        lines = lines[1:]
+        first, lines = lines[0][0], lines[1:]
+        if len(lines) < int(says):  # names, too, may begin as comments do
+            lines = [line for line in lines_of(path, comments=True) if line[0] > first and _is_light(path, *line)]
         if len(lines) != int(says):
             raise ValueError(
-                f"{path} must have {says} lines after its first, as that says; got {len(lines)}. Correct the list."
+                f"{path} must have {count(int(says), 'line')} after its first, as that says; got {len(lines)}. Correct "
+                "the list."
             )
     if not lines:
         raise ValueError(
@@ -87,11 +99,22 @@ def read_lp(path: Path) -> LightList:
     return LightList(path, tuple(name for name, _ in rows), directions, tuple(notes))
 
 
+def _is_light(path: Path, number: int, line: str) -> bool:
+    """Return whether a line is no comment, or is one that a suffix and numbers make a light."""
+    if not is_comment(line):
+        return True
+    try:
+        return SUFFIX.search(line) is not None and bool(_row(path, number, line))
+    except ValueError:
+        return False
+
+
 def _row(path: Path, number: int, line: str) -> tuple[str, list[float]]:
     """Return the name in a line, without its folders, and its numbers."""
     ends = [found.end() for found in SUFFIX.finditer(line)]
     splits = [(line[: ends[-1]], line[ends[-1] :], sys.maxsize)] if ends else []
-    for separator, most in ((None, 3), (";", 3), (",", 3), (None, 1)):
+    plain = bool(ends) and NO_LETTERS.fullmatch(line[ends[-1] :].replace("\N{MINUS SIGN}", "-"))
+    for separator, most in () if plain else ((None, 3), (";", 3), (",", 3), (None, 1)):
         name, *last = line.strip(" ;,").rsplit(separator, most)
         if separator != "," or "," not in name:
             splits.append((name, ";".join(last), 3))  # a name without suffix may end in a number: x, y, z are the last
@@ -132,11 +155,14 @@ def unit_vectors(
     if length[most] - length[least] > 2.0 * UNIT * length[most]:
         notes = [
             f"the lengths of the vectors in {path.name}, {length[least]:.4g} on line {lines[least]} to "
-            f"{length[most]:.4g} on line {lines[most]}, are not used, only their directions: write distances of lamps "
-            "to light_distances.txt, or intensities to light_intensities.txt."
+            f"{length[most]:.4g} on line {lines[most]}, are not used, only their directions."
         ]
     elif not abs(length[most] - 1.0) <= UNIT or not abs(length[least] - 1.0) <= UNIT:
-        notes = [f"the vectors in {path.name} have one length, {length[most]:.4g}, and are divided by it."]
+        one, other = f"{length[least]:.4g}", f"{length[most]:.4g}"
+        lengths = f"the length {one}" if one == other else f"lengths from {one} to {other}"
+        notes = [f"the vectors in {path.name} have {lengths}, and are made unit vectors."]
+    if (vectors[:, 2] < 0.0).all():
+        notes.append(f"all lights in {path.name} are behind the object, z < 0: z must point to the camera.")
     return vectors / length[:, None], notes
 
 

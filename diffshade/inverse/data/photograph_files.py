@@ -76,12 +76,20 @@ def _orientations(
     """Return how each photograph is turned, and sentences where that is not plain."""
     stated = [of.statement.orientation for of in taken]
     sizes = [of.statement.size for of in taken]
-    most = {
-        size: Counter(o for o, s in zip(stated, sizes, strict=True) if s == size).most_common(1)[0][0]
-        for size in dict.fromkeys(sizes)
-    }
-    notes = []
-    for size, usual in most.items():
+    most, notes = {}, []
+    for size in dict.fromkeys(sizes):
+        counts = Counter(o for o, s in zip(stated, sizes, strict=True) if s == size)
+        fitting = [of for of in counts if size is None or shape in (None, size[::-1] if of > 4 else size)]
+        given = listing([f"{of}" for of in sorted(counts)])
+        if not fitting and shape == size:
+            most[size] = 1
+            notes.append(
+                f"the photographs state the EXIF orientation {given}, but the mask or camera has the size of what is "
+                "stored: they are not turned."
+            )
+            continue
+        # As many for several: the smallest, so that 1, not turned, comes before the others.
+        most[size] = usual = min(fitting or counts, key=lambda of: (-counts[of], of))
         others = [i for i, of in enumerate(stated) if sizes[i] == size and of != usual]
         if others:
             given = listing([f"{of}" for of in sorted({stated[i] for i in others})])
@@ -91,12 +99,10 @@ def _orientations(
                 "One camera has one orientation: all are read as the others are."
             )
         if usual != 1 and size is not None:
-            told = f"the photographs state the EXIF orientation {usual}"
-            if usual > 4 and shape == size and size[0] != size[1]:
-                most[size] = 1
-                notes.append(f"{told}, but the mask or camera has the size of what is stored: they are not turned.")
-            else:
-                notes.append(f"{told} and are turned upright; mask, normals and lights must be of the upright picture.")
+            notes.append(
+                f"the photographs state the EXIF orientation {usual} and are turned upright; mask, normals and lights "
+                "must be of the upright picture."
+            )
     return tuple(most[size] for size in sizes), notes
 
 

@@ -38,7 +38,7 @@ def by_name(wanted: Sequence[str], there: Sequence[str]) -> list[int | None]:
     for i, name in enumerate(there):
         if _key(Path(name).stem) not in stems or is_raw(name):
             stems[_key(Path(name).stem)] = i
-    places = ((exact, lambda name: name), (alike, _key), (stems, lambda name: _key(Path(name).stem)), (stems, _key))
+    places = ((exact, lambda name: name), (alike, _key), (stems, _key), (stems, lambda name: _key(Path(name).stem)))
     return [next((of[key(name)] for of, key in places if key(name) in of), None) for name in wanted]
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from ...core.masks import as_mask
 from ...core.words import count, listing
 from ...io.files import replacing
-from ...io.images import read_mask, without_alpha, write_image
+from ...io.images import ReadAs, read_mask, without_alpha, write_image
 from ...model.attenuation import RadialAttenuation
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer
@@ -104,6 +104,8 @@ class PhotographFolder(NamedTuple):
     """The photograph of each view, the first of those that were merged."""
     indices: tuple[int, ...]
     """Which of the folder's photographs that is."""
+    read_as: tuple[ReadAs, ...]
+    """What it was taken for."""
 
 
 def read_folder(
@@ -149,7 +151,8 @@ def read_folder(
     scene = Scene(Object(GBuffer(known, flat, mask), Material()), lamps)
     for note in (*notes, *said):
         _LOGGER.warning("%s: %s", folder, note)
-    return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices))
+    taken = tuple(photographs.read_as[i] for i in indices)
+    return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices), taken)
 
 
 def _directions(folder: Path, listed: Listing) -> tuple[Float[np.ndarray, "photographs 3"], list[str]]:
