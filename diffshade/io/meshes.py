@@ -73,7 +73,7 @@ def read_mesh_parts(path: str | Path, camera: AbstractCamera) -> dict[str, GBuff
 
     In an OBJ these are the names of `usemtl`; in glTF, those of the materials of its primitives, as `read_materials`
     has them. Faces that name no material are the part "", as are all of a file of another format. Normals are those of
-    the whole mesh.
+    the whole mesh. Parts do not hide each other, since one may be glass: where several are seen, the nearest counts.
 
     Args:
         path: The mesh file, as for `read_mesh`.

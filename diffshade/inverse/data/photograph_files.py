@@ -121,7 +121,7 @@ def _on_encodings(files: Sequence[Path], taken: Sequence[ReadAs], *, forced: boo
     if forced:
         for name, n in Counter(name for name in stated if name not in (None, usual)).items():
             notes.append(f"{count(n, 'photograph')} {_verb('states', n)} {name}; read as {usual}, as requested.")
-    elif others and any(stated):
+    elif others:
         for name, _ in others:
             these = [i for i, of in enumerate(taken) if of.encoding.name == name]
             why = "as stated" if all(stated[i] for i in these) else "by the type of file"
