@@ -56,7 +56,6 @@ def test_help_says_what_it_does(script, tmp_path):
 def test_bad_input_is_one_sentence_and_a_status(tmp_path):
     cases = {
         ("fit_photographs.py", "nowhere"): "there is no folder nowhere",
-        ("fit_on_hosts.py", "nowhere"): "there is no folder nowhere",
         ("recover_sphere.py", "--size", "0"): r"Camera.shape must be \(height, width\)",
         ("recover_sphere.py", "--sigma", "-1"): "--sigma and --seed must be at least 0; got -1.0",
     }

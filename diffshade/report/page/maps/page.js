@@ -41,7 +41,7 @@
   function emitters() {
     const view = views[light.view];
     if (light.toward === view.toward && view.complete) return view.emitters;
-    return [[...light.toward, 0, ...view.arriving, ...new Array(13).fill(0), ...weights(light.toward)]];
+    return [[...light.toward, 0, ...view.arriving, ...new Array(9).fill(0), ...weights(light.toward)]];
   }
 
   function relight(at, view) {  // by hand, or as in a photograph
