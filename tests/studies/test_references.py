@@ -118,7 +118,8 @@ def test_fog_is_mixed_in_once_and_before_what_is_added_after(tmp_path, fog, s, s
 def test_fog_along_the_axis_or_the_ray(tmp_path, distance, z, mode):
     """The eye is 3 to the side of the point and 4 in front of it, and looks straight ahead."""
     fog = {"mode": mode, "start": 2, "end": 6, "density": 0.2, "color": [1, 1, 1], "distance": distance}
-    path = write(tmp_path, (), fog=fog, eye=(3, 0, 4))
+    camera = {"type": "perspective", "tan_half": 0.5}
+    path = write(tmp_path, (), fog=fog, eye=(3, 0, 4), camera=camera)
     s = {"linear": (6 - z) / 4, "exp": np.exp(-0.2 * z), "exp2": np.exp(-((0.2 * z) ** 2))}[mode]
     np.testing.assert_allclose(read_reference(path).found(), np.full((1, 1, 3), 1 - 0.9 * s), rtol=1e-13)
 
