@@ -97,10 +97,9 @@ def choice_of(name):
 def test_whatever_is_shown_is_escaped(fit, tmp_path):
     shot = ds.Shot(name=HOSTILE)
     scene = ds.Scene(ds.Object(ds.Sphere(), fit.material, name="bällchen"), fit.scene.lights)
-    named = dataclasses.replace(
-        fit,
+    named = with_problem(
+        dataclasses.replace(fit, notes=(HOSTILE,)),
         scene=scene,
-        notes=(HOSTILE,),
         unknowns=tuple(dataclasses.replace(u, name=f"{u.name}{HOSTILE}") for u in fit.unknowns),
     )
     choice, plan = choice_of(HOSTILE), dataclasses.replace(ds.plan(fit, shot), unknowns=named.unknowns)
