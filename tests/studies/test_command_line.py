@@ -156,7 +156,9 @@ def test_ctrl_c_leaves_no_half_written_file(tmp_path):
         out, err = running.communicate(timeout=120)
     assert running.returncode == 130
     assert out == ""
-    assert err.lstrip("\n") == "diffshade: stopped; unfinished files are left as they were.\n"
+    # XLA says of some machines, on lines of its own, that a program from its cache was made for another one
+    own = [line for line in err.splitlines() if line and "cpu_aot_loader" not in line]
+    assert own == ["diffshade: stopped; unfinished files are left as they were."]
     left = list((tmp_path / "lecture").iterdir())
     assert 0 < len(left) < len(FIGURES)
     for path in left:
