@@ -50,7 +50,7 @@ class AbstractAttenuation(Checked):
         """Return the names of its numbers."""
         return tuple(f.name for f in dataclasses.fields(cls) if f.metadata.get("converter") is as_scalar)
 
-    def __call__(self, d: Float[Array, "..."]) -> Float[Array, "..."]:
+    def __call__(self, d: Float[Array, "..."] | float) -> Float[Array, "..."]:
         """Return f_rad at distance d; a smaller one than 1e-6 counts as that, where the derivative by d is 0.
 
         Args:

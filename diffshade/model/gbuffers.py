@@ -43,7 +43,7 @@ class GBuffer(AbstractSurface):
     position: Float[Array, "h w 3"] | None
     mask: Bool[Array, "h w"]
 
-    def __init__(self, normal: Array, position: Array | None = None, mask: ArrayLike | None = None):
+    def __init__(self, normal: Array, position: Array | None = None, mask: Any = None):
         normal = as_array(numbers("GBuffer.normal", normal))
         position = None if position is None else as_array(numbers("GBuffer.position", position))
         inside = (normal != 0).any(-1) if mask is None else as_mask(mask, "GBuffer.mask")
@@ -139,7 +139,7 @@ def _numbers_of(noun: str, image: Any) -> Float[np.ndarray, "..."]:
     return float64_of(f"a {noun}", image)
 
 
-def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = None) -> GBuffer:
+def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: Any = None) -> GBuffer:
     """Make the G-buffer of a normal map (Blinn 1978).
 
     Its colours are $(n + 1) / 2$, with x right, y up and z to the viewer. The normals are normalised. The G-buffer has
@@ -174,9 +174,7 @@ def normal_map(image: Float[ArrayLike, "h w 3"], *, mask: ArrayLike | None = Non
     return GBuffer(n / np.where(length > 0, length, 1.0)[..., None], None, inside)
 
 
-def height_map(
-    height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, mask: ArrayLike | None = None
-) -> GBuffer:
+def height_map(height: Float[ArrayLike, "h w"], camera: OrthographicCamera, *, mask: Any = None) -> GBuffer:
     r"""Make the G-buffer of a relief: the height of each pixel above the plane through the camera's target.
 
     $$ n \propto (-\partial z / \partial x, -\partial z / \partial y, 1) $$

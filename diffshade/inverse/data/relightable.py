@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Float
 
 from ...core.arrays import float64_of
 from ...core.fields import check_kind
@@ -35,7 +36,7 @@ def photographs_of(
     image: RelightableImage,
     *,
     toward: Float[ArrayLike, "lights 3"] | None = None,
-    mask: Bool[ArrayLike, "h w"] | None = None,
+    mask: Any = None,
     srgb: bool = True,
 ) -> tuple[Scene, tuple[View, ...]]:
     """Return photographs of a relightable image under some lights, as a scene and views that a fit can start from.
