@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
@@ -29,7 +31,7 @@ def integrate_normals(
     normals: Float[ArrayLike, "h w 3"],
     camera: AbstractCamera,
     *,
-    mask: Bool[ArrayLike, "h w"] | None = None,
+    mask: Any = None,
     errors: Float[ArrayLike, "h w"] | None = None,
     progress: bool = False,
 ) -> HeightMap:
