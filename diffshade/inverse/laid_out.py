@@ -119,8 +119,12 @@ class LaidOut:
         return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.views))]
 
     def prior_gram(self, theta: Theta) -> Gram:
-        """Return the Gram of the priors and unit vectors."""
-        return prior_gram(theta, self.priors)
+        """Return the Gram of the priors and unit vectors, as NumPy arrays."""
+        priors = self.priors
+        if not (len(priors.index) or len(priors.units)):
+            p = len(theta)
+            return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
+        return jax.tree.map(np.asarray, _prior_gram(theta, priors))
 
     def spread(self, end: Minimum) -> Float[np.ndarray, "5"]:
         """Return the sums of `Likelihood.spread` at a minimum."""
@@ -173,11 +177,3 @@ def hold(
 def _prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
     gram = priors.gram(theta)
     return Gram(gram.cost, gram.gradient, gram.hessian.as_matrix())
-
-
-def prior_gram(theta: Array, priors: PriorResiduals) -> Gram:
-    """Return the Gram of priors and unit vectors, as NumPy arrays."""
-    if not (len(priors.index) or len(priors.units)):
-        p = len(theta)
-        return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))
-    return jax.tree.map(np.asarray, _prior_gram(theta, priors))

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
-from .heic_files import exif_of_heic
+from .heic_files import exif_of_heic, opened_heic
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import exposure_of_raw
 
@@ -51,7 +51,7 @@ def _tagged(file: Path) -> tuple[Any, ...]:
     from PIL import Image
 
     if file.suffix.lower() in HEIC_SUFFIXES:
-        tags = exif_of_heic(file)
+        tags = exif_of_heic(opened_heic(file))
         camera = {**tags, **tags.get_ifd(EXIF)}
     else:
         with Image.open(file) as image:

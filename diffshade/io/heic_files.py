@@ -43,10 +43,10 @@ def orientation_of_heic(path: Path) -> int:
     return (1, 8, 3, 6)[turns.pop()[0] & 3]  # quarter turns anticlockwise
 
 
-def exif_of_heic(path: Path) -> Any:
-    """Return the tags of a file, as Pillow has them."""
+def exif_of_heic(image: Any) -> Any:
+    """Return the tags of an opened file, as Pillow has them."""
     from PIL import Image
 
     tags = Image.Exif()
-    tags.load(opened_heic(path).info.get("exif") or b"")
+    tags.load(image.info.get("exif") or b"")
     return tags

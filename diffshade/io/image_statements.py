@@ -177,7 +177,7 @@ def _of_heic(path: Path) -> Statement:
     elif coded := image.info.get("nclx_profile"):
         stated, unused = _coded(coded["color_primaries"], coded["transfer_characteristics"], "nclx profile")
     else:
-        stated, unused = _of_exif(_or(None, lambda: exif_of_heic(path)))
+        stated, unused = _of_exif(_or(None, lambda: exif_of_heic(image)))
     return Statement(stated, unused, orientation, size[::-1] if orientation > 4 else size)
 
 

@@ -15,7 +15,7 @@ from .obj_files import read_obj
 from .ply_files import read_ply
 from .polygons import Polygons, triangulated
 from .stl_files import read_stl
-from .vertex_normals import corner_normals, unit
+from .vertex_normals import corner_normals, have_direction, unit
 
 READERS = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".gltf": read_gltf, ".glb": read_gltf}
 MOST_NAMED = 3  # faces that a note names; of more it gives the number
@@ -130,7 +130,7 @@ def _on_faces(which: Int[np.ndarray, " n"], faces: int, having: str, done: str) 
 
 def _without_direction(of: Polygons, corner: Int[np.ndarray, "t 3"]) -> list[str]:
     given = of.normal[corner]
-    wrong = ~np.isnan(given).all(-1) & ~(np.isfinite(given).all(-1) & (given != 0).any(-1))
+    wrong = ~np.isnan(given).all(-1) & ~have_direction(given)
     if not wrong.any():
         return []
     corners = count(int(wrong.sum()), "corner")

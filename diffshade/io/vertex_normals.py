@@ -17,6 +17,11 @@ def unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
+def have_direction(vectors: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+    """Return which vectors are finite and not 0."""
+    return np.isfinite(vectors).all(-1) & (vectors != 0).any(-1)
+
+
 def corner_normals(of: Polygons, corner: Int[np.ndarray, "t 3"], face: Int[np.ndarray, " t"]) -> Corners:
     """Return unit normals at the corners of the triangles of polygons.
 
@@ -30,7 +35,7 @@ def corner_normals(of: Polygons, corner: Int[np.ndarray, "t 3"], face: Int[np.nd
         face: The polygon of each triangle.
     """
     given, point = of.normal[corner], of.point[of.at[corner]]
-    known = (np.isfinite(given).all(-1) & (given != 0).any(-1))[..., None]
+    known = have_direction(given)[..., None]
     if known.all():
         return unit(given)
     return np.where(known, unit(np.where(known, given, 1.0)), _means(point, _shared(of, corner, face)))

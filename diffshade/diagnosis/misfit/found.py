@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,13 +13,10 @@ from ...inverse.statistics.uncertainty import Vector
 from .changes import Case
 from .linearised import Linearised
 from .set_up import SetUp
-from .states import State
+from .states import MasksOf, State
 
 REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
 GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
-
-Mask = Bool[np.ndarray, "h w"]
-Masks = Mapping[int, Mask]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +48,11 @@ class Fault:
     """Whether its size counts relative to that of the other views, if there are several."""
     of_most: Callable[[Sequence[Found]], str] | None = None
     """What is said where it is found in most views or of most lights, which probably has one cause."""
-    regions: Callable[[SetUp, State], Masks] | None = None
+    regions: Callable[[SetUp, State], MasksOf] | None = None
     """The pixels of each view that it spoils."""
-    confirmed: Callable[[SetUp, State, State, Masks, Sequence[State]], Masks] | None = None
+    confirmed: Callable[[SetUp, State, State, MasksOf, Sequence[State]], MasksOf] | None = None
     """Of which views to believe it, by the states before and after it is corrected and those that rivals lead to."""
-    described: Callable[[SetUp, State, Masks], tuple[str, Masks]] | None = None
+    described: Callable[[SetUp, State, MasksOf], tuple[str, MasksOf]] | None = None
     """Where its pixels are and how dark or bright, in words, and which they are, when all else is corrected."""
 
 
@@ -79,7 +76,7 @@ class Found:
     """The change of each sample by an amount of 1."""
     after: State | None = None
     """The minimum with it corrected, if it was refitted."""
-    masks: Masks = field(default_factory=dict)
+    masks: MasksOf = field(default_factory=dict)
     """The pixels that are left out."""
     where: str = ""
     """Of a region, in words: how dark or bright it is, and where."""

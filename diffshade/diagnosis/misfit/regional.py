@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool
 
 from ...core.words import listing
 from .regions import Seen, Shadow, cast_shadows, level, measure_rim, predicted, see
 from .set_up import SetUp
-from .states import State
+from .states import Mask, MasksOf, State
 
 SHARE = 0.1  # the least fraction of the cost of its views that a region explains
 RIM, RIM_ERRORS = 0.02, 4.0  # excess over the mean brightness, in errors
@@ -18,11 +17,10 @@ AGREED = 0.75  # fraction of the views that must agree on a fault of all views
 PROMISE = 0.5  # fraction of the thresholds of size and significance from which a refit is tried
 APART = 4  # up to so many lights in a view, the shadow of each is searched for
 
-Mask = Bool[np.ndarray, "h w"]
-Masks = Mapping[int, Mask]
 
-
-def corrects_most_pixels(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+def corrects_most_pixels(
+    set_up: SetUp, before: State, after: State, masks: MasksOf, rivals: Sequence[State]
+) -> MasksOf:
     """Return the views most of whose pixels, not a few, an exposure moves at least halfway to the prediction."""
 
     def off(state: State, i: int) -> float:
@@ -31,19 +29,19 @@ def corrects_most_pixels(set_up: SetUp, before: State, after: State, masks: Mask
     return {i: mask for i, mask in masks.items() if off(after, i) < 0.5 * off(before, i)}
 
 
-def shadows(set_up: SetUp, state: State) -> Masks:
+def shadows(set_up: SetUp, state: State) -> MasksOf:
     """Return the cast shadows of each view."""
     found = {i: shadows_of(set_up, state, i, state.excluded[i]) for i in range(len(set_up.samples))}
     return {i: union(of) for i, of in found.items() if of}
 
 
-def in_shadow(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+def in_shadow(set_up: SetUp, before: State, after: State, masks: MasksOf, rivals: Sequence[State]) -> MasksOf:
     """Return the shadows of the views of which nothing else explains more."""
     least = lambda i: max([SHARE, *(before.share(rival, [i]) for rival in rivals)])  # noqa: E731
     return {i: mask for i, mask in masks.items() if before.share(after, [i]) > least(i)}
 
 
-def where_shadows_are(set_up: SetUp, end: State, masks: Masks) -> tuple[str, Masks]:
+def where_shadows_are(set_up: SetUp, end: State, masks: MasksOf) -> tuple[str, MasksOf]:
     """Return in words where shadows are and how dark, and their pixels, where all other faults are corrected."""
     regions, places = {}, []
     for i, mask in masks.items():
@@ -61,7 +59,7 @@ def where_shadows_are(set_up: SetUp, end: State, masks: Masks) -> tuple[str, Mas
     return f"{'; '.join(places[:3])}{rest}", regions
 
 
-def bright_rims(set_up: SetUp, state: State) -> Masks:
+def bright_rims(set_up: SetUp, state: State) -> MasksOf:
     """Return the rims if they seem brighter than predicted."""
     rim = measure_rim(_see_rims(set_up, state, state))
     if rim is None or rim.excess <= 0 or rim.errors < PROMISE * RIM_ERRORS:
@@ -69,14 +67,14 @@ def bright_rims(set_up: SetUp, state: State) -> Masks:
     return {i: mask for i, (mask, _) in enumerate(set_up.rims) if mask.any()}
 
 
-def at_bright_rims(set_up: SetUp, before: State, after: State, masks: Masks, rivals: Sequence[State]) -> Masks:
+def at_bright_rims(set_up: SetUp, before: State, after: State, masks: MasksOf, rivals: Sequence[State]) -> MasksOf:
     """Return the rims if they are brighter than what is fitted without them predicts."""
     rim = measure_rim(_see_rims(set_up, after, before))
     sure = rim is not None and rim.relative > RIM and rim.errors > RIM_ERRORS and rim.positive >= AGREED
     return masks if sure else {}
 
 
-def how_bright_rims_are(set_up: SetUp, end: State, masks: Masks) -> tuple[str, Masks]:
+def how_bright_rims_are(set_up: SetUp, end: State, masks: MasksOf) -> tuple[str, MasksOf]:
     """Return in words by how much rims are brighter and over how many pixels, and these pixels."""
     rim = measure_rim(_see_rims(set_up, end, set_up.base))
     size = "" if rim is None else f" by {rim.excess:.2g} ({rim.relative:.0%} of the object's mean)"

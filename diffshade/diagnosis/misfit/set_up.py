@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from jaxtyping import Float
 
+from ...inverse.data.samples import Masks
 from ...inverse.data.views import channels, lights_on
 from ...inverse.pixels.blocks import Block
 from ...inverse.result import Fit
@@ -18,7 +19,7 @@ from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...inverse.unknowns.visibility import shown_unknowns
 from .regions import center_of, rims
-from .states import Mask, Masks, State
+from .states import MasksOf, State
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
 RTOL = 1e-6  # of the cost: where the minimisations of refits stop
@@ -52,7 +53,7 @@ class SetUp:
         self.view, self.pixel, self.channel = place
         self.base = self.minimise(self.laid.theta, (None,) * len(fit.views), {})
 
-    def exclude(self, state: State, masks: Mapping[int, Mask]) -> State:
+    def exclude(self, state: State, masks: MasksOf) -> State:
         """Return the minimum with more pixels of some views left out."""
         excluded = list(state.excluded)
         for view, mask in masks.items():

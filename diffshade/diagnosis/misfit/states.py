@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from ...inverse.data.samples import Masks
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
 
 Mask = Bool[np.ndarray, "h w"]
-Masks = tuple[Mask | None, ...]
+MasksOf = Mapping[int, Mask]  # of some views, by their indices
 
 
 @dataclass(frozen=True, eq=False)

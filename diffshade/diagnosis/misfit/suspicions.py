@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from ...core.backend import in_float64
 from ...inverse.result import Fit
@@ -17,12 +16,10 @@ from .found import Found
 from .linearised import Linearised, linearise
 from .scores import refitted
 from .set_up import SetUp
-from .states import State
+from .states import Mask, State
 
 ROUNDS = 12
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
-
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True, eq=False)
