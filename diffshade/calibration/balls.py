@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 
 from ..core.backend import in_float64, jit_quickly
+from ..core.masks import Mask
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
 from ..model.surfaces import Sphere
 
-Mask = Bool[np.ndarray, "h w"]
 Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
 

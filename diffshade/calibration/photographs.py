@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from ..core.masks import Mask
 from ..inverse.data.folders import list_folder
 from ..inverse.data.photograph_files import photograph_files
 from ..inverse.data.photographs import as_given
@@ -20,7 +21,6 @@ from .balls import largest, roundness
 from .edges import Points, alike, disc, find_edge
 
 _LOGGER = logging.getLogger("diffshade")
-Mask = Bool[np.ndarray, "h w"]
 
 LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # thresholds between background and ball, over the 99th percentile
 ROUND = 0.5  # the least fraction of a ball's edge on one circle

@@ -12,6 +12,7 @@ from jaxtyping import Bool
 from .arrays import numbers
 from .fields import Array, is_concrete
 
+Mask = Bool[np.ndarray, "h w"]
 MOST = 2.0  # of a mask of floats: resampling overshoots 1 by less, and bytes as floats pass it
 PLAIN_MODES = ("1", "L", "LA", "RGB", "RGBA", "F", "I", "I;16")  # of Pillow, whose numbers are levels
 

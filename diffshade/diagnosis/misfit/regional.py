@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...core.masks import Mask
 from ...core.words import listing
 from .regions import Seen, Shadow, cast_shadows, level, measure_rim, predicted, see
 from .set_up import SetUp
-from .states import Mask, MasksOf, State
+from .states import MasksOf, State
 
 SHARE = 0.1  # the least fraction of the cost of its views that a region explains
 RIM, RIM_ERRORS = 0.02, 4.0  # excess over the mean brightness, in errors

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 
+from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
@@ -20,7 +21,6 @@ from ...model.rendering import render, visible_points
 from ...model.scenes import Object
 from ...model.vectors import Vec3, dot
 
-Mask = Bool[np.ndarray, "h w"]
 Picture = Float[np.ndarray, "h w"]
 
 DARK = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution

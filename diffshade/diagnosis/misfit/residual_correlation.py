@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from ...core.masks import Mask
 from ...inverse.forward.losses import LOSSES
 from ...inverse.result import Fit
 from ...inverse.statistics.clusters import Clusters
@@ -17,7 +18,6 @@ SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are
 FEWEST = 40  # cells
 
 Residuals = Float[np.ndarray, "h w c"]
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from ...core.masks import Mask
 from ...inverse.data.samples import Masks
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
 
-Mask = Bool[np.ndarray, "h w"]
 MasksOf = Mapping[int, Mask]  # of some views, by their indices
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...core.backend import in_float64
+from ...core.masks import Mask
 from ...inverse.result import Fit
 from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
@@ -16,7 +17,7 @@ from .found import Found
 from .linearised import Linearised, linearise
 from .scores import refitted
 from .set_up import SetUp
-from .states import Mask, State
+from .states import State
 
 ROUNDS = 12
 ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding

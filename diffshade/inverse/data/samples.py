@@ -12,6 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
+from ...core.masks import Mask
 from ...io.lazy_images import LazyImage
 from ...model.cameras import AbstractCamera
 from ...model.rendering import select, silhouette
@@ -19,7 +20,7 @@ from ...model.scenes import Scene, check_positions, check_shapes
 from .views import Image, View, camera_key, colours, find_repeats, has_alpha, has_mask
 
 Outline = Bool[np.ndarray, "h w"]
-Masks = Sequence[Bool[np.ndarray, "h w"] | None]
+Masks = Sequence[Mask | None]
 """For each view the pixels to keep; None keeps all."""
 
 RUN = 1 << 16  # pixels that are ordered by their brightness at a time

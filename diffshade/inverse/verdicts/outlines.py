@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import scipy
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
@@ -37,8 +38,6 @@ OUTSIDE = 0.55  # the least brightness of the object outside the outline, over t
 THIN = 0.75  # pixels: the outline is right if the border is narrower
 WIDEST = 0.35  # the widest border of background, over the silhouette's largest depth
 LIKE = 0.5  # the least share of the outline with the object outside it
-
-Mask = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True)
