@@ -1,13 +1,13 @@
 """Bad input ends in one clear sentence that names the thing, the value and the remedy."""
 
 import inspect
-import os
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 import pytest
+from refusals import untyped
 
 import diffshade as ds
 
@@ -203,7 +203,7 @@ WRONG_TYPES = {
 }
 
 
-@pytest.mark.skipif(os.environ.get("DIFFSHADE_TEST_TYPES") == "1", reason="types are checked before the library can.")
+@untyped
 @pytest.mark.parametrize("call", WRONG_TYPES)
 def test_values_of_the_wrong_type_end_in_a_sentence(call):
     with pytest.raises(TypeError) as refusal:

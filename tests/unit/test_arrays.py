@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from refusals import untyped
 
 import diffshade as ds
 from diffshade.core.arrays import check_no_bytes, float64_of
@@ -35,6 +36,7 @@ LOADED = {
 }
 
 
+@untyped
 @pytest.mark.parametrize("kind", LOADED)
 def test_units_and_masked_values_are_refused_by_the_fields_name(kind):
     value, said = LOADED[kind]
@@ -46,6 +48,7 @@ def test_units_and_masked_values_are_refused_by_the_fields_name(kind):
         float64_of("errors", value)
 
 
+@untyped
 def test_what_carries_nothing_more_is_taken():
     for value in (np.ma.masked_array(POINT), OfPint(POINT, ""), OfPint(POINT, "dimensionless"), list(POINT)):
         position = ds.PointLight(value).position  # pyright: ignore[reportArgumentType]
@@ -102,6 +105,7 @@ def test_an_image_that_is_more_or_other_than_linear_floats_is_refused():
         ds.merge_exposures([IMAGE, (IMAGE * 255).astype(np.uint8)], [1, 2])
 
 
+@untyped
 def test_the_bytes_of_a_file_are_no_map():
     stored = (IMAGE * 255).astype(np.uint8)
     for name, make in (

@@ -1,6 +1,5 @@
 """What people type becomes NumPy float64 of one shape; what cannot is refused in one sentence."""
 
-import os
 from re import escape
 
 import equinox as eqx
@@ -8,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from refusals import untyped
 
 import diffshade as ds
 from diffshade.core.fields import as_array, as_colour, check, is_concrete, quantities
@@ -103,8 +103,6 @@ UNTYPED = {  # what type checks around every call would catch first
         for shape in ("8", "'8x10'", "(8, 1.5)", "(8, nan)", "(8, inf)")
     },
 }
-
-untyped = pytest.mark.skipif(os.environ.get("DIFFSHADE_TEST_TYPES") == "1", reason="types are checked before.")
 
 
 def made(call):
