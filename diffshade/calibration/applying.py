@@ -21,7 +21,7 @@ from ..texels.lights.encoding import judge_encoding
 from .object_lights import ObjectLights, lights_at
 from .object_width import Width, find_width, picture_points, sample_of
 from .result import Calibration, check_folder
-from .two_balls import Lamps
+from .two_balls import LampPlaces
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -209,7 +209,7 @@ def apply_lights(
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:
         notes.append("the list of lights in the folder is not used.")
 
-    def width_for(lamps: Lamps) -> Width | None:
+    def width_for(lamps: LampPlaces) -> Width | None:
         rows, columns = sample_of(given)
         shown = np.stack([without_alpha(image[:])[rows, columns].mean(-1) for image in read.images()], -1)
         return find_width(shown, picture_points(given)[rows, columns], lamps, intensities.mean(-1))

@@ -33,7 +33,7 @@ class Shading:
 
 
 @dataclass(frozen=True, eq=False)
-class Lamps:
+class PhotographLights:
     """The light of each photograph: b = k_d I l, with l towards the light."""
 
     b: Vectors
@@ -77,7 +77,7 @@ class Normal(NamedTuple):
     shared_gradient: np.ndarray
 
 
-def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> Lamps:
+def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> PhotographLights:
     """Find the light of each photograph of a matte ball, by least squares with a Cauchy loss.
 
     I = a + |b| F(n.l, n.v) where n.l > 0, else a; l = b/|b|. The law "E4" is Lambert's, F = n.l and a = 0 (Woodham
@@ -130,7 +130,7 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     t2 = (at.residuals / (CAUCHY * scale)) ** 2
     moved = (moved - moved.mean(0)) * weights.sum() / ((1.0 - t2) * weights**2).sum()
     covariance = (len(moved) - 1) / len(moved) * np.einsum("pij,pik->ijk", moved, moved)
-    return Lamps(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
+    return PhotographLights(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
 
 
 def _lambert(shading: Shading) -> Vectors:

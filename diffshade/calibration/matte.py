@@ -13,7 +13,7 @@ from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
 from .balls import Ball
-from .laws import LAWS, Lamps, Shading, find_lamps
+from .laws import LAWS, PhotographLights, Shading, find_lamps
 from .photographs import Photographs
 from .result import Calibration, degrees, views_of
 
@@ -107,7 +107,7 @@ def _cells(index: np.ndarray) -> np.ndarray:
     return ((index - index.min()) * PATCHES // (np.ptp(index) + 1)).astype(int)
 
 
-def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
+def _colours(samples: Sequence[np.ndarray], lamps: PhotographLights) -> Vectors:
     """Return R, G, B of each light: its intensity times the share of each channel.
 
     Each channel is S = a + s L. L is what the light alone adds to the mean of the channels, s is fitted for each
@@ -120,18 +120,18 @@ def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
     return lamps.intensity[:, None] * shares / shares.mean(-1, keepdims=True) * np.ones(3)
 
 
-def _scatter(lamps: Lamps) -> float:
+def _scatter(lamps: PhotographLights) -> float:
     return robust_scale(lamps.residuals[np.isfinite(lamps.residuals)])
 
 
-def _direction_errors(lamps: Lamps) -> Float[np.ndarray, " photographs"]:
+def _direction_errors(lamps: PhotographLights) -> Float[np.ndarray, " photographs"]:
     """Return the root mean square error of each direction by the patches, degrees."""
     l, covariance = lamps.direction, lamps.covariance
     across = np.trace(covariance, axis1=1, axis2=2) - np.einsum("ij,ijk,ik->i", l, covariance, l)
     return np.rad2deg(np.sqrt(np.maximum(across, 0.0)) / lamps.intensity)
 
 
-def _outliers(taken: Photographs, lamps: Lamps) -> list[str]:
+def _outliers(taken: Photographs, lamps: PhotographLights) -> list[str]:
     """Name the photographs that one far light explains much worse than the others; shared texture does not count."""
     if len(taken.names) < 4:
         return []
@@ -146,7 +146,7 @@ def _outliers(taken: Photographs, lamps: Lamps) -> list[str]:
     ]
 
 
-def _not_lambert(lamps: Lamps) -> list[str]:
+def _not_lambert(lamps: PhotographLights) -> list[str]:
     """Report how far the ball's shading differs from Lambert's law, if it does."""
     a, s_1, s_2, s_3, s_4 = lamps.shared
     half = 0.5 * (1.0 + 0.5 * s_1 + 0.25 * s_2 + 0.5 * s_3 + 0.25 * s_4)

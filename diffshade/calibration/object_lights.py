@@ -13,7 +13,7 @@ from ..model.cameras import OrthographicCamera
 from .balls import axes
 from .object_width import Width
 from .result import Calibration, degrees
-from .two_balls import FEWEST, Lamps, find_lamps
+from .two_balls import FEWEST, LampPlaces, find_lamps
 
 Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
@@ -39,7 +39,7 @@ class ObjectLights(NamedTuple):
     notes: list[str]
 
 
-FindWidth = Callable[[Lamps], Width | None]
+FindWidth = Callable[[LampPlaces], Width | None]
 
 
 def lights_at(
@@ -70,7 +70,7 @@ def lights_at(
     columns = np.flatnonzero(mask.any(0))
     wide = int(columns[-1] - columns[0] + 1)
 
-    def lamps_for(apart: float, baseline: np.ndarray | None = None) -> Lamps:
+    def lamps_for(apart: float, baseline: np.ndarray | None = None) -> LampPlaces:
         on_ball = radius / apart if one.ball == "mirror" else 0.0
         return find_lamps(l, errors, on_ball, baseline)
 
@@ -123,8 +123,8 @@ def _seen(ball: Calibration) -> Vectors:
 
 
 def _in_one_frame(
-    one: Calibration, other: Calibration, lamps_for: Callable[..., Lamps]
-) -> tuple[float, Lamps, np.ndarray] | None:
+    one: Calibration, other: Calibration, lamps_for: Callable[..., LampPlaces]
+) -> tuple[float, LampPlaces, np.ndarray] | None:
     """Return the distance of two balls in pixels, the lamps, and where the picture's middle is beside the balls.
 
     None where the pictures must be cropped: the balls would overlap, or the highlights show another way from one ball
@@ -145,7 +145,7 @@ def _in_one_frame(
     return pixels, lamps_for(apart, step), place
 
 
-def _width(lamps: Lamps, find_width: FindWidth, apart: float, width: float | None) -> tuple[float, str]:
+def _width(lamps: LampPlaces, find_width: FindWidth, apart: float, width: float | None) -> tuple[float, str]:
     """Return the object's width in distances between the balls, and where it is from."""
     if width is not None:
         return width / apart, f"the object is {width:.3g} wide, as given."
@@ -164,7 +164,7 @@ def _width(lamps: Lamps, find_width: FindWidth, apart: float, width: float | Non
     )
 
 
-def _on_apart(lamps_for: Callable[..., Lamps], apart: float) -> str:
+def _on_apart(lamps_for: Callable[..., LampPlaces], apart: float) -> str:
     """Say what the distance between the balls was taken to be, and what another one would change."""
     here = lamps_for(apart).directions
     turned = max(float(degrees(lamps_for(apart * factor).directions, here).mean()) for factor in (0.5, 2.0))
@@ -175,7 +175,7 @@ def _on_apart(lamps_for: Callable[..., Lamps], apart: float) -> str:
     )
 
 
-def _on_place(lamps: Lamps, *, framed: bool) -> str:
+def _on_place(lamps: LampPlaces, *, framed: bool) -> str:
     """Say where the object is taken to stand, and what another place would change."""
     deeper = lamps.seen_from(np.array([0.0, 0.0, ASIDE]))
     turned = degrees(deeper.directions, lamps.directions).mean()
@@ -191,7 +191,7 @@ def _on_place(lamps: Lamps, *, framed: bool) -> str:
     )
 
 
-def _on_distances(lamps: Lamps, names: Sequence[str], apart: float, wide: float) -> list[str]:
+def _on_distances(lamps: LampPlaces, names: Sequence[str], apart: float, wide: float) -> list[str]:
     """Say how far away the lamps are, how that shows over the object, and which distances are not determined."""
     near, n = lamps.near, len(lamps.near)
     w = float(np.median(lamps.nearness[near]))

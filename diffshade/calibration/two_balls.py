@@ -31,7 +31,7 @@ TURNED = 30.0  # degrees, above which the error of the direction from ball to ba
 BACKWARD = np.array([0.0, 0.0, 1.0])
 
 
-class Lamps(NamedTuple):
+class LampPlaces(NamedTuple):
     """Lamps around a place, in the camera's axes: right, up, backward."""
 
     directions: Vectors
@@ -53,7 +53,7 @@ class Lamps(NamedTuple):
         """Whether a lamp's distance is known, rather than that it is far away."""
         return (self.nearness > NEAR * self.nearness_errors) & (self.baseline_error < TURNED)
 
-    def seen_from(self, place: Vector) -> Lamps:
+    def seen_from(self, place: Vector) -> LampPlaces:
         """Return the same lamps around another place."""
         towards = self.directions - self.nearness[:, None] * place
         length = np.linalg.norm(towards, axis=-1)
@@ -65,7 +65,7 @@ class Lamps(NamedTuple):
             nearness_errors=self.nearness_errors / length,
         )
 
-    def in_units(self, length: float) -> Lamps:
+    def in_units(self, length: float) -> LampPlaces:
         """Return the lamps with lengths divided by this one."""
         return self._replace(nearness=self.nearness * length, nearness_errors=self.nearness_errors * length)
 
@@ -75,7 +75,7 @@ def find_lamps(
     errors: Float[np.ndarray, "2 lamps"],
     radius: float,
     baseline: Vector | None = None,
-) -> Lamps:
+) -> LampPlaces:
     """Return the lamps around the middle between two balls; lengths in units of the distance between the balls.
 
     The lamps' nearness is taken to scatter about its mean by what the highlights show, and by ALIKE at least, so that a
@@ -104,7 +104,7 @@ def find_lamps(
     turned = variance[problem.of_directions].reshape(-1, 2).sum(-1)
     own = variance[problem.of_nearness]
     tilted = 0.0 if baseline is not None else float(variance[:2].sum())
-    return Lamps(
+    return LampPlaces(
         m,
         np.rad2deg(np.sqrt(turned)),
         np.maximum(w, 0.0),

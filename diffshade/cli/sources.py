@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .terminal import FILE, Bounds, Lit, Names, OneOf
+from .terminal import FILE, Bounds, LightsOn, Names, OneOf
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -33,7 +33,7 @@ SOURCE = (
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by the file]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
-    click.option("--lit", type=Lit(), help="each (default: one per photo), all, or 0,1,0+1"),
+    click.option("--lit", type=LightsOn(), help="each (default: one per photo), all, or 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
     EXIF,

@@ -101,7 +101,7 @@ class Bounds(click.ParamType):
         return name.strip(), [low, high]
 
 
-class Lit(click.ParamType):
+class LightsOn(click.ParamType):
     """The lights that were on: a word, or the lights of each photograph."""
 
     name = "lights"

@@ -21,7 +21,7 @@ from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from .gltf import fitted
-from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
+from .map_textures import GREY, PERCENTILE, MapSurface, Textures, difference, highlights_of, stored
 from .metallic_roughness import F0, ggx, kept
 from .reference import EDGE, Reference
 
@@ -29,7 +29,7 @@ FLOAT, UNSIGNED, ARRAY, ELEMENTS = 5126, 5125, 34962, 34963
 STEPS = 64  # roughnesses for which multiple scattering is computed, where each texel has its own
 
 
-def textures(maps: TexelMaps, surface: Surface) -> Textures:
+def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
     highlights = highlights_of(maps)
     numbers = highlights.at_texels(np.array([_numbers(material) for material in highlights.materials]))

@@ -33,7 +33,7 @@ GREY = 0.1  # k_s at which a highlight is refitted where a program is not linear
 Image = Float[np.ndarray, "h w c"]
 
 
-class Surface(NamedTuple):
+class MapSurface(NamedTuple):
     """What maps show at each pixel, in the camera's axes: right, up, toward the camera."""
 
     inside: Bool[np.ndarray, "h w"]
@@ -55,7 +55,7 @@ class Surface(NamedTuple):
         return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-9)
 
 
-def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
+def surface_of(maps: TexelMaps, mesh: HeightMesh) -> MapSurface:
     """Return what maps show at each pixel of a mesh; outside the object, what its nearest pixel shows."""
     from scipy.ndimage import distance_transform_edt
 
@@ -73,7 +73,7 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
     frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
     k_e = np.broadcast_to(np.asarray(item.material.k_e, np.float64), (3,))
     normal = (np.asarray(normal, np.float64) @ axes.T)[near]
-    return Surface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
+    return MapSurface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
 
 
 def _surface_normals(surface: AbstractSurface) -> Float[np.ndarray, "h w 3"]:
@@ -193,7 +193,7 @@ class Difference(NamedTuple):
 
 
 def difference(
-    maps: TexelMaps, surface: Surface, shade: Callable[[Float[np.ndarray, "3"]], Float[np.ndarray, "h w 3"]]
+    maps: TexelMaps, surface: MapSurface, shade: Callable[[Float[np.ndarray, "3"]], Float[np.ndarray, "h w 3"]]
 ) -> Difference:
     """Return how far another program's pictures are from those of maps.
 

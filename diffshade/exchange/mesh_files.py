@@ -19,7 +19,17 @@ from ..texels.maps import TexelMaps
 from . import gltf_mesh, threejs_mesh
 from .exports import plain
 from .lobe_refits import with_lobe
-from .map_textures import GREY, PERCENTILE, Difference, Surface, Textures, difference, highlights_of, stored, surface_of
+from .map_textures import (
+    GREY,
+    PERCENTILE,
+    Difference,
+    MapSurface,
+    Textures,
+    difference,
+    highlights_of,
+    stored,
+    surface_of,
+)
 from .mtl import HIGHEST
 
 SUFFIXES = (".glb", ".gltf", ".json", ".obj", ".ply")
@@ -119,7 +129,7 @@ def check_suffix(path: Path) -> str:
     return suffix
 
 
-def _notes_on_maps(maps: TexelMaps, surface: Surface) -> list[str]:
+def _notes_on_maps(maps: TexelMaps, surface: MapSurface) -> list[str]:
     """Return notes on ambient reflection, which no format has, and on k_d that is too large for a picture."""
     notes = []
     if np.any(maps.values.get("k_a", np.asarray(maps.scene.objects[0].material.k_a))):
@@ -133,7 +143,7 @@ def _notes_on_maps(maps: TexelMaps, surface: Surface) -> list[str]:
     return notes
 
 
-def _write_ply(path: Path, mesh: HeightMesh, surface: Surface | None, notes: list[str]) -> Path:
+def _write_ply(path: Path, mesh: HeightMesh, surface: MapSurface | None, notes: list[str]) -> Path:
     """Write a binary PLY: corners with normals, errors of the heights and colours; triangles."""
     from scipy.ndimage import map_coordinates
 
@@ -194,7 +204,7 @@ def _write_obj(path: Path, mesh: HeightMesh, found: Textures | None, notes: list
     return [*written, path]
 
 
-def _mtl_textures(maps: TexelMaps, surface: Surface) -> Textures:
+def _mtl_textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the pictures of an MTL, its rows, and how far its formula (Blinn's lobe) is from the maps."""
 
     def numbers(material: Material) -> tuple[float, float]:

@@ -35,7 +35,7 @@ def schlick(cosine: Cosines) -> Cosines:
     return (1.0 - cosine) ** 5
 
 
-class Surface(NamedTuple):
+class MetallicRoughness(NamedTuple):
     """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat."""
 
     roughness: float
@@ -67,7 +67,7 @@ class Surface(NamedTuple):
 
 def surface_of(
     colour: Colour3, metallic: float, roughness: float, dielectric: Any = F0, edge: float = 1.0, **more: Any
-) -> Surface:
+) -> MetallicRoughness:
     """Return a surface between a dielectric, 0, of this base colour and a metal, 1.
 
     Args:
@@ -82,10 +82,10 @@ def surface_of(
     head_on = beneath * (1.0 - metallic) + colour * metallic
     edge = edge * (1.0 - metallic) + metallic
     rough = float(np.clip(roughness, *ROUGHNESS))
-    return Surface(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
+    return MetallicRoughness(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
 
 
-def classic(surface: Surface, name: str, what: str, reading: Reading, **more: Any) -> Material:
+def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, **more: Any) -> Material:
     """Return the Phong or Blinn material nearest to a surface, and note the remaining error.
 
     Args:

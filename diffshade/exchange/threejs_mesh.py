@@ -23,14 +23,14 @@ from ..texels.heights.mesh import HeightMesh
 from ..texels.maps import TexelMaps
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
-from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
+from .map_textures import GREY, PERCENTILE, MapSurface, Textures, difference, highlights_of, stored
 from .reference import Cosines, Reference, radiance, reference_of
 from .threejs import fresnel
 
 CLAMPED, MIPMAPS, LINEAR, ON_UV = 1001, 1008, 1006, 300  # three.js's constants of textures
 
 
-class Highlight(NamedTuple):
+class PhongHighlight(NamedTuple):
     """The highlight of a MeshPhongMaterial with maps."""
 
     n_s: float
@@ -38,7 +38,7 @@ class Highlight(NamedTuple):
     """Strength times specular colour of a k_s of 1."""
 
 
-def textures(maps: TexelMaps, surface: Surface) -> Textures:
+def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
     n_s, size = _highlight(maps)
     k = surface.k_s * size[..., None]
@@ -77,7 +77,7 @@ def textures(maps: TexelMaps, surface: Surface) -> Textures:
     return Textures(pictures, material, difference(maps, surface, shade))
 
 
-def _highlight(maps: TexelMaps) -> Highlight:
+def _highlight(maps: TexelMaps) -> PhongHighlight:
     """Return the one shininess, and the size of its highlight at each texel, nearest to the highlights of maps."""
     highlights = highlights_of(maps)
     each = [reference_of(material) for material in highlights.materials]
@@ -97,7 +97,7 @@ def _highlight(maps: TexelMaps) -> Highlight:
 
     n_s = float(np.exp(lowest(cost, *np.log(N_S_RANGE))))
     sizes = np.array([[shape.weights(n_s, target)[0] / GREY] for target in targets])
-    return Highlight(n_s, highlights.at_texels(sizes)[..., 0])
+    return PhongHighlight(n_s, highlights.at_texels(sizes)[..., 0])
 
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:

@@ -64,7 +64,7 @@ class Neighbours(NamedTuple):
     """Standard error of what the residuals say, relative to their size: by how much a light lies apart."""
 
 
-class Samples(NamedTuple):
+class NetworkSamples(NamedTuple):
     """What the network is shown, and what it weighs."""
 
     x: Float[Array, "inputs samples"]
@@ -83,7 +83,7 @@ class Network(NamedTuple):
     least: Float[Array, ""]
     """The least mean that a texel's inputs are relative to, as a reflectance."""
 
-    def __call__(self, of: Samples) -> Float[Array, "channels samples"]:
+    def __call__(self, of: NetworkSamples) -> Float[Array, "channels samples"]:
         """Return by how much more than expected is shown, in standard errors."""
         return _weighed((self.hidden, self.output), (of.x - self.middle[:, None]) / self.scale[:, None], of.others)
 
@@ -110,7 +110,7 @@ class BetweenLights(NamedTuple):
         seen, here = model[: len(beyond)], model[len(beyond) :]
         largest = jnp.max(beyond + seen, 0)
 
-        def under(samples: Samples, expected: Array, spread: Array, here: Array) -> Array:
+        def under(samples: NetworkSamples, expected: Array, spread: Array, here: Array) -> Array:
             shown = expected + spread * self.network(samples)
             return jnp.clip(shown, 0.0, 2.0 * jnp.maximum(largest, here)) - here
 
@@ -280,7 +280,7 @@ def _of_each(
         found = [expected.mean(0), here.mean(0), spline.mean(0), largest, *grey[nearest], *grey_model[nearest]]
         x = jnp.stack([*(one / level for one in found), level])
         others = jnp.stack([jnp.zeros_like(here), here, spline, mean, *shown[nearest]]) - expected[None]
-        return result(Samples(x, others), expected, spread, here, *more)
+        return result(NetworkSamples(x, others), expected, spread, here, *more)
 
     return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here, *more))
 
@@ -294,19 +294,21 @@ def _left_out_samples(
     A sample's numbers are beside one another, so that drawing some samples is quick.
     """
 
-    def row(samples: Samples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
+    def row(samples: NetworkSamples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
         others = samples.others.reshape(-1, samples.x.shape[1])
         return jnp.concatenate([samples.x, others, (shown - expected) / spread]).T
 
     return _of_each(row, left_out, beyond, model, least, model[which], (beyond + model)[which])
 
 
-def _parted(rows: Float[Array, "samples numbers"], channels: int) -> tuple[Samples, Float[Array, "channels samples"]]:
+def _parted(
+    rows: Float[Array, "samples numbers"], channels: int
+) -> tuple[NetworkSamples, Float[Array, "channels samples"]]:
     """Return the samples of rows, and what they show beyond the expected."""
     numbers = rows.T
     ends = np.cumsum([len(numbers) - (CANDIDATES + 1) * channels, CANDIDATES * channels])
     x, others, off = jnp.split(numbers, ends)
-    return Samples(x, others.reshape(CANDIDATES, channels, -1)), off
+    return NetworkSamples(x, others.reshape(CANDIDATES, channels, -1)), off
 
 
 def _weighed(

@@ -15,7 +15,7 @@ from .blocks import FitOptions, TexelBlock, geometry_of, mirroring_normals
 from .descent import choose
 from .geometry import FreeNormalGeometry
 from .lighting import LightingSetup
-from .minima import Minimum, find_minimum, lower_and_other
+from .minima import TexelMinima, find_minimum, lower_and_other
 from .prediction import KnownCoefficients
 from .profile_errors import larger, profile_errors
 from .standard_errors import NamedNumbers, Numbers, named_numbers
@@ -52,11 +52,11 @@ class Estimates(eqx.Module):
 class Candidates(NamedTuple):
     """The minima of a block among which its texels choose."""
 
-    full: Minimum
+    full: TexelMinima
     """With all that is free."""
-    other: Minimum | None
+    other: TexelMinima | None
     """A second minimum with all that is free, where one was searched for."""
-    plain: Minimum | None
+    plain: TexelMinima | None
     """Without a highlight; None where k_s is not free."""
     significant: Bool[Array, " texels"]
     """Where a highlight explains more than chance would."""

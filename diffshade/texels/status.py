@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.fields import Array
 from .descent import HIGH, LOW
-from .minima import Minimum
+from .minima import TexelMinima
 from .standard_errors import NamedNumbers, Numbers
 
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
@@ -42,14 +42,14 @@ class TypicalResidual(eqx.Module):
         return variance <= MISFIT_FACTOR**2 * chance * typical
 
 
-def highlight_is_significant(full: Minimum, plain: Minimum) -> Bool[Array, " texels"]:
+def highlight_is_significant(full: TexelMinima, plain: TexelMinima) -> Bool[Array, " texels"]:
     """Return where the fit with a highlight is better than the one without by more than chance, by an F test."""
     numbers = full.problem.unknowns - plain.problem.unknowns
     explained = 2.0 * (plain.descent.found.cost - full.descent.found.cost) / numbers
     return (explained > HIGHLIGHT_F * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
 
 
-def highlight_is_plausible(full: Minimum, brightest: Array) -> Bool[Array, " texels"]:
+def highlight_is_plausible(full: TexelMinima, brightest: Array) -> Bool[Array, " texels"]:
     """Return where the fit with a highlight converged to a k_s that is not out of all proportion."""
     found = full.descent.found
     k_s = found.k[full.problem.known.fitted.index("k_s")]
@@ -57,7 +57,7 @@ def highlight_is_plausible(full: Minimum, brightest: Array) -> Bool[Array, " tex
     return in_proportion & full.descent.converged & (found.cost < LARGEST)
 
 
-def highlight_is_determined(full: Minimum, numbers: NamedNumbers) -> Bool[Array, " texels"]:
+def highlight_is_determined(full: TexelMinima, numbers: NamedNumbers) -> Bool[Array, " texels"]:
     """Return where n_s and k_s, those that are fitted, have small errors by the curvature at the minimum."""
     values, errors = numbers.values, numbers.errors
     determined = jnp.ones(full.lit.shape, bool)
@@ -71,7 +71,7 @@ def highlight_is_determined(full: Minimum, numbers: NamedNumbers) -> Bool[Array,
     return determined
 
 
-def rest_is_determined(minimum: Minimum, values: Numbers, errors: Numbers) -> Bool[Array, " texels"]:
+def rest_is_determined(minimum: TexelMinima, values: Numbers, errors: Numbers) -> Bool[Array, " texels"]:
     """Return where all numbers but the highlight's have finite errors, and the normal a small one."""
     determined = jnp.ones(minimum.lit.shape, bool)
     for name, error in errors.items():

@@ -18,7 +18,7 @@ from ..parallel.devices import DeviceGroup
 from ..parallel.run_store import RunStore
 from ..parallel.threads import in_order, on_all_cores
 from .blocks import TexelBlock
-from .tiles import SQUARE, Piece, TexelTile, ViewReader
+from .tiles import SQUARE, TexelPart, TexelTile, ViewReader
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -117,7 +117,7 @@ class TileRunner:
 
         return on_all_cores(on_device, list(enumerate(pieces)))
 
-    def evaluate(self, program: Callable[[TexelBlock], T], piece: Piece) -> T:
+    def evaluate(self, program: Callable[[TexelBlock], T], piece: TexelPart) -> T:
         """Return what a compiled program gives for a piece, as NumPy arrays without the padding."""
         found = program(self.reader.lay_out(piece))
         return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(piece.part)], found)

@@ -65,7 +65,7 @@ def _evenly(tile: TexelTile, most: int) -> TexelTile:
     return tile.part(np.unique(np.linspace(0, max(count - 1, 0), min(most, count)).astype(int))[:count])
 
 
-class Piece(NamedTuple):
+class TexelPart(NamedTuple):
     """Some texels of a tile that make one block."""
 
     tile: TexelTile
@@ -177,7 +177,7 @@ class ViewReader:
 
     def pieces(
         self, tile: TexelTile, log_n_s: Float[np.ndarray, "2 n"], which: Int[np.ndarray, " m"] | None = None
-    ) -> list[Piece]:
+    ) -> list[TexelPart]:
         """Cut a tile into pieces of at most one block each.
 
         Args:
@@ -188,9 +188,9 @@ class ViewReader:
         index = np.arange(len(tile.pixels)) if which is None else which
         size = min(BLOCK, max(SMALLEST_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
         starts = range(0, len(index), size)
-        return [Piece(tile, index[start : start + size], size, log_n_s) for start in starts]
+        return [TexelPart(tile, index[start : start + size], size, log_n_s) for start in starts]
 
-    def lay_out(self, piece: Piece) -> TexelBlock:
+    def lay_out(self, piece: TexelPart) -> TexelBlock:
         """Return the block of a piece, padded with texels that no view counts."""
         tile, part, size = piece.tile, piece.part, piece.size
         whole = len(part) == size and part[-1] - part[0] == size - 1  # a slice then serves, and makes no copy

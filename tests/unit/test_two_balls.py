@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffshade.calibration.highlights import FINEST, largest_disc, without_streaks
-from diffshade.calibration.two_balls import BACKWARD, Lamps, find_lamps
+from diffshade.calibration.two_balls import BACKWARD, LampPlaces, find_lamps
 
 RADIUS, NOISE = 0.25, 0.15  # in distances between the balls; degrees about each axis
 BASELINE = np.array([0.98, 0.15, 0.13]) / np.linalg.norm([0.98, 0.15, 0.13])
@@ -35,7 +35,7 @@ def seen(x: np.ndarray, seed: int) -> np.ndarray:
     return np.array(found)
 
 
-def found_from(x: np.ndarray, seed: int, baseline: np.ndarray | None = None) -> Lamps:
+def found_from(x: np.ndarray, seed: int, baseline: np.ndarray | None = None) -> LampPlaces:
     return find_lamps(seen(x, seed), np.full((2, len(x)), NOISE * np.sqrt(2.0)), RADIUS, baseline)
 
 

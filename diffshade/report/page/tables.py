@@ -66,7 +66,7 @@ class Correlations:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows of text under a header."""
 
     head: tuple[str, ...]
@@ -154,7 +154,7 @@ def correlations(fit: Fit) -> Correlations:
     return Correlations(names, labels, cells if drawn else (), tuple(pair.replace("-", "−") for pair in strongest))
 
 
-def models(choice: ModelChoice) -> Table:
+def models(choice: ModelChoice) -> PageTable:
     """Return the models, the best first."""
     rows = [
         (
@@ -168,13 +168,13 @@ def models(choice: ModelChoice) -> Table:
         for i, name in enumerate(choice.names)
     ]
     head = ("model", "unknowns", f"held-out error, {choice.held_out}", "RMSE, fitted", "difference of MSE", "")
-    return Table(head, tuple(rows), choice.notes)
+    return PageTable(head, tuple(rows), choice.notes)
 
 
-def shots(plan: Plan, first: int = 0, last: int | None = None) -> Table:
+def shots(plan: Plan, first: int = 0, last: int | None = None) -> PageTable:
     """Return the photographs that could be taken, or a range of them, the best first."""
     quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
     now = ("now", *plan.cells(plan.now, quantities), "")
     rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
     head = ("photograph", *quantities, "gain in log det")
-    return Table(head, tuple(rows[first:last]), ()) if first else Table(head, (now, *rows[:last]), plan.notes)
+    return PageTable(head, tuple(rows[first:last]), ()) if first else PageTable(head, (now, *rows[:last]), plan.notes)

@@ -11,7 +11,7 @@ from ...core.arrays import float64_of
 from ...core.fields import check, check_kind, refuse_traced
 from ...core.masks import as_mask
 from ...model.cameras import AbstractCamera
-from .differences import LEAST_FACING, Rays, facing, rays_of
+from .differences import LEAST_FACING, TexelRays, facing, rays_of
 
 MOST_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
 LARGEST_ERROR = 40.0  # degrees; a normal with a larger error is not known
@@ -28,7 +28,7 @@ class Given(NamedTuple):
     known: Bool[np.ndarray, "h w"]
     away: int
     """Number of normals that face away from the camera, and count as not known."""
-    rays: Rays
+    rays: TexelRays
 
 
 def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:

@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
-from .curl import Level
+from .curl import PyramidLevel
 from .regions import connected
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 
 SIGNIFICANT = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
 SEED_LEVELS = 3
@@ -37,8 +37,8 @@ NONE = 1e-12  # relative weight of a cut pair
 
 
 def discontinuities(
-    grid: Grid,
-    levels: Sequence[Level],
+    grid: HeightGrid,
+    levels: Sequence[PyramidLevel],
     differences: Float[np.ndarray, " edges"],
     variances: Float[np.ndarray, " edges"],
     report_progress: ReportProgress,
@@ -75,7 +75,7 @@ def discontinuities(
     return cut, u
 
 
-def seeds(levels: Sequence[Level]) -> tuple[np.ndarray, np.ndarray]:
+def seeds(levels: Sequence[PyramidLevel]) -> tuple[np.ndarray, np.ndarray]:
     """Return the weights to begin with, across and down: low beside a large curl, of this level and of coarser ones."""
     finest, *coarser = levels
     square = finest.curl() ** 2
@@ -99,7 +99,7 @@ def _spread(coarse: Float[np.ndarray, "h v"], shape: tuple[int, int]) -> Float[n
     return fine
 
 
-def _in_lines(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+def _in_lines(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs of which several touch."""
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True
@@ -110,7 +110,7 @@ def _in_lines(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, "
 
 
 def _followed(
-    grid: Grid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
+    grid: HeightGrid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs and the candidates that continue them."""
     for _ in range(FOLLOWED):
@@ -121,7 +121,7 @@ def _followed(
     return cut
 
 
-def _beside(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+def _beside(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return which pairs share four neighbouring texels with another pair that is cut."""
     across, down = (image.astype(np.int8) for image in grid.images(cut))
     around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]

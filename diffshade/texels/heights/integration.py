@@ -11,14 +11,14 @@ from ...core.progress import ReportProgress, showing
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from .checks import LARGEST_ERROR, Given, checked
-from .curl import Level, levels, noise_scale
+from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
 from .discontinuities import NONE, SIGNIFICANT, discontinuities
 from .errors import less_mean, standard_errors
 from .map import FEWEST, HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals, fill
 
 LEAST_SIGMA = 1e-6  # radians: what normals without noise have
@@ -83,8 +83,8 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("differences")
     filled, scale = _with_errors(given, inside)
     across, down = differences(filled.normal, filled.sigma, inside, given.rays, filled.region > 0)
-    level = Level.of(inside, across, down, SIGNIFICANT)
-    grid = Grid.of(inside)
+    level = PyramidLevel.of(inside, across, down, SIGNIFICANT)
+    grid = HeightGrid.of(inside)
     d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
     broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
     variance = np.where(broken, 1e300, variance)
@@ -132,7 +132,7 @@ def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray
     return noise_scale(known, *differences(given.normal, sigma, known, given.rays))
 
 
-def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
+def _notes(given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
     """Return what is to be said about the heights."""
     found = []
     sizes = np.bincount(part)
@@ -208,7 +208,7 @@ def _sizes(sizes: np.ndarray) -> str:
 def _as_map(
     given: Given,
     camera: AbstractCamera,
-    grid: Grid,
+    grid: HeightGrid,
     normals: Float[np.ndarray, "h w 3"],
     u: Float[np.ndarray, " texels"],
     deviation: Float[np.ndarray, " texels"],

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from .discontinuities import CUT, NONE
 from .regions import connected, spread, widened
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
 SPECIAL = 2.0  # a joint needs so many times the pairs of any other offset,
@@ -24,7 +24,7 @@ FEWEST = 3  # cut pairs that touch: fewer are noise
 SMALLEST = 50  # texels of a piece; the texels of smaller ones belong to the nearest larger one
 
 
-def labels(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
+def labels(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
     """Return the part of each texel, joined by the pairs that are not cut; 0 is the largest part."""
     start, end = grid.start[~cut], grid.end[~cut]
     joined = coo_matrix((np.ones(start.size, bool), (start, end)), (grid.size, grid.size))
@@ -35,7 +35,7 @@ def labels(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " tex
 
 
 def cut_weak_joints(
-    grid: Grid,
+    grid: HeightGrid,
     cut: Bool[np.ndarray, " edges"],
     differences: Float[np.ndarray, " edges"],
     deviations: Float[np.ndarray, " edges"],
@@ -70,7 +70,7 @@ def cut_weak_joints(
 
 
 def _seams(
-    piece: Int[np.ndarray, " texels"], grid: Grid, between: Int[np.ndarray, " seam"]
+    piece: Int[np.ndarray, " texels"], grid: HeightGrid, between: Int[np.ndarray, " seam"]
 ) -> list[Int[np.ndarray, " pairs"]]:
     """Return the pairs between each two pieces."""
     one, other = piece[grid.start[between]].astype(np.int64), piece[grid.end[between]]
@@ -80,7 +80,7 @@ def _seams(
 
 
 def _with_strips_joined(
-    grid: Grid, cut: Bool[np.ndarray, " edges"], seam: Int[np.ndarray, " pairs"]
+    grid: HeightGrid, cut: Bool[np.ndarray, " edges"], seam: Int[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cuts with a seam, but for its pairs that join strips between the seam and the cuts to one side."""
     found = cut.copy()
@@ -108,7 +108,7 @@ def _of_most(
     return np.array([best[s] == k for s, k in zip(strip, inverse.ravel(), strict=True)], bool)
 
 
-def _pieces(grid: Grid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
+def _pieces(grid: HeightGrid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
     """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True

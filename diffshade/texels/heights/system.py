@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 TINY = 1e-12  # added to the diagonal, relative to it: it makes parts of which only differences are known regular
 
 
-class Grid(NamedTuple):
+class HeightGrid(NamedTuple):
     """The texels of a mask in the order of the image, and the pairs of neighbours among them."""
 
     inside: Bool[np.ndarray, "h w"]
@@ -31,7 +31,7 @@ class Grid(NamedTuple):
     """Where a pair begins."""
 
     @classmethod
-    def of(cls, inside: Bool[np.ndarray, "h w"]) -> Grid:
+    def of(cls, inside: Bool[np.ndarray, "h w"]) -> HeightGrid:
         """Return the grid of a mask."""
         number = np.full(inside.shape, -1, np.int32)
         number[inside] = np.arange(inside.sum(), dtype=np.int32)
@@ -75,7 +75,7 @@ class Grid(NamedTuple):
 class HeightSystem:
     """The matrix of a grid's weighted differences, and its multigrid hierarchy, which other weights may share."""
 
-    def __init__(self, grid: Grid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
+    def __init__(self, grid: HeightGrid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
         self.grid, self.weights = grid, weights
         self.matrix = laplacian(grid, weights)
         self._cycle = _multigrid(self.matrix) if hierarchy is None else hierarchy._cycle
@@ -115,7 +115,7 @@ class HeightSystem:
         return x
 
 
-def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
+def laplacian(grid: HeightGrid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
     """Return the weighted Laplacian of a grid, made regular."""
     size = grid.size
     diagonal = np.bincount(grid.start, weights, size) + np.bincount(grid.end, weights, size)

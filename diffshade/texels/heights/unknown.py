@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .regions import connected, distance
-from .system import Grid, laplacian
+from .system import HeightGrid, laplacian
 
 LARGEST = 1.0  # radians: the error of a normal of which nothing is known
 COMMON = 0.5  # share of the variance that the normals of a region of unknown ones have in common
@@ -23,7 +23,7 @@ class FilledNormals(NamedTuple):
     region: Int[np.ndarray, "h w"]
     """Region of neighbouring texels whose normals were not known, from 1; 0 where it was known."""
 
-    def noise(self, grid: Grid, random: np.random.Generator) -> Float[np.ndarray, "texels 3"]:
+    def noise(self, grid: HeightGrid, random: np.random.Generator) -> Float[np.ndarray, "texels 3"]:
         """Draw errors of the texels' normals. Those of a region of unknown ones are correlated."""
         region = self.region[grid.inside]
         own = random.standard_normal((grid.size, 3))
@@ -54,7 +54,7 @@ def fill(
         return FilledNormals(normals, sigma, region)
     import pyamg
 
-    grid = Grid.of(inside)
+    grid = HeightGrid.of(inside)
     free = ~known[inside]
     matrix = laplacian(grid, np.ones(grid.start.size))[free]
     rest = -matrix[:, ~free] @ normals[inside][~free]

@@ -22,7 +22,7 @@ TEXELS, FEWEST_TEXELS = 3000, 300
 CLEAR = 1.25  # ratio of the misfits from which one reading is believed
 
 
-class Encoding(NamedTuple):
+class FileEncoding(NamedTuple):
     """How photographs are encoded."""
 
     srgb: bool
@@ -33,7 +33,7 @@ class Encoding(NamedTuple):
     """Typical residual relative to a texel's brightness: as linear, and decoded from sRGB."""
 
 
-def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Encoding | None:
+def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> FileEncoding | None:
     """Return how photographs are encoded; None where there are too few, or some are beyond 0 to 1.
 
     Args:
@@ -51,7 +51,7 @@ def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Enco
     counts = samples.max(-1) < 1.0
     linear, decoded = (_misfit(y.mean(-1), counts) for y in (samples, np.asarray(srgb_decode(samples))))
     ratio = max(linear, decoded) / max(min(linear, decoded), 1e-9)
-    return Encoding(decoded < linear, ratio > CLEAR, (linear, decoded))
+    return FileEncoding(decoded < linear, ratio > CLEAR, (linear, decoded))
 
 
 def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]) -> float:

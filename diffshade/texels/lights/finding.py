@@ -25,7 +25,7 @@ from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from .found import FoundLights, notes_on
-from .refining import Lamps, Refined, Stated, refine
+from .refining import LightEstimates, Refined, Stated, refine
 from .uncalibrated import find_uncalibrated
 
 FREE = ("k_d", "k_s", "n_s", "normal")
@@ -84,14 +84,14 @@ def find_lights(
     with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
         used, index = np.unique(light_of, return_inverse=True)
         middle = middle_of(scene)
-        given = Lamps(_directions(scene, used, middle), np.ones(len(used)))
+        given = LightEstimates(_directions(scene, used, middle), np.ones(len(used)))
         tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
             begin = given
             if error is None:
-                begin = Lamps(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
+                begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
             placed = _with(scene, used, begin, middle)
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
             if error is not None and each.lights().coplanar > MOST_COPLANAR:
@@ -114,7 +114,7 @@ def _result(
     found: Refined,
     used: Int[np.ndarray, " used"],
     light_of: Int[np.ndarray, " views"],
-    given: Lamps,
+    given: LightEstimates,
     stated: Stated,
     middle: Float[np.ndarray, "3"],
     *,
@@ -122,7 +122,7 @@ def _result(
 ) -> FoundLights:
     """Return what was found, for all lights of the scene."""
     exact = bool((stated.intensity_error == 0.0).all())
-    lamps = Lamps(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
+    lamps = LightEstimates(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
 
     def of_all(values: Any, nothing: float) -> Any:
         whole = np.full((len(scene.lights), *np.shape(values)[1:]), nothing)
@@ -214,7 +214,7 @@ def _directions(
     return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
-def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: Lamps, middle: Float[np.ndarray, "3"]) -> Scene:
+def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: LightEstimates, middle: Float[np.ndarray, "3"]) -> Scene:
     """Return the scene with lights in these directions, each as far away as before."""
     lights = list(scene.lights)
     for i, towards, gain in zip(used, lamps.directions, lamps.gain, strict=True):

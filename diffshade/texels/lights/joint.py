@@ -25,8 +25,8 @@ from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from ..robust.block_fits import lowest_state
 from ..robust.learning import ObjectModel
-from ..robust.observations import Observed, observe
-from ..robust.robust_descent import State, around
+from ..robust.observations import BlockObservations, observe
+from ..robust.robust_descent import DescentState, around
 
 LEAST_CURVATURE = 1e-6  # added to that of every number of a texel of level 1
 HELD = 1e9  # curvature of a k_s that is 0, which then stays
@@ -66,11 +66,13 @@ def responses(
 
 
 @jax.jit
-def _responses(observed: Observed, tilted: Sequence[Observed], model: ObjectModel, state: State) -> Responses:
+def _responses(
+    observed: BlockObservations, tilted: Sequence[BlockObservations], model: ObjectModel, state: DescentState
+) -> Responses:
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
 
-    def shown(of: Observed) -> Array:
+    def shown(of: BlockObservations) -> Array:
         D, S = of.lights.shading(model.shape, state.n)
         return state.k_d[None] * D + state.k_s[None] * S
 

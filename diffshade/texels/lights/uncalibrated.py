@@ -37,7 +37,7 @@ REWEIGHTINGS = 5
 CURL = 0.02  # of unit normals, a pixel: a larger one is an edge
 
 
-class Surface(NamedTuple):
+class PseudoNormals(NamedTuple):
     """Pseudo-normals at texels that have neighbours to the right and below."""
 
     b: Float[np.ndarray, "n 3"]
@@ -93,7 +93,7 @@ def _surface(
     views: Sequence[View],
     strength: Float[np.ndarray, "views channels"],
     s: np.ndarray,
-) -> Surface:
+) -> PseudoNormals:
     """Return b and its slopes over the image, in bands of rows spread evenly over it."""
     width = reader.shape[1]
     top, bottom = sample.pixels.min() // width, sample.pixels.max() // width + 1
@@ -122,7 +122,7 @@ def _surface(
         raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     b, by_x, by_y, place = (np.concatenate(of) for of in zip(*parts, strict=True))
     some = np.linspace(0, len(b) - 1, min(len(b), MOST_SLOPES)).astype(int)
-    return Surface(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
+    return PseudoNormals(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
 
 
 def _texels(y: np.ndarray, counts: np.ndarray, s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "texels 3"]:
@@ -201,7 +201,7 @@ def of_lengths(s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 3"]:
     return np.sqrt(np.maximum(values, LEAST * values.max()))[:, None] * axes.T
 
 
-def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: Surface) -> Float[np.ndarray, "3 3"]:
+def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: PseudoNormals) -> Float[np.ndarray, "3 3"]:
     """Return R A, with the rotation R by which the normals are those of a surface that bulges to the camera."""
     inverse = np.linalg.inv(A)  # b turns as A^-T b
     b, by_x, by_y = (of @ inverse for of in (surface.b, surface.by_x, surface.by_y))

@@ -22,8 +22,8 @@ from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .learning import ObjectModel
-from .observations import Lights, Observed, observe
-from .robust_descent import State
+from .observations import BlockObservations, Lights, observe
+from .robust_descent import DescentState
 from .run import RobustRun
 
 SAMPLE = 384  # texels
@@ -67,9 +67,9 @@ def own_exponents_predict_better(
 
 @jax.jit
 def _prediction_errors(
-    observed: Observed,
+    observed: BlockObservations,
     model: ObjectModel,
-    state: State,
+    state: DescentState,
     lights: Lights,
     own: Float[Array, "6 texels"],
     seen: Bool[Array, " views"],

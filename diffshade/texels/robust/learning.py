@@ -18,8 +18,8 @@ from scipy.optimize import nnls
 from ...core.fields import Array
 from ...core.robust_scale import MAD
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
-from .observations import Observed
-from .robust_descent import State, Weighing, around
+from .observations import BlockObservations
+from .robust_descent import DescentState, Weighing, around
 
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
@@ -76,7 +76,7 @@ class Fitted(NamedTuple):
 
 
 @jax.jit
-def fitted(observed: Observed, model: ObjectModel, state: State) -> Fitted:
+def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Fitted:
     """Return what learning needs of a block of texels at their minimum."""
     here = around(observed, model.shape, model.weighing(observed.level), state)
     each = [HighlightShape(row) for row in np.eye(len(EXPONENTS), dtype=np.float32)]

@@ -79,7 +79,7 @@ class Lights(eqx.Module):
         return each[:, 0] if each.shape[1] == 1 else jnp.sum(self.strength * each, 1)
 
 
-class Observed(eqx.Module):
+class BlockObservations(eqx.Module):
     """What the views show of a block of texels, in single precision: what the model leaves out is far larger."""
 
     y: Float[Array, "views texels"]
@@ -96,14 +96,14 @@ class Observed(eqx.Module):
         dark = jnp.where(self.counts, DARK_TRUST, 0.0)
         return jnp.where(self.believed, 1.0, dark).astype(self.y.dtype)
 
-    def each_view(self) -> Observed:
+    def each_view(self) -> BlockObservations:
         """Return the same with one more axis of length 1 after that of the views, to be scanned."""
         lights = self.lights
         l, strength = jax.tree.map(lambda leaf: leaf[:, None], (lights.l, lights.strength))
         v = jax.tree.map(lambda c: jnp.broadcast_to(c[None], (len(self.y), *c.shape)), lights.v)
         every = eqx.tree_at(lambda o: (o.l, o.strength, o.v), lights, (l, strength, v))
         level = jnp.broadcast_to(self.level[None], self.y.shape)
-        return Observed(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
+        return BlockObservations(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
 
 
 def reflectances(
@@ -115,7 +115,7 @@ def reflectances(
 
 
 @jax.jit
-def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Observed:
+def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> BlockObservations:
     """Return what the views show of a block."""
     geometry = lighting_geometry(setup, block.p, block.v)
     per_light, arriving = reflectances(setup, known, block, geometry)
@@ -131,4 +131,6 @@ def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -
     least = jnp.take_along_axis(ordered, jnp.minimum(dropped, len(grey) - 1)[None], 0)
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), lights)
     believed = reached & (grey.astype(jnp.float32) >= least)
-    return Observed((grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single)
+    return BlockObservations(
+        (grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single
+    )

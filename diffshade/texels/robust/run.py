@@ -25,7 +25,7 @@ from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
 from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
 from .block_fits import (
-    Coefficients,
+    BlockCoefficients,
     Normals,
     Shown,
     coefficients_of,
@@ -244,7 +244,7 @@ class RobustRun(TexelWork):
             return
         part, normal = tile.part(own), normal[:, own]
 
-        def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> Coefficients:
+        def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> BlockCoefficients:
             assert n is not None
             kept = (shared.brightest, shared.taken, shared.between)
             return coefficients_of(self.setup, self.known, block, model, n, *kept)

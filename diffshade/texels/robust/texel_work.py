@@ -14,7 +14,7 @@ from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from ..tile_runner import TileRunner
-from ..tiles import SQUARE, Piece, TexelTile
+from ..tiles import SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
 from .learning import Fitted, ObjectModel, first_model, fitted, learned
@@ -105,12 +105,14 @@ class TexelWork:
         """
         region = self.region_of(tile.pixels) if len(models) > 1 else np.zeros(len(tile.pixels), int)
         no_exponent = np.zeros((2, len(tile.pixels)))
-        pieces: list[tuple[Piece, ObjectModel]] = []
+        pieces: list[tuple[TexelPart, ObjectModel]] = []
         for r, model in enumerate(models):
             which = np.flatnonzero(region == r)
-            pieces += [(Piece(tile, which[part], size, no_exponent), model) for part, size in self._blocks(tile, which)]
+            pieces += [
+                (TexelPart(tile, which[part], size, no_exponent), model) for part, size in self._blocks(tile, which)
+            ]
 
-        def of_piece(item: tuple[Piece, ObjectModel]) -> T:
+        def of_piece(item: tuple[TexelPart, ObjectModel]) -> T:
             piece, model = item
 
             def of_block(block: TexelBlock) -> T:

@@ -46,7 +46,7 @@ SCRIPTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Photographs:
+class PagePhotographs:
     """The photographs of a page: those of the fit, then those that were left out, with the name of each."""
 
     fitted: tuple[View, ...]
@@ -75,7 +75,7 @@ class Photographs:
 def write_maps_page(
     path: Path,
     maps: TexelMaps,
-    photographs: Photographs,
+    photographs: PagePhotographs,
     heights: HeightMap | None,
     bands: PredictionBands | None,
     report_progress: ReportProgress,
@@ -136,14 +136,14 @@ def write_maps_page(
     path.write_text(page, encoding="utf-8")
 
 
-def _lightings(maps: TexelMaps, photographs: Photographs) -> list[Lighting]:
+def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
     """Return the lights of each photograph; without photographs, each of the scene's lights alone."""
     if not photographs.every:
         return [Lighting((i,), 1.0, 0.0) for i in range(len(maps.scene.lights))]
     return [Lighting(view.lit, float(view.exposure), float(view.black)) for view in photographs.every]
 
 
-def _name(views: list[dict[str, Any]], photographs: Photographs) -> None:
+def _name(views: list[dict[str, Any]], photographs: PagePhotographs) -> None:
     """Add to the lights of the stage which photograph they are those of."""
     names = photographs.names or [f"light {i}" for i in range(len(views))]
     shown = photographs.some(MOST_PHOTOGRAPHS)
