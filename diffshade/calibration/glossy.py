@@ -27,9 +27,9 @@ from .photographs import Photographs
 from .result import Calibration, degrees, views_of
 
 FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
-MUCH_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
+MAX_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
 HELD = 1e-3  # the width of a prior, over the pose's error, that holds the pose
-CUT_OFF = 0.01  # the fraction of samples at 0 from which a note is due
+MIN_CUT_OFF = 0.01  # the fraction of samples at 0 from which a note is due
 
 Priors: TypeAlias = Mapping[str, tuple[float, float]]
 """The value and the standard deviation of each number."""
@@ -107,7 +107,7 @@ def _fit_ball(scene: Scene, views: Sequence[View], priors: Priors, *, start: str
 
 def _model_fails(clusters: Clusters) -> bool:
     """Whether the patches of the ball disagree more than noise explains."""
-    return bool(clusters.by_jackknife.any()) and clusters.scatter > MUCH_SCATTER
+    return bool(clusters.by_jackknife.any()) and clusters.scatter > MAX_SCATTER
 
 
 def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: Priors, shaded: Vectors) -> BallFit:
@@ -183,7 +183,7 @@ def _of_model_error(model_error: Float[np.ndarray, " views"]) -> list[str]:
 def _of_cut_off_shadows(taken: Photographs, ball: Ball) -> list[str]:
     """Warn of shadows that are cut off at 0, where noise can only brighten them."""
     share = np.mean([np.mean(np.asarray(image[:])[ball.mask] <= 0.0) for image in taken.images])
-    if share < CUT_OFF:
+    if share < MIN_CUT_OFF:
         return []
     return [
         f"{100 * share:.0f} % of the ball's samples are 0: noise cut off at 0 makes k_a too large, by up to the "

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.robust_scale import robust_scale
+from ..inverse.forward.losses import CAUCHY
 
 Table = Float[np.ndarray, "photographs pixels"]
 Vectors = Float[np.ndarray, "photographs 3"]
 
-CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
 LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many parameters the photographs share
 PRIOR = 0.3  # standard deviation of the shared parameters: it decides what one photograph leaves open
 STEPS, SETTLED = 60, 8  # the most steps; the step after which the scale of the loss is fixed

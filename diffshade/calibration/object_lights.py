@@ -8,20 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core.robust_scale import UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
 from .balls import axes
 from .object_width import Width
 from .result import Calibration, degrees
-from .two_balls import FEWEST, LampPlaces, find_lamps
+from .two_balls import MIN_LAMPS, LampPlaces, find_lamps
 
 Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
 
 APART = 4.0  # ball radii between the balls, where that is not known
-SAME_FRAME = 1.0  # radii by which two balls must lie apart in pictures that are not cropped
-AGREE = 3.0  # errors within which the direction from ball to ball must agree with their places in the pictures
-UNIFORM = 12.0**-0.5  # standard deviation of a place between the balls, over the distance between them
+MAX_ERRORS = 3.0  # errors within which the direction from ball to ball must agree with their places in the pictures
 ASIDE = 0.25  # of the distance between the balls: a place whose effect is said
 
 
@@ -60,7 +59,7 @@ def lights_at(
     """
     if len(balls) != 2 or not all(isinstance(ball.camera, OrthographicCamera) for ball in balls):
         return _far(*between(balls))
-    if len(balls[0].names) < FEWEST:
+    if len(balls[0].names) < MIN_LAMPS:
         return _far(*between(balls))
     one, other = balls
     l = np.stack([_seen(ball) for ball in balls])
@@ -90,7 +89,7 @@ def lights_at(
     else:
         notes += [] if apart is not None else [_on_apart(lamps_for, APART * radius)]
         apart = APART * radius if apart is None else apart
-        lamps, stood = lamps_for(apart), UNIFORM
+        lamps, stood = lamps_for(apart), UNIFORM  # anywhere between the balls
         wide_apart, said = _width(lamps, find_width, apart, width)
         notes += [said] if lamps.near.any() else []
     if not lamps.near.any():
@@ -133,12 +132,12 @@ def _in_one_frame(
     (x1, y1), (x2, y2) = one.balls[0].middle, other.balls[0].middle
     step = np.array([x2 - x1, y1 - y2, 0.0])
     pixels = float(np.linalg.norm(step))
-    if pixels < SAME_FRAME * one.balls[0].radius:
+    if pixels < one.balls[0].radius:
         return None
     apart = pixels * float(one.balls[0].sphere.radius) / one.balls[0].radius
     free, step = lamps_for(apart), step / pixels
     off = np.rad2deg(np.arccos(np.clip(free.baseline @ step, -1.0, 1.0)))
-    if free.near.any() and off > AGREE * max(free.baseline_error, 1.0):
+    if free.near.any() and off > MAX_ERRORS * max(free.baseline_error, 1.0):
         return None
     height, width = one.balls[0].mask.shape
     place = np.array([width / 2 - (x1 + x2) / 2, (y1 + y2) / 2 - height / 2, 0.0]) / pixels

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.robust_scale import GAUSS_95
 from ..core.words import count, listing
 from ..inverse.data.photographs import clear_folder, write_lights, write_photograph
 from ..inverse.data.views import View
@@ -22,8 +23,6 @@ from .balls import Ball
 from .photographs import Photographs
 
 Vectors = Float[np.ndarray, "photographs 3"]
-
-DISAGREE = 2.0  # standard errors, above which two directions disagree
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +190,7 @@ class Comparison:
     @property
     def disagrees(self) -> list[int]:
         """The photographs in which the two differ by more than two errors."""
-        return np.flatnonzero(self.angles > DISAGREE * self.errors).tolist()
+        return np.flatnonzero(self.angles > GAUSS_95 * self.errors).tolist()
 
     def __str__(self) -> str:
         mean = f"they differ by {self.angles.mean():.2f} degrees on average, and by at most {self.angles.max():.2f}"

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
-from ...core.robust_scale import robust_scale
+from ...core.robust_scale import jackknife_error, robust_scale
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
@@ -31,13 +33,12 @@ from ..tile_runner import TileRunner
 from ..tiles import TexelTile
 from .finding import FREE
 
-SAMPLE = 1024  # texels
-FEWEST_VIEWS = 12  # of 8, a texel's four numbers fit the brightest, whatever the gamma
+SAMPLE = 1024  # texels: their median scatters less than a gamma is uncertain by the photographs
+MIN_VIEWS = 12  # of 8, a texel's four numbers fit the brightest, whatever the gamma
 RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
-NARROW = (0.12, 0.04)  # half widths, of log gamma, of the parabolas through three points that follow
 GROUPS = 4  # of the views, left out in turn
 DARK = 0.05  # of a texel's brightest view, below which it is in shadow
-FLAT = 1.15  # ratio of misfits, within the range, below which they do not determine the gamma
+MIN_RATIO = 1.15  # of misfits, within the range, below which they do not determine the gamma
 
 Misfit = Callable[[float], float]
 
@@ -131,18 +132,18 @@ def _found(
     for k, gamma in enumerate(RANGE):
         report_progress("trying gammas", 0.3 * k / len(RANGE))
         tried.append(misfit(gamma))
-    gamma = float(RANGE[int(np.argmin(tried))])
-    for width in NARROW:
-        gamma = lowest(misfit, gamma, width)
+    k = int(np.clip(np.argmin(tried), 1, len(RANGE) - 2))
+    bounds = np.log(RANGE[[k - 1, k + 1]])
+    gamma = lowest(misfit, bounds)
     linear, least = misfit(1.0), misfit(gamma)
-    clear = min(tried[0], tried[-1]) > FLAT * least and RANGE[0] < gamma < RANGE[-1]
+    clear = min(tried[0], tried[-1]) > MIN_RATIO * least and RANGE[0] < gamma < RANGE[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
         without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
-        left_out.append(np.log(lowest(without, gamma, NARROW[-1])))
-    spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
+        left_out.append(np.log(lowest(without, bounds)))
+    spread = jackknife_error(np.array(left_out))
     notes = []
     if not clear:
         notes.append(
@@ -186,29 +187,16 @@ def raised(sample: TexelTile, gamma: float) -> TexelTile:
     return eqx.tree_at(lambda tile: tile.target, sample, linear)
 
 
-def lowest(misfit: Misfit, gamma: float, width: float) -> float:
-    """Return where the square of the misfit is least, by the parabola through three points of log gamma.
-
-    They are so far apart, and move downhill until the one in the middle is the lowest.
-    """
-    points = np.log(gamma) + width * np.array([-1.0, 0.0, 1.0])
-    costs = [misfit(float(np.exp(at))) ** 2 for at in points]
-    for _ in range(10):
-        if costs[1] <= min(costs):
-            break
-        side = 1 if costs[2] < costs[0] else -1
-        points = points + side * width
-        new = misfit(float(np.exp(points[1 + side]))) ** 2
-        costs = [*costs[1:], new] if side > 0 else [new, *costs[:2]]
-    bend = costs[0] - 2.0 * costs[1] + costs[2]
-    shift = 0.5 * (costs[0] - costs[2]) / bend if bend > 0.0 else 0.0
-    return float(np.exp(points[1] + width * np.clip(shift, -0.5, 0.5)))
+def lowest(misfit: Misfit, bounds: Float[np.ndarray, "2"]) -> float:
+    """Return where a misfit is least, between two logarithms of gamma."""
+    found = minimize_scalar(lambda log: misfit(float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
+    return float(np.exp(found.x))  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _check(views: Sequence[View]) -> None:
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise ValueError(
-            f"find_response needs at least {FEWEST_VIEWS} views; got {len(views)}. Add photographs, or give "
+            f"find_response needs at least {MIN_VIEWS} views; got {len(views)}. Add photographs, or give "
             "View(sensor=Sensor(gamma=...))."
         )
     for i, view in enumerate(views):
