@@ -17,7 +17,8 @@ from jaxtyping import Bool, Float
 from scipy.optimize import minimize_scalar
 
 from ..core.robust_scale import GAUSS_95, MAD, jackknife_error
-from ..texels.lights.response import GROUPS, SAMPLE
+from ..texels.lights.response import GROUPS
+from ..texels.robust.stated_errors import CALIBRATION_SAMPLE
 from .two_balls import LampPlaces
 
 Samples = Float[np.ndarray, "texels photographs"]
@@ -57,7 +58,7 @@ def picture_points(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
 def sample_of(mask: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and columns of some pixels of a mask."""
     rows, columns = np.nonzero(mask)
-    some = np.linspace(0, len(rows) - 1, min(SAMPLE, len(rows))).astype(int)
+    some = np.linspace(0, len(rows) - 1, min(CALIBRATION_SAMPLE, len(rows))).astype(int)
     return rows[some], columns[some]
 
 

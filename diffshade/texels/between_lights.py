@@ -28,25 +28,25 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
 from .robust.learning import typical_level
-from .unexplained import LEAST_GAIN, Interpolation, Smoothing
+from .unexplained import MIN_GAIN, Interpolation, Smoothing
 
 T = TypeVar("T")
 Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
 # How near new lights are, how views are left out, and the network's size were chosen on the one object at hand of which
 # a network learns: a dome of 49 lights.
-FEWEST_VIEWS = 12
+MIN_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-CANDIDATES = NEAREST + 4
+CANDIDATES = 2 * NEAREST
 SPACING = 0.35  # between new lights, relative to that between the views' lights
-APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
-LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
-LEFT_OUT = 8  # a view is left out alone, and with the others of one of so many groups
+MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
+MIN_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
+GROUPS = 8  # a view is left out alone, and with the others of one of so many groups
 GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
-MOST_SAMPLES = 1 << 19
+MAX_SAMPLES = 1 << 19
 # Of the object's typical level, to which what a texel shows is relative where its own mean is mere noise.
-LEAST_LEVEL = 0.01
+MIN_LEVEL = 0.01
 
 
 class Neighbours(NamedTuple):
@@ -135,20 +135,20 @@ def learned_between(
     views, channels, texels = beyond.shape
     new = lights_between(toward)
     # the twin of a photograph tells all of it, and teaches nothing
-    if views < FEWEST_VIEWS or not _once(toward).all() or not len(new):
+    if views < MIN_VIEWS or not _once(toward).all() or not len(new):
         return None
     left_out = _left_out(views)
-    every = max(1, -(-(1 + GROUPINGS) * views * texels // MOST_SAMPLES))
+    every = max(1, -(-(1 + GROUPINGS) * views * texels // MAX_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     which, every_view = np.concatenate(left_out), np.arange(views)
     others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
     level = typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0))
-    least = np.asarray(max(LEAST_LEVEL * level, 1e-6), np.float32)
+    least = np.asarray(max(MIN_LEVEL * level, 1e-6), np.float32)
     samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
     half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves
     tried = _network(samples, channels, least, np.flatnonzero(half == 0), STEPS // 8)  # more steps are no worse
     of, off = _parted(samples[np.flatnonzero(half == 2)], channels)
-    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - LEAST_GAIN) ** 2 * jnp.mean(off**2):
+    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - MIN_GAIN) ** 2 * jnp.mean(off**2):
         return None
     asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
@@ -185,7 +185,7 @@ def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "n
     r = np.sqrt(1.0 - z * z)
     sphere = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
     nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
-    return sphere[(nearest > APART * spacing) & (nearest < spacing)]
+    return sphere[(nearest > MIN_APART * spacing) & (nearest < spacing)]
 
 
 def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views views"]:
@@ -195,13 +195,13 @@ def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views vie
 def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
     """Return which lights are no twins of ones before them."""
     apart = _apart(toward)
-    return np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
+    return np.array([not (apart[i, :i] < MIN_SPACING).any() for i in range(len(apart))])
 
 
 def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
     """Return the views that are left out together: each alone, then groups drawn at random."""
     rng = np.random.default_rng(0)
-    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), LEFT_OUT)]
+    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), GROUPS)]
     return [*np.arange(views)[:, None], *groups]
 
 

@@ -21,7 +21,7 @@ from .profile_errors import larger, profile_errors
 from .standard_errors import NamedNumbers, Numbers, named_numbers
 from .status import (
     DETERMINED,
-    LEAST_LIT_WITH_NORMAL,
+    MIN_LIT_WITH_NORMAL,
     TypicalResidual,
     all_finite,
     highlight_is_determined,
@@ -134,7 +134,7 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     lit, freedom = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.freedom, plain.freedom)
     variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
     misfit = ~typical.accounts_for(variance, level, freedom)
-    shadowed = (freedom <= 0) | (lit < (LEAST_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
+    shadowed = (freedom <= 0) | (lit < (MIN_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
 from ..core.fields import quantities
+from ..core.robust_scale import GAUSS_95
 from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View
 from ..inverse.result import Prediction
@@ -32,10 +33,10 @@ from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 from .unexplained import Unexplained
 
-FORMAT = 2  # of the folder; `read_maps` refuses others
+FORMAT = 2  # of the folder, finished or not; `read_maps` refuses others
 ABOUT, SCENE, STATUS_PICTURE, WEIGHTS = "maps.toml", "scene.toml", "status.png", "highlight_weights.npy"
 LIGHTS = "unexplained_lights.npy"
-PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
+UNCLIPPED_PERCENT = 99.5  # of the known values, which a picture holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
     "k_d": "of the light that arrives",
@@ -43,9 +44,9 @@ UNITS = {
     "n_s": "none: an exponent",
     "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
 }
-PREVIEW_PERCENT = 98.0  # and a preview
-GAUSS_95 = 1.96  # standard errors that hold a number 95 % of the time
-NORMAL_95 = float(np.sqrt(np.log(20.0) / np.log(1.0 / 0.32)))  # 68 % angles of a normal that do
+SHARES = (0.68, 0.95)  # of the time that an error holds the truth, and that an interval does
+ANGLE_68, ANGLE_95 = (float(np.sqrt(-2.0 * np.log(1.0 - share))) for share in SHARES)  # deviations about two axes
+NORMAL_95 = ANGLE_95 / ANGLE_68
 
 
 class SharedHighlight(NamedTuple):
@@ -280,7 +281,7 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                scales[name] = 1.0 if name == "normal" else max(1.0, self._percentile(name, PNG_PERCENT))
+                scales[name] = 1.0 if name == "normal" else max(1.0, self._percentile(name, UNCLIPPED_PERCENT))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
@@ -360,7 +361,7 @@ class TexelMaps:
     def _put_preview(self, path: Path, name: str) -> Path:
         """Write a map to look at: a normal as (n + 1)/2, any other in sRGB with white at a high percentile."""
         value = self.values[name]
-        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._percentile(name, PREVIEW_PERCENT) or 1.0)
+        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._percentile(name, UNCLIPPED_PERCENT) or 1.0)
         shown = np.where((self.status != OUTSIDE)[..., None], shown, 0.0)
         write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
         return path

@@ -20,7 +20,7 @@ from .lighting import LightingSetup
 from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, first_weights, view_slices
 
 MEDIAN_OF_CHI = {1: 0.6745, 3: 0.8880}  # median of chi / sqrt(C) with C degrees of freedom, for C channels
-LEAST_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
+MIN_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
 
 
 class TexelMinima(eqx.Module):
@@ -126,6 +126,6 @@ def residual_sizes(
         m = features(problem, view, found.n, found.x, ()).predicted(found.k)
         return jnp.sqrt(jnp.mean((m - view.target.astype(found.x.dtype)) ** 2, 0))
 
-    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), LEAST_FREEDOM, 1.0)
+    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), MIN_FREEDOM, 1.0)
     scale = MEDIAN_OF_CHI[block.observed.channels] * jnp.sqrt(left)
     return jax.lax.map(of_view, view_slices(problem, None)) / scale[None]

@@ -33,14 +33,14 @@ STEPS = 2  # places on each way, for each loss, each nearer to the best of the o
 MAX_RISE = 36.0  # of the cost, in variances: errors are to hold up to 25, and a place is not quite at its best
 MIN_RISE = 0.01  # least rise of the cost, in variances, where the valley is flat
 STIFFNESS = 1e6  # how firmly the unknown along the way is held, relative to the curvature
-MAX_RELATIVE_K_S = 10.0  # largest change of k_s that counts, relative to the brightest sample: some k_s are unbounded
+MAX_K_S_CHANGE = 10.0  # largest change of k_s that counts, relative to the brightest sample: some k_s are unbounded
 
 
 def profile_errors(
     minimum: TexelMinima, other: TexelMinima | None, block: TexelBlock, values: Numbers, errors: Numbers
 ) -> dict[str, Array]:
     """Return the errors, enlarged to hold along the valley of each texel and, if given, at its `other` minimum."""
-    limit = MAX_RELATIVE_K_S * block.brightest[None]
+    limit = MAX_K_S_CHANGE * block.brightest[None]
     ways = _ways(minimum)
     step, fixed = (jnp.stack([jnp.stack(way) for way in each]) for each in zip(*ways, strict=True))
     both_sides = jnp.concatenate([step, -step]), jnp.concatenate([fixed, fixed])

@@ -31,7 +31,7 @@ from .tiles import TexelPart, TexelTile
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
 NOISE_SAMPLE = 4096  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
-SCALE_ROUNDS, SCALE_TOLERANCE, LEAST_SCALE = 4, 0.01, 1e-12
+SCALE_ROUNDS, SCALE_TOLERANCE = 4, 0.01  # of the scale of a robust loss, and the relative change that ends them
 
 
 class Exponents(NamedTuple):
@@ -195,7 +195,7 @@ class TexelRun:
             new = float(np.median(sizes)) if len(sizes) else 1.0
             if abs(new - sigma) <= SCALE_TOLERANCE * new:
                 break
-            sigma, options = max(new, LEAST_SCALE), self.options._replace(loss="huber")
+            sigma, options = max(new, np.finfo(float).eps), self.options._replace(loss="huber")
         return sigma
 
     def _residual_sizes(self, tile: TexelTile, options: FitOptions, sigma: float) -> Float[np.ndarray, " observations"]:

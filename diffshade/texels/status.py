@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.fields import Array
+from ..core.robust_scale import OUTLIER
 from .descent import HIGH, LOW
 from .minima import TexelMinima
 from .standard_errors import NamedNumbers, Numbers
@@ -21,11 +22,10 @@ MAX_RELATIVE_K_S = 100.0  # k_s, relative to the brightest sample, above which t
 MAX_LOG_N_S_ERROR = 0.5  # largest standard error of log n_s of a determined highlight
 MAX_RELATIVE_K_S_ERROR = 1.0  # largest standard error of k_s of a determined highlight, relative to k_s
 MAX_NORMAL_ERROR = 0.2  # largest standard error of k_d n, relative to its length, of a determined normal
-LARGEST = 1e30  # a larger value does not fit into a float32 map
+LARGEST = float(jnp.finfo(jnp.float32).max)  # a larger value does not fit into a map
 MISFIT_FACTOR = 1.5  # a texel's residuals may exceed those of typical texels by this factor, besides chance
-CHANCE_DEVIATIONS = 4.0  # standard deviations of chi squared that count as chance
 ROUNDING = 1e-4  # residuals below this share of the signal are rounding, not misfit
-LEAST_LIT_WITH_NORMAL = 3  # observations that a light must reach where the normal is free
+MIN_LIT_WITH_NORMAL = 3  # observations that a light must reach where the normal is free
 
 
 class TypicalResidual(eqx.Module):
@@ -37,7 +37,7 @@ class TypicalResidual(eqx.Module):
     def accounts_for(self, variance: Array, level: Array, freedom: Array) -> Bool[Array, " texels"]:
         """Return where a residual variance is typical up to chance (chi squared; Wilson and Hilferty 1931)."""
         spread = 2.0 / (9.0 * jnp.maximum(freedom, 1.0))
-        chance = (1.0 - spread + CHANCE_DEVIATIONS * jnp.sqrt(spread)) ** 3
+        chance = (1.0 - spread + OUTLIER * jnp.sqrt(spread)) ** 3
         typical = jnp.maximum(jnp.maximum(self.variance, self.relative_variance * level), ROUNDING**2 * level)
         return variance <= MISFIT_FACTOR**2 * chance * typical
 

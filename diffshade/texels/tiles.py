@@ -24,9 +24,10 @@ from .blocks import TexelBlock
 from .prediction import Observations
 
 SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
-MOST_OF_ROW = 4  # times its even share that a row may have of a sample
+MAX_OF_ROW = 4  # times its even share that a row may have of a sample
 BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
-SMALLEST_BLOCK = 64
+MIN_BLOCK = 64
+LEARNING_SAMPLE = 2048  # texels from which is learned what all of an object share
 SQUARE = 16  # side of a square of the image over which the directions to near lamps may be taken as one
 
 
@@ -153,7 +154,7 @@ class ViewReader:
         for row in rows:
             tile = self.read(int(row), int(row) + 1, 1)
             counts.append(len(tile.pixels))
-            tiles.append(_evenly(tile, MOST_OF_ROW * most // len(rows)))  # the rest need not stay in memory
+            tiles.append(_evenly(tile, MAX_OF_ROW * most // len(rows)))  # the rest need not stay in memory
         share = most / max(sum(counts), 1)
         # as many of a row as its share of the object
         return joined([_evenly(tile, int(np.ceil(share * n))) for tile, n in zip(tiles, counts, strict=True)])
@@ -186,7 +187,7 @@ class ViewReader:
             which: Indices of the texels; by default all.
         """
         index = np.arange(len(tile.pixels)) if which is None else which
-        size = min(BLOCK, max(SMALLEST_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
+        size = min(BLOCK, max(MIN_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
         starts = range(0, len(index), size)
         return [TexelPart(tile, index[start : start + size], size, log_n_s) for start in starts]
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from .differences import STEEP, Differences
+from .differences import MAX_STEEPNESS, Differences
 
 
 class PyramidLevel(NamedTuple):
@@ -43,9 +43,9 @@ class PyramidLevel(NamedTuple):
         """
         variances = [
             np.where(
-                pair.steepness > STEEP,
+                pair.steepness > MAX_STEEPNESS,
                 np.inf,
-                ((1.0 + tail * np.minimum(pair.steepness, STEEP)) * pair.deviation) ** 2,
+                ((1.0 + tail * np.minimum(pair.steepness, MAX_STEEPNESS)) * pair.deviation) ** 2,
             )
             for pair in (across, down)
         ]

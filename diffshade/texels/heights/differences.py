@@ -21,8 +21,8 @@ from jaxtyping import Bool, Float
 from ...core.backend import in_float64
 from ...model.cameras import AbstractCamera
 
-LEAST_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
-STEEP = 0.1  # steepness above which a difference's distribution has nothing of a normal one
+MIN_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
+MAX_STEEPNESS = 0.1  # steepness above which a difference's distribution has nothing of a normal one
 WINDOW = 5  # texels: side of the window in which normals are smoothed for their weights
 CREASE = 3.0  # a change of the normals' turning counts as a crease above so many of its standard errors
 
@@ -163,7 +163,7 @@ def differences(
                 np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
-                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, LEAST_FACING), np.inf),
+                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, MIN_FACING), np.inf),
             )
         )
     return both[0], both[1]
@@ -190,7 +190,7 @@ def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Cho
             step, cosine = rays.step[1 - axis], _dot(mean, rays.toward)
             value = -_dot(mean, step) / cosine
             lever = -(step + value[..., None] * rays.toward) / cosine[..., None]
-            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * LEAST_FACING, cosine)
+            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * MIN_FACING, cosine)
         here, there = _pair(axis)
         r_p, r_q = rays.toward[here], rays.toward[there]
         front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
@@ -199,7 +199,7 @@ def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Cho
         lever = r_q / front_q[..., None] - r_p / front_p[..., None]
         bend = 0.5 * (square_p / front_p**2 - square_q / front_q**2)
         cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
-        return _Chord(value, lever, bend, cosine > 0.5 * LEAST_FACING, cosine)
+        return _Chord(value, lever, bend, cosine > 0.5 * MIN_FACING, cosine)
 
 
 def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:

@@ -16,7 +16,7 @@ from ...model.gbuffers import GBuffer
 from ..map_files import map_folder, write_about, write_numbers
 from .differences import distance_to_target, rays_of
 
-FEWEST = 10  # texels that a part needs for its errors to mean something
+MIN_TEXELS = 10  # texels that a part needs for its errors to mean something
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class HeightMap:
         """Return the number of texels and parts, the range of heights, their errors, and the notes."""
         low, high = self._range()
         finite = self.errors[self.mask & np.isfinite(self.errors)]
-        parts = int((np.bincount(self.part[self.mask]) >= FEWEST).sum())
+        parts = int((np.bincount(self.part[self.mask]) >= MIN_TEXELS).sum())
         error = f"{np.median(finite):.2g}" if finite.size else "infinite"
         return "\n".join(
             [

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from .regions import connected, distance
 from .system import HeightGrid, laplacian
 
-LARGEST = 1.0  # radians: the error of a normal of which nothing is known
-COMMON = 0.5  # share of the variance that the normals of a region of unknown ones have in common
+MAX_SIGMA = 1.0  # radians: the error of a normal of which nothing is known
+COMMON_SHARE = 0.5  # share of the variance that the normals of a region of unknown ones have in common
 
 
 class FilledNormals(NamedTuple):
@@ -28,7 +28,7 @@ class FilledNormals(NamedTuple):
         region = self.region[grid.inside]
         own = random.standard_normal((grid.size, 3))
         common = random.standard_normal((int(region.max(initial=0)) + 1, 3))[region]
-        mixed = np.sqrt(1.0 - COMMON) * own + np.sqrt(COMMON) * common
+        mixed = np.sqrt(1.0 - COMMON_SHARE) * own + np.sqrt(COMMON_SHARE) * common
         return self.sigma[grid.inside][:, None] * np.where((region > 0)[:, None], mixed, own)
 
 
@@ -64,7 +64,7 @@ def fill(
     normals[inside & ~known] = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
     away = distance(known)[inside & ~known]
     least = float(np.median(sigma[known]))
-    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, LARGEST)
+    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, MAX_SIGMA)
     return FilledNormals(normals, sigma, region)
 
 

@@ -27,10 +27,11 @@ from ..robust.block_fits import lowest_state
 from ..robust.learning import ObjectModel
 from ..robust.observations import BlockObservations, observe
 from ..robust.robust_descent import DescentState, around
+from ..tiles import SQUARE
 
-LEAST_CURVATURE = 1e-6  # added to that of every number of a texel of level 1
+CURVATURE = 1e-6  # added to that of every number of a texel of level 1
 HELD = 1e9  # curvature of a k_s that is 0, which then stays
-AT_ONCE = 256  # texels
+BLOCK = SQUARE**2  # texels
 TILT = 1e-3  # radians, over which derivatives in single precision are taken
 
 
@@ -82,7 +83,7 @@ def _responses(
         y = jnp.where(observed.counts, one.y * (one.level / observed.level)[None], 0.0)
         by_light.append((shown(one) - y - value + jnp.where(observed.counts, observed.y, 0.0)) / TILT)
     ridge = weighing.ridge
-    known = jnp.full_like(ridge, LEAST_CURVATURE)
+    known = jnp.full_like(ridge, CURVATURE)
     held = jnp.where(state.k_s <= 0.0, HELD, 0.0)
     nothing = jnp.zeros_like(ridge)
     return Responses(
@@ -117,8 +118,8 @@ def light_equations(
     """
     S, gradient = np.zeros((lights, 3, lights, 3)), np.zeros((cells, lights, 3))
     on = np.eye(lights)[light_of]  # (views, lights)
-    for start in range(0, len(cell), AT_ONCE):
-        of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + AT_ONCE], np.float64), texels)
+    for start in range(0, len(cell), BLOCK):
+        of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + BLOCK], np.float64), texels)
         weighted = of.weight * of.by_texel
         H = np.einsum("ivt,jvt->tij", weighted, of.by_texel, optimize=True)
         H[:, range(4), range(4)] += of.curvature.T
@@ -131,6 +132,6 @@ def light_equations(
         S[range(lights), :, range(lights)] += A
         own = np.einsum("vl,avt,vt,vt->tla", on, of.by_light, of.weight, of.residual, optimize=True)
         own -= np.einsum("tik,ti->tk", solved, g).reshape(own.shape)
-        np.add.at(gradient, cell[start : start + AT_ONCE], own)
+        np.add.at(gradient, cell[start : start + BLOCK], own)
     S = S.reshape(3 * lights, 3 * lights)
     return LightEquations(0.5 * (S + S.T), gradient.reshape(cells, -1))

@@ -17,23 +17,22 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import least_squares
 
 from ...inverse.data.views import View
+from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup, lighting_setup
 from ..robust.disagreement import CELLS, cells_of
 from ..robust.learning import ObjectModel, learned
-from ..robust.run import RobustRun
+from ..robust.run import FIRST_ROUNDS, RobustRun
 from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
-from .uncalibrated import CAUCHY
 
 ROUNDS = 20
-SETTLED = 0.05  # of the error of a light: the step below which the rounds end
-LONGEST = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
+MAX_STEP = 0.05  # of the error of a light: the step below which the rounds end
+LONGEST_STEP = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
 COHERENT = 0.5  # share of a texel's misfit by which a light may be off: many texels lie in one shadow
-LEARNED = 4  # rounds after which the highlight is learned no more
 LOOSE = np.deg2rad(10.0), 0.1  # how far a light may be from the stated one while its texels are fitted
-BELIEVED = 0.02  # error of stated intensities, relative, by which a map is found: what a model leaves out is as much
+MIN_GAIN_ERROR = 0.02  # relative, of stated intensities where a map is found: what a model leaves out is as much
 
 
 class Stated(NamedTuple):
@@ -105,7 +104,7 @@ def refine(
             return eqx.tree_at(lambda s: s.lobe, lighting_setup(scene_with(lamps), views), run.setup.lobe)
 
         run.setup = setup_of(lamps)
-        if 0 < k < LEARNED:
+        if 0 < k < FIRST_ROUNDS:
             model = learned(model, run.sample_at_minimum(sample, model))
         tangents = tangents_to(lamps.directions)
         tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[axis] * lights], tangents)) for axis in range(2)]
@@ -122,7 +121,7 @@ def refine(
         covariance = _covariance(equations, maps, free)
         covariance += np.diag(free * (COHERENT * float(model.relative_misfit)) ** 2)
         own = step.ravel()[free] @ (N := _complement(maps[free])) @ N.T
-        settled = bool((np.abs(own) < SETTLED * np.sqrt(np.diag(covariance)[free])).all())
+        settled = bool((np.abs(own) < MAX_STEP * np.sqrt(np.diag(covariance)[free])).all())
         if settled or k + 1 == ROUNDS:
             break
         lamps = _moved(lamps, step, tangents)
@@ -140,8 +139,8 @@ def _moved(
     lamps: LightEstimates, step: Float[np.ndarray, "lights 3"], tangents: Float[np.ndarray, "lights 2 3"]
 ) -> LightEstimates:
     """Return the lights after a step, of which none is too long."""
-    tilt, brighter = step[:, :2], np.clip(step[:, 2], -LONGEST[1], LONGEST[1])
-    tilt = tilt * np.minimum(1.0, LONGEST[0] / np.maximum(np.linalg.norm(tilt, axis=-1, keepdims=True), 1e-12))
+    tilt, brighter = step[:, :2], np.clip(step[:, 2], -LONGEST_STEP[1], LONGEST_STEP[1])
+    tilt = tilt * np.minimum(1.0, LONGEST_STEP[0] / np.maximum(np.linalg.norm(tilt, axis=-1, keepdims=True), 1e-12))
     directions = lamps.directions + np.einsum("la,lai->li", tilt, tangents)
     return LightEstimates(
         directions / np.linalg.norm(directions, axis=-1, keepdims=True), lamps.gain * np.exp(brighter)
@@ -216,7 +215,7 @@ def _anchored(
     tangents = tangents_to(lamps.directions)
     turn = np.zeros((lights, 3, 3))
     turn[:, :2, :2], turn[:, 2, 2] = np.einsum("lai,lbi->lab", tangents, before), 1.0
-    weights = np.stack([stated.error, stated.error, np.maximum(stated.intensity_error, BELIEVED)], -1).ravel()
+    weights = np.stack([stated.error, stated.error, np.maximum(stated.intensity_error, MIN_GAIN_ERROR)], -1).ravel()
     G = _maps(lamps.directions, tangents)
     whole = G @ np.linalg.pinv((G / weights[:, None] ** 2).T @ G, rcond=1e-10, hermitian=True) @ G.T
     shared = np.stack([whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
@@ -237,7 +236,9 @@ def _mapped(lamps: LightEstimates, stated: Stated) -> LightEstimates:
     def apart(M: np.ndarray) -> np.ndarray:
         away = _away(of(M), stated, tangents)
         brighter = away[:, 2] - away[:, 2].mean()
-        return np.concatenate([(away[:, :2] / error).ravel(), brighter / np.maximum(stated.intensity_error, BELIEVED)])
+        return np.concatenate(
+            [(away[:, :2] / error).ravel(), brighter / np.maximum(stated.intensity_error, MIN_GAIN_ERROR)]
+        )
 
     found = of(least_squares(apart, np.eye(3).ravel(), loss="cauchy", f_scale=CAUCHY).x)
     return LightEstimates(found.directions, found.gain / np.exp(np.log(found.gain).mean()))

@@ -24,20 +24,21 @@ from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
 from ...model.scenes import Scene
+from ..between_lights import MIN_VIEWS  # of 8, a texel's four numbers fit the brightest, whatever the gamma
 from ..checks import checked
 from ..fitting import MEMORY
 from ..robust.learning import Fitted
 from ..robust.run import RobustRun
+from ..robust.stated_errors import CALIBRATION_SAMPLE
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from ..tiles import TexelTile
+from .encoding import CLEAR_RATIO
 from .finding import FREE
 
-SAMPLE = 1024  # texels: their median scatters less than a gamma is uncertain by the photographs
-MIN_VIEWS = 12  # of 8, a texel's four numbers fit the brightest, whatever the gamma
-RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
+GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 GROUPS = 4  # of the views, left out in turn
-DARK = 0.05  # of a texel's brightest view, below which it is in shadow
+SHADOW = 0.05  # of a texel's brightest view, below which it is in shadow
 MIN_RATIO = 1.15  # of misfits, within the range, below which they do not determine the gamma
 
 Misfit = Callable[[float], float]
@@ -106,7 +107,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
         tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
-            setup, sample = each.setup, tiles.reader.sample(SAMPLE)
+            setup, sample = each.setup, tiles.reader.sample(CALIBRATION_SAMPLE)
             known = each.known
 
             def misfit_of(sample: TexelTile) -> Misfit:
@@ -129,21 +130,21 @@ def _found(
     """Return the gamma of the least misfit, and its error by a jackknife over groups of views."""
     misfit = misfit_of(sample)
     tried = []
-    for k, gamma in enumerate(RANGE):
-        report_progress("trying gammas", 0.3 * k / len(RANGE))
+    for k, gamma in enumerate(GAMMAS):
+        report_progress("trying gammas", 0.3 * k / len(GAMMAS))
         tried.append(misfit(gamma))
-    k = int(np.clip(np.argmin(tried), 1, len(RANGE) - 2))
-    bounds = np.log(RANGE[[k - 1, k + 1]])
+    k = int(np.clip(np.argmin(tried), 1, len(GAMMAS) - 2))
+    bounds = np.log(GAMMAS[[k - 1, k + 1]])
     gamma = lowest(misfit, bounds)
     linear, least = misfit(1.0), misfit(gamma)
-    clear = min(tried[0], tried[-1]) > MIN_RATIO * least and RANGE[0] < gamma < RANGE[-1]
+    clear = min(tried[0], tried[-1]) > CLEAR_RATIO * least and GAMMAS[0] < gamma < GAMMAS[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
         without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
         left_out.append(np.log(lowest(without, bounds)))
-    spread = jackknife_error(np.array(left_out))
+    spread = float(jackknife_error(np.array(left_out)))
     notes = []
     if not clear:
         notes.append(
@@ -165,7 +166,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
     every gamma; of linear samples, a large gamma would make that of the dark ones small.
     """
     f, y = (tile.target.mean(1) for tile in (sample, linear))
-    believed = np.asarray(found.weight > 0.0) & (f > DARK * f.max(0))
+    believed = np.asarray(found.weight > 0.0) & (f > SHADOW * f.max(0))
     level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
@@ -176,7 +177,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
 def scatter_of_logarithms(sample: TexelTile) -> float:
     """Return the typical scatter, over the views, of the logarithm of what a texel shows."""
     y = sample.target.mean(1)
-    lit = sample.counts & (y > DARK * y.max(0))
+    lit = sample.counts & (y > SHADOW * y.max(0))
     logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
     return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
 

@@ -28,7 +28,6 @@ from .run import RobustRun
 
 SAMPLE = 384  # texels
 EVERY = 3  # one view of so many is predicted
-FEWEST_VIEWS = 6
 
 
 def own_exponents_predict_better(
@@ -47,7 +46,7 @@ def own_exponents_predict_better(
         lobe: Lobe of the texels' own highlights.
         fit: Returns the estimates of texels with an n_s each.
     """
-    if len(sample.counts) < FEWEST_VIEWS:
+    if len(sample.counts) < 2 * EVERY:
         return True
     sample = sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, SAMPLE).astype(int)))
     seen = np.arange(len(sample.counts)) % EVERY != EVERY - 1

@@ -21,8 +21,8 @@ from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from .highlight_shape import HighlightShape
 
-DARKEST = 0.15  # share of the observations that is left out, so long as FEWEST are left
-FEWEST = 5
+DARKEST_SHARE = 0.15  # share of the observations that is left out, so long as MIN_BELIEVED are left
+MIN_BELIEVED = 5
 DARK_TRUST = 0.25  # weight of the darkest in a descent: they may show a steep slope as well as a shadow
 
 
@@ -126,7 +126,8 @@ def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -
     strength = (geometry.strength / jnp.where(arriving > 0.0, arriving, 1.0)[:, :, None]).mean(1)
     v = jax.tree.map(lambda c: c[None], geometry.v)
     lights = Lights(geometry.l, strength, v, geometry.lobe)
-    dropped = jnp.clip(jnp.floor(DARKEST * number + 1.0), 0.0, jnp.maximum(number - FEWEST, 0.0)).astype(int)
+    spare = jnp.maximum(number - MIN_BELIEVED, 0.0)
+    dropped = jnp.clip(jnp.floor(DARKEST_SHARE * number + 1.0), 0.0, spare).astype(int)
     ordered = jnp.sort(jnp.where(reached, grey, jnp.inf).astype(jnp.float32), 0)
     least = jnp.take_along_axis(ordered, jnp.minimum(dropped, len(grey) - 1)[None], 0)
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), lights)

@@ -15,13 +15,14 @@ from jaxtyping import Float
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
 from ...model.vectors import Vec3, normalize, tangents_of
+from ..descent import FIRST_DAMPING
 from ..linear_systems import solve
 from .candidates import weighted_coefficients
 from .highlight_shape import HighlightShape
 from .observations import BlockObservations
 
-LONGEST_STEP = 0.2  # of the normal, as its tangent
-FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.3, 6.0
+MAX_TILT = 0.2  # of the normal, as its tangent
+LESS_DAMPING, MORE_DAMPING = 0.3, 6.0  # factors after a step that lowers the cost, and one that does not
 
 
 class Weighing(eqx.Module):
@@ -138,7 +139,7 @@ def _stepped(state: DescentState, A: list[list[Array]], g: list[Array], damping:
 
     right = [-g[i] if (h := held[i]) is None else jnp.where(h, 0.0, -g[i]) for i in range(4)]
     a, b, k_d, k_s = solve([[element(i, j) for j in range(4)] for i in range(4)], right)
-    shorter = jnp.minimum(1.0, LONGEST_STEP / (jnp.sqrt(a * a + b * b) + 1e-9))
+    shorter = jnp.minimum(1.0, MAX_TILT / (jnp.sqrt(a * a + b * b) + 1e-9))
     s, t = tangents_of(state.n)
     n = normalize(state.n + s * (shorter * a) + t * (shorter * b))
     return DescentState(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost)

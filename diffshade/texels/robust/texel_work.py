@@ -22,7 +22,7 @@ from .observations import observe
 
 T = TypeVar("T")
 BLOCK = 1024  # texels in one call of a compiled program: their sums over the candidates stay in a core's cache
-SMALL_BLOCK = 64  # with lamps nearby a block is a square of the image, of which a sample has a few texels
+MIN_BLOCK = 64  # with lamps nearby a block is a square of the image, of which a sample has a few texels
 REFINING_ROUNDS = 3  # after which the shape of a highlight changes by a few percent
 FEW_EVERY = 3  # one texel of so many is enough to compare lobes and to refine a shape
 FEWEST_OF_REGION = 64  # texels of a sample from which a region learns a highlight of its own
@@ -140,7 +140,7 @@ class TexelWork:
         order = np.argsort(square, kind="stable")
         for part in np.split(order, np.flatnonzero(np.diff(square[order])) + 1):
             if len(part):
-                yield part, SMALL_BLOCK if len(part) <= SMALL_BLOCK else SQUARE * SQUARE
+                yield part, MIN_BLOCK if len(part) <= MIN_BLOCK else SQUARE * SQUARE
 
     def region_of(self, pixels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return the region of each pixel, given by its index in the flattened image."""
