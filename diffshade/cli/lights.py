@@ -5,11 +5,17 @@ from __future__ import annotations
 import logging
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .sources import ENCODING, EXIF, Encodings, by_name, with_names
 from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
+
+if TYPE_CHECKING:
+    import diffshade as ds
+
+    from ..inverse.data.photographs import PhotographFolder
 
 _LOGGER = logging.getLogger("diffshade")
 BALLS = ("mirror", "matte", "glossy")
@@ -49,28 +55,18 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Find the lights from photographs of a ball: files, or a folder for each."""
-    import numpy as np
-
     import diffshade as ds
 
     from ..calibration.result import check_folder, read_directions
-    from ..inverse.data.folders import list_folder
-    from ..io.images import read_as
 
     if out is not None:
         check_folder(out)
-    folders = len(photos) > 1 and all(path.is_dir() for path in photos)
-    if folders and thing is None:
-        raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
-    if folders and len(mask) not in (0, len(photos)):
-        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
     if thing is None and (apart is not None or width is not None):
         raise ValueError("--apart and --width are of two balls and an object beside them. Give --apply FOLDER.")
     if thing is not None and out is None:
         raise ValueError(f"--apply {thing} needs a folder to write. Give -o FOLDER.")
+    balls_and_masks = _balls_and_masks(photos, mask, beside=thing is not None)
     listed = None if against is None else read_directions(against)
-    masks = list(mask) or [None]
-    each = [(path, masks[i % len(masks)]) for i, path in enumerate(photos)] if folders else []
     balls = [
         ds.calibrate(
             path,
@@ -82,8 +78,7 @@ def calibrate(
             srgb=srgb,
             progress=True,
         )
-        for path, of in each
-        or [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+        for path, of in balls_and_masks
     ]
     found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
@@ -95,12 +90,7 @@ def calibrate(
         (found if applied is None else applied).write(out)
         written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
         ds.draw_calibration(out / "lights-shown.png", balls)
-    files = [
-        file
-        for path in photos
-        for file in ([path / name for name in list_folder(path).names] if path.is_dir() else [path])
-    ]
-    encodings = Encodings.of([read_as(file, srgb=srgb) for file in files], srgb)
+    encodings = _encodings(photos, srgb)
     lines = [
         f"{encodings}",
         *(f"{one}" for one in balls),
@@ -120,19 +110,43 @@ def calibrate(
         "notes": found.notes,
         "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
         "balls": [{"photographs": one.names, "directions": one.directions, "errors": one.errors} for one in balls],
-        "applied": applied
-        and {
-            "read_as": applied.encodings,
-            "photographs": applied.names,
-            "directions": applied.directions,
-            "errors": applied.errors,
-            "positions": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.positions],
-            "position_errors": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.position_errors],
-            "notes": applied.notes,
-        },
+        "applied": applied and _applied_data(applied),
         "folder": out,
     }
     answer("\n".join(lines), data, as_json=as_json)
+
+
+def _applied_data(applied: ds.AppliedLights) -> dict[str, Any]:
+    """Return the lights of an object for JSON."""
+    return {
+        "read_as": applied.encodings,
+        "photographs": applied.names,
+        "directions": applied.directions,
+        "errors": applied.errors,
+        "positions": applied.positions,
+        "position_errors": applied.position_errors,
+        "notes": applied.notes,
+    }
+
+
+def _balls_and_masks(photos: tuple[Path, ...], mask: tuple[Path, ...], *, beside: bool) -> list[tuple[Any, Any]]:
+    """Return the photographs and the mask, or masks, of each ball; `beside`: whether an object is beside them."""
+    if len(photos) == 1 or not all(path.is_dir() for path in photos):
+        return [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+    if not beside:
+        raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
+    if len(mask) not in (0, len(photos)):
+        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
+    return list(zip(photos, mask or [None] * len(photos), strict=True))
+
+
+def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:
+    """Return how the photographs of files and folders are encoded."""
+    from ..inverse.data.folders import list_folder
+    from ..io.images import read_as
+
+    folders = [[path / name for name in list_folder(path).names] if path.is_dir() else [path] for path in photos]
+    return Encodings.of([read_as(file, srgb=srgb) for files in folders for file in files], srgb)
 
 
 @click.command(
@@ -164,19 +178,10 @@ def find_lights(
 
     FOLDER: photographs with their lights, which may be wrong.
     """
-    import numpy as np
-
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import (
-        NORMALS,
-        light_distances,
-        light_errors,
-        photograph_names,
-        read_folder,
-        write_photographs,
-    )
+    from ..inverse.data.photographs import light_errors, read_folder
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -202,23 +207,14 @@ def find_lights(
             progress=True,
         )
     if out is not None:
-        intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
-        intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
-        errors = found.errors if np.isfinite(found.errors).all() else None
-        images = (np.asarray(view.image[:], np.float64) for view in read.views)
-        inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
-        distances = None if unknown else light_distances(photos, photograph_names(photos))[list(read.indices)]
-        distances = distances if distances is not None and np.isfinite(distances).any() else None
-        write_photographs(out, names, images, inside, found.directions, intensities, errors, distances)
-        for name in (name for name in NORMALS if (photos / name).is_file()):
-            shutil.copyfile(photos / name, out / name)
+        _write_found(out, found, read, photos, known=not unknown)
     encodings = Encodings.of(read.read_as, srgb)
     lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
     data = {
         "photographs": names,
         "read_as": encodings.names,
         "directions": found.directions,
-        "errors": [float(error) if np.isfinite(error) else None for error in found.errors],
+        "errors": found.errors,
         "own_errors": found.own_errors,
         "intensities": found.intensities,
         "intensity_errors": found.intensity_errors,
@@ -229,6 +225,24 @@ def find_lights(
         "folder": out,
     }
     answer("\n".join(lines), data, as_json=as_json)
+
+
+def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path, *, known: bool) -> None:
+    """Write the photographs of a folder with the lights that were found; `known`: whether it had lights."""
+    import numpy as np
+
+    from ..inverse.data.photographs import NORMALS, light_distances, photograph_names, write_photographs
+
+    intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+    intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
+    errors = found.errors if np.isfinite(found.errors).all() else None
+    images = (np.asarray(view.image[:], np.float64) for view in read.views)
+    inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
+    distances = light_distances(photos, photograph_names(photos))[list(read.indices)] if known else None
+    distances = distances if distances is not None and np.isfinite(distances).any() else None
+    write_photographs(out, read.names, images, inside, found.directions, intensities, errors, distances)
+    for name in (name for name in NORMALS if (photos / name).is_file()):
+        shutil.copyfile(photos / name, out / name)
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade mask photographs")

@@ -37,7 +37,7 @@ READ = {
 }
 ROW = ("name", "pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided")
 PBR = ("baseColorFactor", "metallicFactor", "roughnessFactor")
-MOST_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
+MAX_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
 def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
@@ -218,7 +218,7 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
     tables, found = [row], []
     for table in tables:  # grows: a material's tables are nested a few deep
         for key, value in table.items():
-            if isinstance(value, dict) and len(tables) < MOST_TABLES:
+            if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
     if found:

@@ -22,12 +22,11 @@ from ..model.materials import Highlight, Material
 from ..model.surfaces import AbstractSurface
 from ..texels.heights.differences import rays_of
 from ..texels.heights.mesh import HeightMesh, camera_axes
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from ..texels.status import OUTSIDE
 
 LIGHTS = ((0.0, 0.0, 1.0), (-0.6, 0.4, 0.69282), (0.8, 0.0, 0.6))  # toward the light, in the camera's axes
 EXPONENTS = 6  # n_s for which a highlight is refitted, where every texel has its own
-PERCENTILE = 99.5  # of k_s; larger values are clipped, so that 8 bits hold the others
 GREY = 0.1  # k_s at which a highlight is refitted where a program is not linear in it
 
 Image = Float[np.ndarray, "h w c"]
@@ -144,7 +143,7 @@ def highlights_of(maps: TexelMaps) -> Highlights:
     shines = maps.determined & (n_s > 0)
     if not shines.any():
         return one(k_s=GREY, n_s=10.0)
-    low, high = (float(n) for n in np.maximum(np.percentile(n_s[shines], (0.5, PERCENTILE)), 1.0))
+    low, high = (float(n) for n in np.maximum(np.percentile(n_s[shines], (0.5, UNCLIPPED_PERCENT)), 1.0))
     knots = np.unique(np.geomspace(low, high, EXPONENTS))
     place = np.interp(np.log(np.clip(n_s, knots[0], knots[-1])), np.log(knots), np.arange(len(knots)))
     k_s = np.broadcast_to(maps.values.get("k_s", np.asarray(material.k_s)), (*n_s.shape, 3))

@@ -15,13 +15,12 @@ from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from . import gltf_mesh, threejs_mesh
 from .exports import plain
 from .lobe_refits import with_lobe
 from .map_textures import (
     GREY,
-    PERCENTILE,
     Difference,
     MapSurface,
     Textures,
@@ -30,7 +29,7 @@ from .map_textures import (
     stored,
     surface_of,
 )
-from .mtl import HIGHEST
+from .mtl import MAX_N_S
 
 SUFFIXES = (".glb", ".gltf", ".json", ".obj", ".ply")
 
@@ -208,14 +207,14 @@ def _mtl_textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the pictures of an MTL, its rows, and how far its formula (Blinn's lobe) is from the maps."""
 
     def numbers(material: Material) -> tuple[float, float]:
-        refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST).material
+        refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S).material
         return float(np.mean(np.asarray(refit.n_s))), float(np.mean(refit.k_s)) / GREY
 
     highlights = highlights_of(maps)
     found = highlights.at_texels(np.array([numbers(material) for material in highlights.materials]))
     n_s, scale = np.moveaxis(found, -1, 0)
     k_s = surface.k_s * scale[..., None]
-    most, highest = float(max(np.percentile(k_s[surface.inside], PERCENTILE), 1e-3)), float(np.max(n_s))
+    most, highest = float(max(np.percentile(k_s[surface.inside], UNCLIPPED_PERCENT), 1e-3)), float(np.max(n_s))
     pictures, back = {}, {}
     for name, values, srgb in (
         ("Kd", surface.k_d, True),

@@ -20,14 +20,15 @@ from jaxtyping import Float
 from ..io.files import replacing
 from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
-from .map_textures import GREY, PERCENTILE, MapSurface, Textures, difference, highlights_of, stored
+from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
 from .reference import Cosines, Reference, radiance, reference_of
 from .threejs import fresnel
 
-CLAMPED, MIPMAPS, LINEAR, ON_UV = 1001, 1008, 1006, 300  # three.js's constants of textures
+# three.js's constants: stretched by the mesh's UV, clamped at the edges, linear, and by MIP maps where it is small
+SAMPLING = {"mapping": 300, "wrap": [1001, 1001], "minFilter": 1008, "magFilter": 1006}
 
 
 class PhongHighlight(NamedTuple):
@@ -45,7 +46,7 @@ def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     mean = k[surface.inside].mean(0)
     hue = mean / max(float(mean.max()), 1e-9) if mean.any() else np.ones(3)
     strength = k @ hue / (hue @ hue)
-    most = float(np.clip(np.percentile(strength[surface.inside], PERCENTILE), 1e-3, 1.0))
+    most = float(np.clip(np.percentile(strength[surface.inside], UNCLIPPED_PERCENT), 1e-3, 1.0))
     pictures, back = {}, {}
     for name, values, srgb in (
         ("map", surface.k_d, True),
@@ -156,10 +157,7 @@ def _texture(name: str) -> dict[str, Any]:
         "uuid": name,
         "name": name,
         "image": name,
-        "mapping": ON_UV,
-        "wrap": [CLAMPED, CLAMPED],
-        "minFilter": MIPMAPS,
-        "magFilter": LINEAR,
+        **SAMPLING,
         "flipY": True,
         "colorSpace": "srgb" if name == "map" else "",
     }

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..inverse.data.relightable import dome
 from .robust.learning import typical_level
 from .unexplained import MIN_GAIN, Interpolation, Smoothing
 
@@ -174,16 +175,13 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
-    """Return directions between some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
+    """Return directions between some lights, spread evenly: nearer to one than these are apart."""
     once = toward[_once(toward)]
     if len(once) < 2:
         return np.zeros((0, 3))
     spacing = float(np.median(_apart(once).min(1)))
     count = round(4.0 * np.pi / (SPACING * spacing) ** 2)
-    i = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * i / count, np.pi * (3.0 - np.sqrt(5.0)) * i
-    r = np.sqrt(1.0 - z * z)
-    sphere = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
+    sphere = dome(count, -1.0)
     nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
     return sphere[(nearest > MIN_APART * spacing) & (nearest < spacing)]
 

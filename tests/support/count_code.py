@@ -65,7 +65,8 @@ def lines_of_code(path: Path) -> int:
 def numbers(node: ast.AST, plain: Collection[float]) -> list[float]:
     """Return the numbers that an expression or a statement spells out, without some that say nothing."""
     values = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
-    return [value for value in values if type(value) in (int, float) and value not in plain]
+    spelled = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    return [value for value in spelled if value not in plain]
 
 
 def is_code(value: ast.expr) -> bool:

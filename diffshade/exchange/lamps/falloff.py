@@ -16,7 +16,7 @@ from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
 NAMES = RadialAttenuation.numbers()  # by the power of the distance
-INSEPARABLE = 0.95  # correlation above which the table does not separate two coefficients
+MAX_CORRELATION = 0.95  # correlation above which the table does not separate two coefficients
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Falloff:
         """What the table does not determine, and remedies."""
         points, notes = _count(self.rows), []
         vague = [NAMES.index(name) for name in self.undetermined]
-        merged = [i for i in vague if any(abs(self.correlation[i, j]) > INSEPARABLE for j in vague if j != i)]
+        merged = [i for i in vague if any(abs(self.correlation[i, j]) > MAX_CORRELATION for j in vague if j != i)]
         if len(merged) > 1:
             highest = max((self.correlation[i, j] for i in merged for j in merged if i < j), key=abs)
             notes.append(

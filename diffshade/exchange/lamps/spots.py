@@ -12,7 +12,7 @@ from ...core.fields import check_kind
 from ...model.lights import SpotLight
 from ...model.measured_lights import MeasuredLight, Profile
 
-POOR = 0.05  # rms over peak: above it cos^a does not fit the lamp
+MAX_RMS = 0.05  # rms over peak: above it cos^a does not fit the lamp
 EXPONENT_RANGE = (1e-3, 1e4)
 
 
@@ -28,7 +28,7 @@ class SpotFit:
     @property
     def fits(self) -> bool:
         """Whether the spot fits the lamp: the rms is at most 5 % of the peak."""
-        return self.rms <= POOR
+        return self.rms <= MAX_RMS
 
     def __str__(self) -> str:
         a, cutoff = float(self.light.exponent), float(self.light.cutoff)
