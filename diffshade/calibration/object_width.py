@@ -10,7 +10,7 @@ less well. The typical residual is a median over the photographs, which cast sha
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -89,11 +89,12 @@ def find_width(
 
     used = np.ones(shown.shape[1], bool)
     tried = [misfit(width, used) for width in TRIED]
-    best = int(np.argmin(tried))
-    bounds = (-TRIED[1], *TRIED, 2.0 * TRIED[-1])[best : best + 3 : 2]
+    k = int(np.argmin(tried))
+    bounds = (-TRIED[1], *TRIED, 2.0 * TRIED[-1])[k : k + 3 : 2]
 
     def lowest(used: Bool[np.ndarray, " photographs"]) -> float:
-        return float(minimize_scalar(misfit, bounds=bounds, args=(used,), options={"xatol": 0.01}).x)  # pyright: ignore[reportAttributeAccessIssue]
+        best: Any = minimize_scalar(misfit, bounds=bounds, args=(used,), options={"xatol": 0.01})
+        return float(best.x)
 
     found = lowest(used)
     group = np.arange(shown.shape[1]) % GROUPS

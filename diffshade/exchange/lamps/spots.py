@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -70,7 +71,7 @@ def as_spot(lamp: MeasuredLight) -> SpotFit:
         return scale, float(np.mean((beam - scale * s) ** 2))
 
     def best(cutoff: float) -> tuple[float, float, float]:
-        found = minimize_scalar(
+        found: Any = minimize_scalar(
             lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENT_RANGE), method="bounded"
         )
         return float(found.fun), float(found.x), cutoff

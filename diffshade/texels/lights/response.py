@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -190,8 +191,8 @@ def raised(sample: TexelTile, gamma: float) -> TexelTile:
 
 def lowest(misfit: Misfit, bounds: Float[np.ndarray, "2"]) -> float:
     """Return where a misfit is least, between two logarithms of gamma."""
-    found = minimize_scalar(lambda log: misfit(float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
-    return float(np.exp(found.x))  # pyright: ignore[reportAttributeAccessIssue]
+    found: Any = minimize_scalar(lambda log: misfit(float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
+    return float(np.exp(found.x))
 
 
 def _check(views: Sequence[View]) -> None:
