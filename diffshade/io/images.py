@@ -2,7 +2,8 @@
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -94,17 +95,13 @@ def read_as(path: Path, *, srgb: bool | None = None) -> ReadAs:
         ImportError: As `read_image` raises it.
     """
     check_exists(path, folder=True)
-    suffix = path.suffix.lower()
-    kind = FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
-    dtype = np.dtype(np.uint8)
-    if suffix == ".png":
+    kind, dtype = _kind(path), np.dtype(np.uint8)
+    if kind == "PNG":
         depth = png_depth(path)
         kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
-    if suffix in (".ppm", ".pgm"):
-        try:
+    if kind in ("PPM", "PGM"):
+        with decoding(path, f"cannot read {path}"):
             dtype = netpbm_dtype(path)
-        except ValueError:
-            raise _damaged(path) from None
     return _read_as(path, kind, dtype, srgb)
 
 
@@ -284,22 +281,29 @@ def _read(path: Path) -> np.ndarray:
     """The numbers of a file as they are stored, shape (H, W, C)."""
     check_exists(path)
     known = format_of(path)
-    try:
+    with decoding(path, f"cannot read {path}"):
         stored = known.decode(path.absolute(), path.read_bytes())  # imageio reads a leading ~ as a home folder
-    except (ImportError, MemoryError, PermissionError):
-        raise
-    except UnsupportedError as error:
-        raise ValueError(f"cannot read {path}: it {error}") from None
-    except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
-        raise _damaged(path) from None
     return _with_channels(stored, f"cannot read {path}: it", known)
 
 
-def _damaged(path: Path) -> OSError:
-    name = format_of(path).name
-    return OSError(
-        f"cannot read {path}: it is no {name}, or is empty, truncated or damaged. Make or copy the file again."
-    )
+@contextmanager
+def decoding(path: Path, task: str) -> Iterator[None]:
+    """Turn what a decoder raises, for a damaged file anything from SyntaxError to struct.error, into one sentence."""
+    try:
+        yield
+    except (ImportError, MemoryError, PermissionError):
+        raise
+    except UnsupportedError as error:
+        raise ValueError(f"{task}: it {error}") from None
+    except Exception:
+        raise OSError(
+            f"{task}: it is no {_kind(path)}, or is empty, truncated or damaged. Make or copy the file again."
+        ) from None
+
+
+def _kind(path: Path) -> str:
+    suffix = path.suffix.lower()
+    return FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
 
 
 def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:

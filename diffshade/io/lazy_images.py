@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..core.extras import needing
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
-from .images import as_fractions, check_exists, decoded, encoding_of
+from .images import as_fractions, check_exists, decoded, decoding, encoding_of
 
 TILE = 1 << 16  # pixels read at a time
 BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
@@ -160,18 +161,8 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             f"cannot open {path}: a file with the suffix '{path.suffix}' is not read by rows. Write it as .npy, .tif "
             "or .zarr, or read it whole with ds.read_image."
         )
-    try:
+    with decoding(path, f"cannot open {path}"), needing("zarr", f"cannot open {path}"):
         rows, shape, dtype = opened(path.absolute())  # rows are read later, perhaps from another folder
-    except (ImportError, MemoryError, PermissionError, UnsupportedError) as error:
-        if isinstance(error, ModuleNotFoundError):
-            message = f"cannot open {path} without the package {error.name}. Install it: pip install 'diffshade[zarr]'."
-            raise ImportError(message) from None
-        if isinstance(error, UnsupportedError):
-            raise ValueError(f"cannot open {path}: it {error}") from None
-        raise
-    except Exception:  # like a decoder, a reader raises anything for a damaged file
-        message = "it is empty, truncated, damaged or no image. Make or copy the file again."
-        raise OSError(f"cannot open {path}: {message}") from None
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
         raise ValueError(
             f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..core.extras import needing
 from ..core.words import count, listing
 from ..model.meshes import wound_against
 from .gltf_files import read_gltf
 from .obj_files import read_obj
 from .ply_files import read_ply
-from .polygons import Polygons, triangulated
+from .polygons import Polygons, indexed, triangulated
 from .stl_files import read_stl
 from .vertex_normals import corner_normals, have_direction, unit
 
@@ -51,14 +52,10 @@ def read_surface(path: str | Path) -> Surface:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
-    try:
+    with needing("mesh", f"cannot read {path}"):
         import embreex  # noqa: F401
         import mapbox_earcut  # noqa: F401
         import trimesh  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            f"reading a mesh needs trimesh, embreex and mapbox_earcut ({error}). pip install 'diffshade[mesh]'."
-        ) from None
     found = READERS.get(path.suffix.lower(), _of_trimesh)(path)
     if not len(found.size):
         raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
@@ -94,10 +91,7 @@ def _of_trimesh(path: Path) -> Polygons:
     except Exception as error:  # each of trimesh's readers raises its own kind
         said = " ".join(f"{error}".split())
         raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
-    if face.size and not 0 <= face.min() <= face.max() < len(point):
-        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export it again.")
-    missing, none = np.full((face.size, 3), np.nan), np.zeros(len(face), int)
-    return Polygons(point, np.full(len(face), 3), face.ravel(), missing, none, none)
+    return indexed(point, np.full(point.shape, np.nan), np.full(len(face), 3), face.ravel(), f"{path}")
 
 
 def _with_area(corner: Float[np.ndarray, "t 3 3"]) -> Any:

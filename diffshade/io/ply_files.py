@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .parsing import short
-from .polygons import Polygons, stated
+from .polygons import Polygons, indexed, stated
 
 KINDS = {
     "char": "i1",
@@ -93,10 +93,7 @@ def _polygons(found: dict[str, Columns], path: Path) -> Polygons:
         normal = stated(np.stack([vertex.items[name].astype(float) for name in ("nx", "ny", "nz")], -1))
     lists = [name for name in (*INDICES, *face.lengths) if name in face.lengths]
     at, size = (face.items[lists[0]], face.lengths[lists[0]]) if lists else (np.zeros(0), np.zeros(0))
-    if len(at) and not (0 <= at.min() <= at.max() < len(point) and (at == np.floor(at)).all()):
-        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export the file again.")
-    at, none = at.astype(int), np.zeros(len(size), int)
-    return Polygons(point, size.astype(int), at, normal[at], none, none)
+    return indexed(point, normal, size.astype(int), at, f"{path}")
 
 
 def _header(text: str, path: Path) -> tuple[str, list[Element]]:
