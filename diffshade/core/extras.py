@@ -17,6 +17,5 @@ def needing(extra: str, task: str) -> Iterator[None]:
         yield
     except ImportError as error:
         package = (error.name or f"{error}").replace("_", "-")
-        raise ImportError(
-            f"{task} without the package {package}. Install it: pip install 'diffshade[{extra}]'."
-        ) from None
+        message = f"{task} without the package {package}. Install it: pip install 'diffshade[{extra}]'."
+        raise ImportError(message) from None

@@ -221,15 +221,13 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     import imageio.v3 as iio
 
     name = FORMATS[suffix].name
-    if name in ("PPM", "PGM", "PFM"):
-        return _encode_netpbm(name, pixels)
     if name == "HDR":
         pixels = _rounded_to_rgbe(np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
     if pixels.shape[-1] > 4 or (name == "TIFF" and pixels.shape[-1] == 2 and pixels.dtype != np.uint8):
         pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
         return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
     if pixels.shape[-1] == 1:
-        pixels = pixels[..., 0]
+        pixels, suffix = pixels[..., 0], ".pgm" if suffix == ".ppm" else suffix
     if pixels.dtype == np.uint8:
         options = {"plugin": "pillow", "is_batch": False} | {
             "JPEG": {"quality": quality, "subsampling": 0},
@@ -239,15 +237,6 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     else:
         options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
     return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
-
-
-def _encode_netpbm(name: str, pixels: np.ndarray) -> bytes:
-    height, width, channels = pixels.shape
-    if name == "PFM":
-        head = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n"
-        return head.encode() + pixels[::-1].astype("<f4").tobytes()
-    head = f"{'P6' if channels == 3 else 'P5'}\n{width} {height}\n{np.iinfo(pixels.dtype).max}\n"
-    return head.encode() + pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
 
 
 def _rounded_to_rgbe(pixels: np.ndarray) -> np.ndarray:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import os
 import threading
 import weakref
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ class LazyImage:
         Returns:
             The colours, also read by rows.
         """
-        return LazyImage(ColourRows(self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
+        return LazyImage(partial(_colours, self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
 
     def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
         """Read the image from top to bottom, tile by tile.
@@ -97,24 +97,13 @@ class LazyImage:
         return out
 
 
-@dataclasses.dataclass(frozen=True)
-class SlicedRows:
-    """The rows of an array that is sliced by rows."""
-
-    array: Any
-
-    def __call__(self, first: int, last: int) -> Any:
-        return self.array[first:last]
+def sliced(array: Any, first: int, last: int) -> Any:
+    """Return rows of an array."""
+    return array[first:last]
 
 
-@dataclasses.dataclass(frozen=True)
-class ColourRows:
-    """The rows of an image without its alpha."""
-
-    image: LazyImage
-
-    def __call__(self, first: int, last: int) -> Any:
-        return self.image[first:last][..., :-1]
+def _colours(image: LazyImage, first: int, last: int) -> np.ndarray:
+    return image[first:last][..., :-1]
 
 
 def rows_of_a_tile(width: int) -> int:
@@ -164,9 +153,7 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
     with decoding(path, f"cannot open {path}"), needing("zarr", f"cannot open {path}"):
         rows, shape, dtype = opened(path.absolute())  # rows are read later, perhaps from another folder
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
-        raise ValueError(
-            f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."
-        )
+        raise ValueError(f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C), C from 1 to 4.")
     read = FileRows(path, srgb, rows, shape, dtype)
     return LazyImage(read, shape, read(0, 0).dtype)
 
@@ -187,9 +174,7 @@ class FileRows:
             raise
         except Exception as error:  # a reader raises anything: pixels are damaged, or compressed by another package
             said = " ".join(f"{error}".split())
-            raise OSError(
-                f"cannot read {self.path}: {said}. Make it again, without compression or predictor."
-            ) from None
+            raise OSError(f"cannot read {self.path}: {said}. Make it again without compression or predictor.") from None
         fractions = stored if self.dtype.kind == "f" else as_fractions(self.path, stored)
         return decoded(fractions, self.dtype, self.encoding)
 

@@ -12,19 +12,9 @@ from jaxtyping import Float
 from .parsing import short
 from .polygons import Polygons, indexed, stated
 
-KINDS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    **{f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)},
-    "float32": "f4",
-    "float64": "f8",
-}
+SIZES = {"char": 1, "short": 2, "int": 4, "int8": 1, "int16": 2, "int32": 4, "int64": 8}
+KINDS = {name: f"i{size}" for name, size in SIZES.items()} | {f"u{name}": f"u{size}" for name, size in SIZES.items()}
+KINDS |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r).*?(?:\r\n|\n|\r)end_header[ \t]*", re.DOTALL)
 INDICES = ("vertex_indices", "vertex_index")

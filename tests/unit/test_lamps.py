@@ -172,7 +172,7 @@ IES, LDT, PLANES = ies([0], ROW), ldt(1, 1, ROW), "\r\n1\r\n360"
 BAD = [
     ("a.ies", "IESNA\n1 2 3", "is not an IES file: it has no line TILT=. Give"),
     ("a.ies", IES[:-20], "must have 26 numbers after TILT, for 6 vertical and 1 horizontal angles; got 2"),
-    ("a.ies", "TILT=NONE\n1 2 3", "ends after TILT at '1 2 3'. It is cut off"),
+    ("a.ies", "TILT=NONE\n1 2 3", "ends after TILT at '1 2 3'. Give the whole"),
     ("a.ies", ies([0], ROW, kind=2), "type B must have two vertical and two horizontal angles or more."),
     ("a.ies", ies([0], ROW, kind=4), "must be of photometric type 1 (C), 2 (B) or 3 (A); got 4."),
     ("a.ies", ies([10, 90], [ROW[0]] * 2, kind=3), "angles of type A must increase from 0 or less"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -17,7 +18,7 @@ from ...core.arrays import check_load, is_number, named_plain
 from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter
 from ...core.masks import as_mask
 from ...core.words import Note, count
-from ...io.lazy_images import LazyImage, SlicedRows, row_tiles
+from ...io.lazy_images import LazyImage, row_tiles, sliced
 from ...model.cameras import AbstractCamera
 from ...model.scenes import Scene
 from .sensors import Sensor
@@ -43,7 +44,7 @@ def as_image(image: Any, name: str = "View.image") -> Any:
     check_load(name, image)
     in_memory = hasattr(image, "__dlpack__") or isinstance(image, np.generic)  # NumPy, JAX, PyTorch
     if not in_memory and all(hasattr(image, part) for part in ("shape", "dtype", "__getitem__")):
-        return LazyImage(SlicedRows(image), image.shape, image.dtype)
+        return LazyImage(partial(sliced, image), image.shape, image.dtype)
     array = named_plain(name, image)
     if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
         array = array.astype(np.float32)

@@ -83,7 +83,7 @@ def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name
     for axis, angles in ((1, vertical), (0, horizontal)):
         if (np.diff(angles) <= 0).any() or np.abs(angles).max() > 180 or angles[0] > 0:
             raise ValueError(
-                f"{name}: angles of type {kind} must increase from 0 or less, to at most 180. Correct them."
+                f"{name}: angles of type {kind} must increase from 0 or less to at most 180. Correct them."
             )
         if angles[0] == 0 and len(angles) > 1:
             values = np.concatenate([np.flip(values, axis).take(range(len(angles) - 1), axis), values], axis)

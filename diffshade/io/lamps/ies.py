@@ -72,9 +72,7 @@ def _tilt(words: list[str], name: str) -> Tilt:
     pairs = count(_word(words, 0, name), f"{name}: the number of tilt angles")
     found = np.array(numbers(words[1 : 1 + 2 * pairs], f"{name}: a tilt angle or factor"))
     if len(found) != 2 * pairs or (np.diff(found[:pairs]) <= 0).any() or (found[pairs:] < 0).any():
-        raise ValueError(
-            f"{name}: {pairs} tilt angles must increase, with one factor of at least 0 each. Correct them."
-        )
+        raise ValueError(f"{name}: {pairs} tilt angles must increase, with a factor of at least 0 each. Correct them.")
     return found[:pairs], found[pairs:]
 
 
@@ -98,7 +96,5 @@ def _label(lines: list[str], words: list[str]) -> LampLabel:
 
 def _word(words: list[str], i: int, name: str) -> str:
     if i >= len(words):
-        raise ValueError(
-            f"{name} ends after TILT at {short(' '.join(words[-3:]))}. It is cut off; give the whole file."
-        )
+        raise ValueError(f"{name} ends after TILT at {short(' '.join(words[-3:]))}. Give the whole file.")
     return words[i]
