@@ -177,13 +177,13 @@ def parameter(
     """Return the metadata of a field that can be free.
 
     Args:
-        role: What it is; see `Parameter`.
+        role: What it is; see `Parameter`. A direction must not be the zero vector.
         lower: The least value; None for no bound.
         upper: The largest value; None for no bound.
         of_fit: Other fields of `Parameter`.
     """
     ends = {name: end for name, end in (("lower", lower), ("upper", upper)) if end is not None}
-    return {**ends, "parameter": Parameter(role, **of_fit)}
+    return {**ends, "nonzero": role == "direction", "parameter": Parameter(role, **of_fit)}
 
 
 def parameter_of(field: dataclasses.Field) -> Parameter:
@@ -194,8 +194,8 @@ def parameter_of(field: dataclasses.Field) -> Parameter:
 class Checked(eqx.Module):
     """A module whose fields are checked when it is made, and again by `check`.
 
-    A field says its range in its metadata: `lower`, `upper`. Tracers pass: inside `jit` and `grad` there is nothing to
-    look at.
+    A field says its range in its metadata: `lower` and `upper`, or `above` and `below` where an end is not in it; and
+    `nonzero` for a vector other than zero. Tracers pass: inside `jit` and `grad` there is nothing to look at.
     """
 
     def __check_init__(self) -> None:
@@ -243,9 +243,12 @@ def _check_field(
     if shape not in shapes and not mapped:
         raise ValueError(f"{name} must be {noun}; got shape {shape}. {remedy}")
     numbers, where = _as_numpy(value), ""
-    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
-    wrong = ~(np.isfinite(numbers) & (numbers >= lower) & (numbers <= upper))
+    lower, above = (metadata.get(end, -np.inf) for end in ("lower", "above"))
+    upper, below = (metadata.get(end, np.inf) for end in ("upper", "below"))
+    wrong = ~((numbers >= lower) & (numbers <= upper) & (numbers > above) & (numbers < below))
     if not wrong.any():
+        if metadata.get("nonzero") and not np.any(numbers):
+            raise ValueError(f"{name} must not be the zero vector; got [0, 0, 0]. Give a direction of any length.")
         return
     if mapped:
         row, column, _ = first = np.unravel_index(np.argmax(wrong), shape)
@@ -253,6 +256,8 @@ def _check_field(
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}{where}. {remedy}")
     allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
+    if above > -np.inf:
+        allowed = f"above {above:g}" + (f" and below {below:g}" if below < np.inf else "")
     raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}{where}. Give a value in that range.")
 
 

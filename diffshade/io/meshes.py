@@ -15,6 +15,7 @@ from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera, Camera
 from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
+from ..model.rendering import pixel_rays
 from .mesh_reading import Surface, read_surface
 from .triangles import Triangles, first_hits
 from .vertex_normals import unit
@@ -154,6 +155,5 @@ def _seen(surface: Surface, camera: AbstractCamera, smooth: bool) -> GBuffer:
 @jax.jit
 def _rays(camera: AbstractCamera) -> tuple[Float[Array, "rays 3"], Float[Array, "rays 3"]]:
     """Return the origins and directions of the rays of a camera's pixels."""
-    row, column = (a.astype(float).ravel() for a in np.indices(camera.shape))
-    rays = camera.projection().rays(row, column)
-    return rays.origin.stack(), rays.direction.stack()
+    rays = pixel_rays(camera.projection(), camera.shape)
+    return rays.origin.stack().reshape(-1, 3), rays.direction.stack().reshape(-1, 3)
