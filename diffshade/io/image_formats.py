@@ -60,18 +60,15 @@ def format_of(path: Path) -> Format:
         raise ValueError(f"{path} has the suffix '{path.suffix}', which is not a known image. Use {known}.") from None
 
 
-def png_depth(path: Path) -> int:
-    """Return the bits per sample in a PNG's header; 8 if there are fewer, since those are read as 8."""
+def bits_of(path: Path) -> int:
+    """Return the bits per number that a PNG, PPM or PGM is read with, from its header, 8 for fewer; 8 for others."""
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".ppm", ".pgm"):
+        return 8
     with path.open("rb") as file:
-        header = file.read(25)
-    return 16 if header[24:] == b"\x10" else 8
-
-
-def netpbm_dtype(path: Path) -> np.dtype:
-    """Return the type of number that a PPM or PGM is read as."""
-    with path.open("rb") as file:
-        header = netpbm_header(file.read(NETPBM_HEADER))
-    return np.dtype(np.uint8 if header.maximum < 256 else np.uint16)
+        header = file.read(NETPBM_HEADER)
+    deep = header[24:25] == b"\x10" if suffix == ".png" else netpbm_header(header).maximum > 255
+    return 16 if deep else 8
 
 
 def _decode_png(path: Path, data: bytes) -> np.ndarray:

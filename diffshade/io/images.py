@@ -16,7 +16,7 @@ from ..core.masks import as_mask
 from ..core.words import with_article
 from .encodings import LINEAR, SRGB, Encoding, srgb_encode
 from .files import replacing
-from .image_formats import FORMATS, Format, format_of, netpbm_dtype, png_depth, save
+from .image_formats import FORMATS, Format, bits_of, format_of, save
 from .image_headers import UnsupportedError
 from .image_statements import Statement, statement_of
 
@@ -95,22 +95,14 @@ def read_as(path: Path, *, srgb: bool | None = None) -> ReadAs:
         ImportError: As `read_image` raises it.
     """
     check_exists(path, folder=True)
-    kind, dtype = _kind(path), np.dtype(np.uint8)
-    if kind == "PNG":
-        depth = png_depth(path)
-        kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
-    if kind in ("PPM", "PGM"):
-        with decoding(path, f"cannot read {path}"):
-            dtype = netpbm_dtype(path)
-    return _read_as(path, kind, dtype, srgb)
+    with decoding(path, f"cannot read {path}"):
+        bits = bits_of(path)
+    kind = f"{bits}-bit PNG" if _kind(path) == "PNG" else _kind(path)
+    return numbers_read_as(path, np.dtype(f"u{bits // 8}"), srgb, kind)
 
 
-def encoding_of(path: Path, dtype: np.dtype, srgb: bool | None) -> Encoding:
-    """Return the encoding of a file with numbers of a type: as asked, else as it states, else as usual."""
-    return _read_as(path, "", dtype, srgb).encoding
-
-
-def _read_as(path: Path, kind: str, dtype: np.dtype, srgb: bool | None) -> ReadAs:
+def numbers_read_as(path: Path, dtype: np.dtype, srgb: bool | None, kind: str = "") -> ReadAs:
+    """Return what a file with numbers of a type is taken for: as asked, else as it states, else as usual."""
     statement = statement_of(path)
     usual = SRGB if _is_srgb(path, dtype, None) else LINEAR
     given = (statement.encoding or usual) if srgb is None else SRGB if srgb else LINEAR
@@ -130,7 +122,7 @@ def load_image(
             change: each then depends on the one that is not known.
     """
     stored = _read(path)
-    taken = _read_as(path, "", stored.dtype, srgb)
+    taken = numbers_read_as(path, stored.dtype, srgb)
     stored = _upright(path, stored, taken.statement.orientation, orientation)
     image = decoded(as_fractions(path, stored), stored.dtype, taken.encoding)
     if clipped and stored.dtype.kind == "u" and taken.encoding.to_srgb is not None:
@@ -212,7 +204,8 @@ def write_image(
     """
     path = Path(path)
     dtype = dtype_to_write(path, bits)
-    pixels = _as_pixels(path, image)
+    subject = f"cannot write {path}: the image"
+    pixels = _with_channels(float64_of(subject, image), subject, format_of(path))
     _check_can_hold(path, dtype, pixels)
     if dtype.kind == "u":
         pixels = _clip(path, pixels)
@@ -327,11 +320,6 @@ def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
     if bits is not None and bits not in dtypes:
         raise ValueError(f"cannot write {path} with bits={bits}. {name} takes {' or '.join(map(str, dtypes))}.")
     return dtypes[bits] if bits is not None else next(iter(dtypes.values()))
-
-
-def _as_pixels(path: Path, image: Numbers) -> np.ndarray:
-    array = float64_of(f"cannot write {path}: the image", image)
-    return _with_channels(array, f"cannot write {path}: the image", format_of(path))
 
 
 def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:

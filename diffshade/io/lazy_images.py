@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from ..core.extras import needing
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
-from .images import as_fractions, check_exists, decoded, decoding, encoding_of
+from .images import as_fractions, check_exists, decoded, decoding, numbers_read_as
 
 TILE = 1 << 16  # pixels read at a time
 BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
@@ -164,7 +164,7 @@ class FileRows:
     def __init__(self, path: Path, srgb: bool | None, rows: Rows, shape: tuple[int, ...], dtype: np.dtype):
         self.path, self.srgb, self.rows, self.shape, self.dtype = path, srgb, rows, shape, dtype
         self.whole_path = path.absolute()
-        self.encoding = encoding_of(path, dtype, srgb)
+        self.encoding = numbers_read_as(path, dtype, srgb).encoding
 
     def __call__(self, first: int, last: int) -> np.ndarray:
         shape = (last - first, *self.shape[1:], *((1,) if len(self.shape) == 2 else ()))
@@ -190,10 +190,7 @@ Opened = tuple[Rows, tuple[int, ...], np.dtype]
 
 
 def _open_npy(path: Path) -> Opened:
-    whole = np.load(path, "r", allow_pickle=False, max_header_size=NPY_HEADER)
-    if not isinstance(whole, np.memmap):
-        raise UnsupportedError("is no single array. Save one array with np.save.")
-    return _mapped(path, whole)
+    return _mapped(path, np.lib.format.open_memmap(path, "r", max_header_size=NPY_HEADER))
 
 
 def _mapped(path: Path, whole: np.memmap) -> Opened:

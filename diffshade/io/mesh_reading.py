@@ -23,7 +23,7 @@ MOST_NAMED = 3  # faces that a note names; of more it gives the number
 CROSSED = 1e-3  # of a face's area: rounding of positions in files changes it by less, and no picture shows it
 
 
-class Surface(NamedTuple):
+class MeshSurface(NamedTuple):
     """Triangles, counter-clockwise seen from the side of their normals."""
 
     corner: Float[np.ndarray, "t 3 3"]
@@ -41,7 +41,7 @@ class Surface(NamedTuple):
         return (self.corner.min((0, 1)) + self.corner.max((0, 1))) / 2
 
 
-def read_surface(path: str | Path) -> Surface:
+def read_surface(path: str | Path) -> MeshSurface:
     """Read the triangles of a mesh file.
 
     Raises:
@@ -78,7 +78,7 @@ def read_surface(path: str | Path) -> Surface:
     point = faces.point[faces.at[corner]]
     turned = wound_against(point, normal)[:, None, None]
     point, normal = (np.where(turned, of[:, ::-1], of) for of in (point, normal))
-    return Surface(point, normal, faces.part[face], faces.names, notes)
+    return MeshSurface(point, normal, faces.part[face], faces.names, notes)
 
 
 def _of_trimesh(path: Path) -> Polygons:

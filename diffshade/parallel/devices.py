@@ -29,9 +29,7 @@ class DeviceGroup:
         me = jax.process_index()
         self.own = [lane for lane, device in enumerate(self.devices) if device.process_index == me]
         if not self.own:
-            raise ValueError(
-                f"mesh must hold a device of every process; it has none of process {me}. Make it of jax.devices()."
-            )
+            raise ValueError(f"mesh needs a device of every process; it has none of process {me}. Use jax.devices().")
         self.here = [self.devices[lane] for lane in self.own]
         self.several = len(self.own) < len(self.devices)
         self.first = self.own[0] == 0

@@ -58,9 +58,7 @@ def open_folder(folder: Path, problem: str, rows: int) -> tuple[int, TextIO | No
     """
     marker = folder / MARKER
     if folder.exists() and not marker.is_file() and _has_other_files(folder):
-        raise ValueError(
-            f"{folder} holds other files, and no maps of an earlier run. Give out the name of a new folder."
-        )
+        raise ValueError(f"{folder} holds other files, and no maps of a run. Give out the name of a new folder.")
     folder.mkdir(parents=True, exist_ok=True)
     lock = _locked(folder)
     try:

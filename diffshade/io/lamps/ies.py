@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...model.measured_lights import LampLabel
 from ..parsing import NUMBER, above_0, count, number, numbers, short
-from .c_planes import LampData, Table, turned, whole_circle
+from .c_planes import CandelaTable, LampData, turned, whole_circle
 
 HEADER = 13  # numbers in the header, before the angles
 KINDS = {1: "C", 2: "B", 3: "A"}
@@ -59,7 +59,7 @@ def read_ies(text: str, name: str) -> LampData:
     candela = candela.reshape(n_h, n_v) * scale
     label = _label(lines[:at], words)
     if kind == "C":
-        return LampData(Table(vertical, *whole_circle(horizontal, candela, name)), label, tuple(notes), tilt)
+        return LampData(CandelaTable(vertical, *whole_circle(horizontal, candela, name)), label, tuple(notes), tilt)
     return LampData(turned(vertical, horizontal, candela, kind, name), label, tuple(notes), tilt)
 
 
