@@ -10,7 +10,19 @@ import pytest
 from refusals import untyped
 
 import diffshade as ds
-from diffshade.core.fields import as_array, as_colour, check, is_concrete, quantities
+from diffshade.core.fields import (
+    Checked,
+    Scalar,
+    Vector,
+    as_array,
+    as_colour,
+    as_scalar,
+    as_vector,
+    check,
+    is_concrete,
+    parameter,
+    quantities,
+)
 from diffshade.core.words import did_you_mean
 
 
@@ -210,3 +222,19 @@ def test_did_you_mean():
     assert did_you_mean("kd", names) == "Did you mean 'k_d'?"
     assert did_you_mean("intensty", names) == "Did you mean 'intensity'?"
     assert did_you_mean("xyzzy", [*names, "a.path", "*"]) == "Known names: intensity, k_d, k_s."
+
+
+def test_open_ends_and_directions_are_said_by_the_field():
+    class Part(Checked):
+        size: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"above": 0, "below": 2})
+        along: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction"))
+
+    Part(size=1e-9, along=(0, 0, 1e-9))
+    for size in (0, -1, 2, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"Part\.size must be (above 0 and below 2|finite); got"):
+            Part(size=size)
+    with pytest.raises(
+        ValueError, match=r"Part\.along must not be the zero vector; got \[0, 0, 0\]\. Give a direction"
+    ):
+        Part(along=(0, 0, 0))
+    jax.jit(lambda size: Part(size=size).size)(0.0)  # tracers pass

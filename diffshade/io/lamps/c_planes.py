@@ -44,7 +44,7 @@ def whole_circle(horizontal: Angles, values: Values, name: str) -> tuple[Angles,
         return np.zeros(1), values
     first, last = float(horizontal[0]), float(horizontal[-1])
     gap = 360.0 - (last - first)
-    if first % 90.0 == 0.0 and gap in (180.0, 270.0):  # a half or a quarter, between its mirror planes
+    if (gap == 180.0 and first % 90.0 == 0.0) or (gap == 270.0 and first == 0.0):  # between two mirror planes
         about = (first, last)
     elif gap == 0.0 or (first == 0.0 and 0.0 < gap <= 1.5 * float(np.diff(horizontal).max())):
         about = ()
