@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
+from ..core.fields import Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
 from ..inverse.data.recording import photograph
-from ..inverse.data.samples import Counts, Samples, find_samples
-from ..inverse.data.views import View, channels, has_mask, lights_on
-from ..inverse.forward.gram import Gram
-from ..inverse.forward.interface import AbstractForwardModel
-from ..inverse.pixels.blocks import Block, total
-from ..inverse.problem import fit_problem
+from ..inverse.data.samples import find_samples
+from ..inverse.data.views import View, channels, lights_on
+from ..inverse.problem import fit_problem, moves_surface
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import Matrix
 from ..inverse.unknowns.slots import put_back
@@ -27,7 +23,7 @@ from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
 from ..model.rendering import silhouette
 from ..model.scenes import Scene
-from ..parallel.threads import on_all_cores
+from .grams import gram_of
 
 # A shot states where its light is and where it points. The lamp's other unknowns are shared with the fit's lamps.
 PLACED = {"position", "direction", "edge"}  # roles of the numbers that say where a light is
@@ -65,65 +61,89 @@ class Shot(Checked):
             raise TypeError(f"Shot.name must be a string; got {self.name!r}. Give for example 'lamp near'.")
 
 
-class ShotInformation(NamedTuple):
-    """What a shot would measure."""
-
-    hessian: Matrix
-    """The Gram matrix J^T J of its samples, in the units of the fitted values."""
-    clipped: float
-    """The fraction of its pixels that the sensor would clip; they do not count."""
-
-
 class PlacedShot(NamedTuple):
     """A shot in the fitted scene."""
 
     scene: Scene
-    lit: tuple[int, ...] | None
     unknowns: list[Unknown]
     """The fit's unknowns with their places in this scene; an unknown of the views alone has no place in a shot."""
-    camera: AbstractCamera
+    view: View
+    """With the first view's sensor, but still without an image."""
 
 
-def information_of_shot(fit: Fit, shot: Shot, name: str) -> ShotInformation:
-    """Return the information that a shot adds about the fit's unknowns, at the fitted values. Runs in float64.
+def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
+    """Return what a shot adds to the Fisher information of a fit, at the fitted values. Runs in float64.
+
+    Args:
+        fit: The fit.
+        shot: The photograph to come.
+        name: Its name.
+
+    Returns:
+        The Gram matrix J^T J of its samples, in the units of the fitted values, and the fraction of its pixels that
+        the sensor would clip; they do not count.
 
     Raises:
         ValueError: If the shot sees no object, or needs a camera that the scene's surface does not allow.
     """
-    placed = place_shot(fit, shot)
-    _check_camera(fit, placed, name)
-    inside = _visible_object(placed, name)
-    moving = any("surface" in path.split(".") for unknown in placed.unknowns for path, _ in unknown.places)
+    moving = moves_surface(fit.unknowns)
+    scene, unknowns, view = place_shot(fit, shot, name, moving=moving)
     try:
-        view = _predicted_view(fit, shot, placed, mask=inside if moving else None, moving=moving)
-        samples = find_samples(placed.scene, view, moving=moving)
+        view = dataclasses.replace(view, image=photograph(scene, view))
+        samples = find_samples(scene, view, moving=moving)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     measured = ~samples.ends().any(-1)
-    clipped = 1.0 - float(measured.mean())
-    if not measured.any():
-        return ShotInformation(np.zeros((len(placed.unknowns),) * 2), clipped)
     samples = dataclasses.replace(samples, pixels=samples.pixels[measured])
-    return ShotInformation(_gram_of_view(fit, placed, view, samples), clipped)
+    if not measured.any():
+        return np.zeros((len(unknowns),) * 2), 1.0
+    problem = fit_problem(scene, [view], unknowns, [samples], fit.counts.of([samples]), "squares", "exclude")
+    gram = gram_of(coordinates(fit.values, unknowns), problem.model, problem.chunks())
+    slope = coordinate_slopes(fit.values, unknowns)
+    # A robust loss gives the shot's samples the mean weight of the views' samples.
+    count, _, _, _, weight = fit.evidence.spread
+    return gram.hessian * np.outer(slope, slope) * weight / count, 1.0 - float(measured.mean())
 
 
-def place_shot(fit: Fit, shot: Shot) -> PlacedShot:
+def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> PlacedShot:
     """Put the shot's light into the fitted scene, and find the fit's unknowns there."""
-    new: dict[int, list[tuple[str, int]]] = {}
-    scene, lit = fit.scene, fit.views[0].lit
+    places = [[p for p in u.places if not p[0].startswith("views.")] for u in fit.unknowns]
+    scene, first = fit.scene, fit.views[0]
+    lit, camera = first.lit, first.camera if shot.camera is None else shot.camera
     if shot.light is not None:
-        number = len(scene.lights)
+        lit = (len(scene.lights),)
         light = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), shot.light)
-        scene, lit = dataclasses.replace(scene, lights=(*scene.lights, light)), (number,)
-        for leaf, unknowns in unknowns_of_lamp(fit, light).items():
-            if len(unknowns) == 1 and None not in unknowns:
-                new.setdefault(unknowns.pop() or 0, []).append((f"lights.{number}.{leaf[0]}", leaf[1]))
-    unknowns = [
-        dataclasses.replace(u, places=[*(p for p in u.places if not p[0].startswith("views.")), *new.get(j, [])])
-        for j, u in enumerate(fit.unknowns)
-    ]
-    camera = fit.views[0].camera if shot.camera is None else shot.camera
-    return PlacedShot(put_back(scene, (), unknowns, fit.values)[0], lit, unknowns, camera)
+        scene = dataclasses.replace(scene, lights=(*scene.lights, light))
+        for (leaf, channel), shared in unknowns_of_lamp(fit, light).items():
+            if len(shared) == 1 and (j := next(iter(shared))) is not None:
+                places[j].append((f"lights.{lit[0]}.{leaf}", channel))
+    unknowns = [dataclasses.replace(u, places=of) for u, of in zip(fit.unknowns, places, strict=True)]
+    scene, _ = put_back(scene, (), unknowns, fit.values)
+    _check_camera(fit, camera, name)
+    inside = np.asarray(silhouette(scene.objects, camera))
+    if not inside.any():
+        eye = ", ".join(f"{x:g}" for x in camera.eye)
+        raise ValueError(f"{name} sees no object from its camera at ({eye}). Set the camera's target to one.")
+    view = dataclasses.replace(
+        first,
+        image=np.zeros((*camera.shape, channels(first))),
+        camera=camera,
+        mask=inside if moving else None,
+        lit=lit,
+        exposure=shot.exposure,
+        saturation=fit.solved.problem.samples[0].level,
+    )
+    return PlacedShot(scene, unknowns, view)
+
+
+def _check_camera(fit: Fit, camera: AbstractCamera, name: str) -> None:
+    """Refuse another camera where the surface is known only per pixel of the fit's cameras."""
+    same = eqx.tree_equal(*(jax.tree.map(np.asarray, c) for c in (camera, fit.views[0].camera)))
+    if not same and any(isinstance(item.surface, GBuffer) for item in fit.scene.objects):
+        raise ValueError(
+            f"{name} has a camera of its own, but this scene has a GBuffer, which holds the surface for the fit's "
+            "cameras only. Leave Shot.camera out."
+        )
 
 
 def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], set[int | None]]:
@@ -146,65 +166,3 @@ def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], se
 def _kind(light: AbstractLight) -> tuple[type, type]:
     """Return what kind a light is, and its law of attenuation."""
     return type(light), type(getattr(light, "attenuation", None))
-
-
-def _check_camera(fit: Fit, placed: PlacedShot, name: str) -> None:
-    """Refuse another camera where the surface is known only per pixel of the fit's cameras."""
-    same = eqx.tree_equal(*(jax.tree.map(np.asarray, c) for c in (placed.camera, fit.views[0].camera)))
-    if not same and any(isinstance(item.surface, GBuffer) for item in placed.scene.objects):
-        raise ValueError(
-            f"{name} has a camera of its own, but this scene has a GBuffer, which holds the surface for the fit's "
-            "cameras only. Leave Shot.camera out."
-        )
-
-
-def _visible_object(placed: PlacedShot, name: str) -> Any:
-    """Return the pixels that show an object."""
-    inside = np.asarray(silhouette(placed.scene.objects, placed.camera))
-    if not inside.any():
-        eye = ", ".join(f"{x:g}" for x in placed.camera.eye)
-        raise ValueError(f"{name} sees no object from its camera at ({eye}). Set the camera's target to one.")
-    return inside
-
-
-def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, moving: bool) -> View:
-    """Return the photograph to expect, with the first view's sensor: black level, noise and saturation."""
-    first = fit.views[0]
-    view = View(
-        np.zeros((*placed.camera.shape, channels(first))),
-        placed.camera,
-        mask=mask,
-        lit=placed.lit,
-        exposure=shot.exposure,
-        black=first.black,
-        noise=first.noise,
-        saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).level,
-        floor=first.floor,
-        sensor=first.sensor,
-        bands=first.bands,
-    )
-    return dataclasses.replace(view, image=photograph(placed.scene, view))
-
-
-def _gram_of_view(fit: Fit, placed: PlacedShot, view: View, samples: Samples) -> Matrix:
-    """Return J^T J of a view's samples, in the units of the fitted values."""
-    number, unknowns = len(samples.pixels), placed.unknowns
-    counts = Counts(1, number, number * view.image.shape[2], 0, 0)
-    problem = fit_problem(placed.scene, [view], unknowns, [samples], counts, "squares", "exclude")
-    theta = jnp.asarray(coordinates(fit.values, unknowns))
-    summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())
-    H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian)
-    slope = coordinate_slopes(fit.values, unknowns)
-    # A robust loss gives the shot's samples the mean weight of the views' samples.
-    count, _, _, _, weight = fit.evidence.spread
-    return H * np.outer(slope, slope) * weight / count
-
-
-@jax.jit
-def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
-    return model.summary(theta, chunk)
-
-
-@jax.jit
-def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> Gram:
-    return model.gram(theta, summary).total(len(theta))

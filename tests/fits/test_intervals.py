@@ -191,14 +191,17 @@ def test_patches_are_squares_and_those_of_views_taken_alike_are_one():
     fit = noisy_fit()
     samples = list(fit.solved.problem.samples)
     fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(fit.scene, (*fit.views[:2], fit.views[0])))
-    parts, patch = cut_in_patches(fit, samples[:2] + samples[:1], 8)
-    assert sum(len(part.pixels) for part in parts) == sum(len(s.pixels) for s in (*samples[:2], samples[0]))
+    patches = cut_in_patches(fit, samples[:2] + samples[:1], 8)
+    pieces = [(number, piece) for number, patch in enumerate(patches.pieces) for piece in patch]
+    assert sum(len(piece.pixels) for _, piece in pieces) == sum(len(s.pixels) for s in (*samples[:2], samples[0]))
     seen = {}
-    for part, number in zip(parts, patch, strict=True):
-        row, column = np.divmod(part.pixels, 24)
+    for number, piece in pieces:
+        row, column = np.divmod(piece.pixels, 24)
         (square,) = set(zip(row // 8, column // 8, strict=True))
-        assert seen.setdefault((part.view % 2, *square), number) == number
-    assert len(seen) == len(set(patch.tolist())) == patch.max() + 1
+        assert seen.setdefault((piece.view % 2, *square), number) == number
+    assert len(seen) == len(patches)
+    assert patches.words == f"{len(patches)} patches of 8 x 8 pixels"
+    assert patches.size == 64
 
 
 def test_residual_images_are_those_of_the_channels_together():

@@ -12,9 +12,16 @@ from scenarios import noisy_fit
 from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 
 import diffshade as ds
-from diffshade.diagnosis.plan_notes import Ranked, plan_notes
-from diffshade.diagnosis.planning import Plan, find_aim, percent
-from diffshade.diagnosis.shot_ranking import add_shot, information, rank_shots, reference_sizes
+from diffshade.diagnosis.planning import (
+    Plan,
+    add_shot,
+    find_aim,
+    information,
+    percent,
+    plan_notes,
+    rank_shots,
+    reference_sizes,
+)
 from diffshade.diagnosis.shots import unknowns_of_lamp
 from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.unknowns.parameters import find_unknowns
@@ -102,7 +109,8 @@ def test_a_shot_as_the_first_view_was_counts_as_that_did():
 
 def test_clipped_pixels_do_not_count():
     fit = noisy_fit()
-    fit = with_problem(fit, views=(dataclasses.replace(fit.views[0], saturation=0.6), *fit.views[1:]))
+    first = dataclasses.replace(fit.solved.problem.samples[0], level=0.6)
+    fit = with_problem(fit, samples=[first, *fit.solved.problem.samples[1:]])
     shots = [dataclasses.replace(FRONT, exposure=e, name=f"{e:g}") for e in (0.5, 1.4, 5.0)]
     plan = ds.plan(fit, shots)
     scene, _ = with_shot(fit.scene, FRONT)
@@ -150,7 +158,9 @@ def notes_of(fit: ds.Fit, aim: Any = None, **change: Any) -> list[str]:
     """What a plan of one shot says, of errors half as large as now but for a change."""
     now = fit.plain_errors
     given = {"now": now, "errors": 0.5 * now[None], "rank": np.array([0]), "clipped": np.array([0.0])} | change
-    return plan_notes(Ranked(fit, [FRONT], [FRONT.name], [0], find_aim(fit.unknowns, aim), **given))
+    of_fit = {"unknowns": fit.unknowns, "values": fit.values, "scales": fit.scales, "aim": find_aim(fit.unknowns, aim)}
+    plan = Plan(shots=(FRONT,), names=(FRONT.name,), order=(0,), gain=np.zeros(1), notes=(), **of_fit, **given)
+    return list(plan_notes(fit, plan))
 
 
 def test_what_the_first_choice_does_is_said():
@@ -183,20 +193,20 @@ def test_shots_are_ranked_by_rank_then_by_the_aim_or_the_gain_and_ties_by_name()
     fit = noisy_fit()
     n_s = np.array(fit.names) == "n_s"
     names, none = ("b", "a", "c"), np.zeros(12, bool)
-    errors = np.ones((3, 12)) * fit.values
+    errors = np.ones((3, 12))
     rank, gain = np.zeros(3, int), np.array([1.0, 1.0 + 1e-12, 2.0])
-    assert rank_shots(fit, names, none, errors, rank, gain) == (2, 1, 0)
-    assert rank_shots(fit, names, none, errors, np.array([1, 0, 0]), gain) == (0, 2, 1)
+    assert rank_shots(names, none, errors, rank, gain) == (2, 1, 0)
+    assert rank_shots(names, none, errors, np.array([1, 0, 0]), gain) == (0, 2, 1)
     errors[1, n_s] *= 0.5
-    assert rank_shots(fit, names, n_s, errors, rank, gain) == (1, 0, 2)
+    assert rank_shots(names, n_s, errors, rank, gain) == (1, 0, 2)
     errors[1, 0] = np.inf
-    assert rank_shots(fit, names, n_s | (np.arange(12) == 0), errors, rank, gain) == (0, 2, 1)
+    assert rank_shots(names, n_s | (np.arange(12) == 0), errors, rank, gain) == (0, 2, 1)
 
 
 def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
     fit, p = noisy_fit(), len(noisy_fit().values)
     np.testing.assert_allclose(reference_sizes(fit), fit.values)
-    rank, log = information(fit, fit.evidence)
+    rank, log = information(fit.evidence, fit.values)
     relative = fit.covariance / np.outer(fit.values, fit.values)
     assert rank == p
     np.testing.assert_allclose(log, -np.linalg.slogdet(relative)[1], rtol=1e-6)
@@ -206,13 +216,13 @@ def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
         fit.evidence, hessian=H[None], gradient=np.zeros((1, p)), known_hessian=0 * H, sigma2=4.0,
         regular=np.arange(p) > 0,
     )  # fmt: skip
-    assert information(fit, blind) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
+    assert information(blind, fit.values) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
     more = add_shot(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
     assert more.regular.all()
-    assert information(fit, more) == (p, pytest.approx(-p * np.log(4.0)))
+    assert information(more, fit.values) == (p, pytest.approx(-p * np.log(4.0)))
     assert len(more.hessian) == len(more.gradient) == 2
     held = dataclasses.replace(more, at_bound=np.arange(p) == 1)
-    assert information(fit, held)[0] == p - 1
+    assert information(held, fit.values)[0] == p - 1
 
 
 def test_where_something_is_open_the_table_says_how_many_directions_are_new():

@@ -41,8 +41,8 @@ GROUPS = {
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
         "diagnosis/misfit/explanations diagnosis/misfit/found diagnosis/misfit/regions diagnosis/misfit/scores "
         "diagnosis/misfit/suspicions diagnosis/model_choice "
-        "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
-        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability "
+        "diagnosis/patches diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
+        "diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (

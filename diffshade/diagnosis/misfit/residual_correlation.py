@@ -59,7 +59,7 @@ def residuals(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> tuple[
     return found, counted
 
 
-def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask]) -> ResidualCorrelation:
+def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask], lag: int = 1) -> ResidualCorrelation:
     """Compare the products of neighbours' residuals with their own scatter, for any noise of each pixel.
 
     For residuals of noise and a smooth misfit, the share is the fraction of their squares by the misfit.
@@ -67,8 +67,8 @@ def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask]) -
     products, squares, power = 0.0, 0.0, 0.0
     for r, c in zip(found, counted, strict=True):
         for a, b, both in (
-            (r[1:], r[:-1], c[1:] & c[:-1]),
-            (r[:, 1:], r[:, :-1], c[:, 1:] & c[:, :-1]),
+            (r[lag:], r[:-lag], c[lag:] & c[:-lag]),
+            (r[:, lag:], r[:, :-lag], c[:, lag:] & c[:, :-lag]),
         ):
             product = np.sum(a * b, -1)[both]
             products += float(product.sum())
