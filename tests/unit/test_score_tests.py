@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 import diffshade as ds
-from diffshade.diagnosis.misfit.changes import other_lobe
+from diffshade.diagnosis.misfit.changes import with_materials, with_other_lobe
 from diffshade.diagnosis.misfit.jacobian import Jacobian
 from diffshade.diagnosis.misfit.score_tests import Rows, ScoreTests
 
@@ -122,11 +122,12 @@ def test_without_a_fault_the_p_values_are_no_smaller_than_chance(noise):
 
 def test_the_other_lobe_of_a_patterned_highlight():
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=ds.Chequer(0.1, 0.4), n_s=20)))
-    other = other_lobe(scene)
+    other = with_materials(scene, with_other_lobe)
     assert other is not None
     assert isinstance(other.objects[0].material.lobe, ds.Blinn)
     assert float(other.objects[0].material.n_s) == 80.0
-    assert other_lobe(ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=0.0)))) is None
+    matte = ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_s=0.0)))
+    assert with_materials(matte, with_other_lobe) is None
 
 
 def test_rows_that_vary_together_as_a_fault_would_show_none():

@@ -2,32 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from ...inverse.data.recording import photograph
 from ...inverse.data.views import View, channels, lights_on
 from ...inverse.result import Fit
+from ...inverse.statistics.uncertainty import Vector
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
-from ...model.materials import Highlight
+from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from .linearised import Linearised
-from .states import Move
 
 LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
 SPHERES = 4  # with more spheres, their places are not tested
 FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """How a fault of one amount or several moves the numbers of a set-up."""
+
+    rows: Float[np.ndarray, "k p"]
+    """To first order."""
+    along: Callable[[Vector, Vector], Vector]
+    """The numbers after a move, from those before and the amount."""
+
+    @staticmethod
+    def shift(index: Sequence[int], p: int, scale: float = 1.0) -> Move:
+        """Return the move that adds amounts to some numbers."""
+        rows = scale * np.eye(p)[list(index)]
+        return Move(rows, lambda theta, amount: theta + amount @ rows)
+
+    @staticmethod
+    def turn(arms: Sequence[tuple[list[int], Vector]], axes: Float[np.ndarray, "k 3"], theta: Vector) -> Move:
+        """Return the move that turns places about their centres, by degrees about each axis."""
+        rows = np.zeros((len(axes), len(theta)))
+        for index, center in arms:
+            rows[:, index] = np.deg2rad(np.cross(axes, theta[index] - center))
+
+        def along(theta: Vector, amount: Vector) -> Vector:
+            there, turned = theta.copy(), Rotation.from_rotvec(np.deg2rad(amount @ axes))
+            for index, center in arms:
+                there[index] = center + turned.apply(theta[index] - center)
+            return there
+
+        return Move(rows, along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +86,7 @@ def places(fit: Fit) -> list[str]:
     return [f"lights.{i}.{name}" for i in on for name in fit.scene.lights[i].placement]
 
 
-def of_spheres(fit: Fit, part: str) -> list[str]:
+def of_spheres(part: str, fit: Fit) -> list[str]:
     """Return the paths of a part of all spheres."""
     names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
     return [f"objects.{name}.surface.{part}" for name in names if len(names) <= SPHERES]
@@ -78,13 +111,13 @@ def of_blur(at: Linearised) -> Iterator[Case]:
 
 def of_lobe(at: Linearised) -> Iterator[Case]:
     """Yield the other lobe."""
-    yield from _of_scene(at, 0, other_lobe(at.fit.scene))
+    yield from _of_material(at, 0, with_other_lobe)
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
     """Yield second highlights, sharper and wider."""
     for k, factor in enumerate(FACTORS):
-        yield from _of_scene(at, k, _with_second_highlight(at.fit.scene, factor))
+        yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
 
 
 def of_exposure(at: Linearised) -> Iterator[Case]:
@@ -114,17 +147,8 @@ def of_rotation(at: Linearised) -> Iterator[Case]:
         yield Case(0, Move.turn(arms, np.eye(3), at.state.theta))
 
 
-def of_radius(at: Linearised) -> Iterator[Case]:
-    """Yield the radius of each sphere."""
-    yield from _of_sphere(at, "radius")
-
-
-def of_center(at: Linearised) -> Iterator[Case]:
-    """Yield the centre of each sphere."""
-    yield from _of_sphere(at, "center")
-
-
-def _of_sphere(at: Linearised, part: str) -> Iterator[Case]:
+def of_sphere(part: str, at: Linearised) -> Iterator[Case]:
+    """Yield a part of each sphere."""
     for i, item in enumerate(at.fit.scene.objects):
         index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
         if index and isinstance(item.surface, Sphere):
@@ -135,8 +159,9 @@ def _center(at: Linearised, name: str) -> np.ndarray:
     return np.zeros(3) if name == "direction" else at.set_up.center
 
 
-def _of_scene(at: Linearised, which: int, scene: Scene | None) -> Iterator[Case]:
-    """Yield the change of the pictures by another scene."""
+def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
+    """Yield the change of the pictures by a change of each material that shines."""
+    scene = with_materials(at.fit.scene, change)
     if scene is not None:
         changed = [photograph(scene, v) - x for v, x in zip(at.fit.views, at.pictures, strict=True)]
         yield Case(which, at.of(changed)[None])
@@ -150,30 +175,29 @@ def _rho2(view: View) -> np.ndarray:
     return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
 
 
-def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
-    """Return the scene with a second highlight as strong as the first, of n_s by a factor; None if nothing shines."""
+def with_materials(scene: Scene, change: Callable[[Material], Material | None]) -> Scene | None:
+    """Return a scene with all materials that shine changed; None if there are none, or one cannot be changed."""
     shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        m = scene.objects[i].material
-        if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
-            return None
-        second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
-        second = widened(second, len(scene.channels))  # of one band its colour was made RGB
-        scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
-    return scene if shiny else None
+    changed = [change(scene.objects[i].material) for i in shiny]
+    if not shiny or any(material is None for material in changed):
+        return None
+    return eqx.tree_at(lambda s: [s.objects[i].material for i in shiny], scene, changed)
 
 
-def other_lobe(scene: Scene) -> Scene | None:
-    """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
-    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        material = scene.objects[i].material
-        if not isinstance(material.lobe, Phong | Blinn):
-            return None
-        lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
-        n_s = factor * np.asarray(material.n_s, np.float64)
-        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
-    return scene if shiny else None
+def _with_second_highlight(factor: float, bands: int, m: Material) -> Material | None:
+    """Return a material with a second highlight as strong as the first, of n_s by a factor."""
+    if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
+        return None
+    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
+    return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
+
+
+def with_other_lobe(m: Material) -> Material | None:
+    """Return a material with Blinn's highlight of four times n_s for Phong's, or the other way round."""
+    if not isinstance(m.lobe, Phong | Blinn):
+        return None
+    lobe, factor = (Phong(), 0.25) if isinstance(m.lobe, Blinn) else (Blinn(), 4.0)
+    return replace(m, lobe=lobe, n_s=factor * np.asarray(m.n_s, np.float64))
 
 
 def shines(k_s: Any) -> bool:

@@ -35,27 +35,26 @@ def at_minimum(fit: Fit) -> Linearised:
 def of_one_view(at: Linearised) -> list[Found]:
     """Return the faults of one view, light or region that explain enough, each by a refit with it corrected."""
     set_up, state, found = at.set_up, at.state, []
-    known = set(state.amounts)
-    seen = [f for f in scored(at, OF_ONE) if (f.fault.kind, f.which) not in known and f.exceeds(PROMISE)]
+    seen = [f for f in scored(at, OF_ONE) if (f.fault.kind, f.which) not in state.amounts and f.exceeds(PROMISE)]
     for fault in OF_ONE:
         promising = sorted((f for f in seen if f.fault is fault), key=lambda f: -f.share)
-        for again in (refitted(at, f) for f in promising[:REFITS]):
-            masks = {i: set_up.samples[i].inside for i in again.views}
-            if again.after is None or not again.exceeds():
-                continue
-            if fault.confirmed is None or fault.confirmed(set_up, state, again.after, masks, ()):
-                found.append(again)
+        for f in (refitted(at, f) for f in promising[:REFITS]):
+            if f.after is not None and f.exceeds():
+                masks = {i: set_up.samples[i].inside for i in f.views}
+                if fault.confirmed is None or fault.confirmed(set_up, state, f.after, masks, ()):
+                    found.append(f)
+    moved = [f.after for f in found if f.after]
     for fault in REGIONAL:
-        if fault.regions is None or fault.confirmed is None or not (masks := fault.regions(set_up, state)):
+        assert fault.regions is not None
+        assert fault.confirmed is not None
+        if not (masks := fault.regions(set_up, state)):
             continue
         after = set_up.exclude(state, masks)
-        kept = fault.confirmed(set_up, state, after, masks, [f.after for f in found if f.after and not f.masks])
-        if not kept:
-            continue
-        after = after if len(kept) == len(masks) else set_up.exclude(state, kept)
-        own = state.share(after, kept)
-        one = Found(fault, set_up.fit, 0, tuple(kept), state.share(after), own, after=after, masks=kept)
-        found += [one] if one.exceeds() else []
+        if kept := fault.confirmed(set_up, state, after, masks, moved):
+            after = after if len(kept) == len(masks) else set_up.exclude(state, kept)
+            share, own_share = state.share(after), state.share(after, kept)
+            one = Found(fault, set_up.fit, 0, tuple(kept), share, own_share, after=after, masks=kept)
+            found += [one] if one.exceeds() else []
     return found
 
 

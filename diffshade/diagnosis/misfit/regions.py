@@ -34,7 +34,7 @@ SECTORS = 8  # number of sectors of a rim, whose excesses are compared
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class MeanPrediction:
     """A view's photograph and its prediction, the mean of the channels, and the pixels that can be compared."""
 
     photograph: Picture
@@ -81,7 +81,7 @@ def predicted(fit: Fit, view: View, lit: Sequence[int] | None) -> Picture:
     return record(np.asarray(render(fit.scene, view.camera, lit=lit)), view).mean(-1)
 
 
-def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:
+def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPrediction:
     """Return a view and its prediction; excluded pixels and samples clipped at the top of the range do not count.
 
     Samples clipped at the bottom count: they may be in a shadow.
@@ -92,10 +92,10 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:
         counts &= ~excluded
-    return Seen(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
+    return MeanPrediction(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
 
 
-def level(seen: Seen, black: float) -> float:
+def level(seen: MeanPrediction, black: float) -> float:
     """Return the median ratio of photograph to prediction, over pixels predicted to be bright; 1 if there is none."""
     light = np.where(seen.counts, seen.predicted - black, 0.0)
     if not light.any():
@@ -106,7 +106,7 @@ def level(seen: Seen, black: float) -> float:
     return max(float(np.median((seen.photograph - black)[bright] / light[bright])), 1e-9)
 
 
-def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:
+def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:
     """Return the regions that face some lights but are not reached by them.
 
     In a shadow the photograph shows less than DARK of the lights' contribution, and lacks no more than all of it. Only
@@ -152,7 +152,7 @@ def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.
     return inside & (n_v < GRAZING), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
 
 
-def measure_rim(views: Iterable[tuple[Seen, Mask, np.ndarray]]) -> Rim | None:
+def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim | None:
     """Return the excess brightness of the rims; None if too little of them is visible."""
     excesses, by_view, brightness = [], [], []
     for seen, rim, sector in views:

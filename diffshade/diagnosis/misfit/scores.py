@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...inverse.unknowns.unknown import coordinate_slopes
-from .changes import Case
+from .changes import Case, Move
 from .found import Fault, Found
 from .linearised import Linearised, linearise
 from .score_tests import Score, ScoreTests
-from .states import Move, State
+from .set_up import Corrected
 
 FALSE_ALARM = 1e-4  # significance level of the test of one fault
 STEPS = 8  # of a fault's amount
@@ -68,7 +68,7 @@ def refitted(at: Linearised, found: Found) -> Found:
     )
 
 
-def _stepped(at: Linearised, move: Move, score: Score, key: tuple[str, int]) -> State | None:
+def _stepped(at: Linearised, move: Move, score: Score, key: tuple[str, int]) -> Corrected | None:
     """Return the minimum after a step of a fault's amount, reduced until it lowers the cost; None if none does."""
     state, set_up = at.state, at.set_up
     for k in range(REDUCTIONS):
