@@ -15,27 +15,27 @@ from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
 from ..inverse.laid_out import LaidOut
-from ..inverse.pixels.blocks import Block, Piece
+from ..inverse.pixels.blocks import Block
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
-from .patches import Parts, cut_in_patches, patch_width, residual_images
+from .patches import Parts, cut_in_patches, keep_only, patch_width, residual_images
 
 FEWEST_VIEWS = 3  # with fewer views, patches are held out
 
 
 def make_folds(fit: Fit) -> Parts:
     """Return the folds: views (one fold per camera and set of lights) if there are at least three, else patches."""
-    problem = fit.solved.problem
+    samples = fit.solved.problem.samples
     views = [
-        [Piece(v, problem.samples[v], problem.samples[v].pixels) for v in group if len(problem.samples[v].pixels)]
+        keep_only(fit, samples, group)
         for group in setups(fit.scene, fit.views)
+        if any(len(samples[view].pixels) for view in group)  # one that repeats an earlier one has none
     ]
-    views = [pieces for pieces in views if pieces]  # a view that repeats an earlier one has no pixels
     if len(views) >= FEWEST_VIEWS:
-        return Parts(views, problem.block_size, f"{len(views)} views", by_view=True)
+        return Parts(views, f"{len(views)} views", by_view=True)
     width = patch_width(*residual_images(fit))
-    patches = cut_in_patches(fit, problem.samples, width)
+    patches = cut_in_patches(fit, samples, width)
     if len(patches) < 2:
         raise ValueError(
             f"compare needs at least two patches of uncorrelated residuals; got {len(patches)}, since the residuals of "
@@ -81,9 +81,9 @@ def cross_validate(laid: LaidOut, folds: Parts, scale: float, report_progress: C
     single_view = single_views(point.views.seen(len(laid.theta)))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
     squares, samples, signal, converged = np.zeros(len(folds)), np.zeros(len(folds)), 0.0, True
-    for k, pieces in enumerate(folds.pieces):
+    for k, part in enumerate(folds.samples):
         report_progress(k / len(folds))
-        alone = np.isin(single_view, [piece.view for piece in pieces])
+        alone = np.isin(single_view, [view for view, s in enumerate(part) if len(s.pixels)])
         held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(alone)}
         end = laid.minimise(held, chunks=[chunk for i, of in enumerate(weighed) if i != k for chunk in of])
         converged &= not end.message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,9 +134,7 @@ def summarise(
     determined = fit.determined & ~unconstrained & ~wide & ~unstable & ~affected
     notes = [
         *(suspicion.sentence for suspicion in suspected),
-        *_affected(fit, affected),
-        *_unconstrained(fit, unconstrained),
-        *_wide(fit, wide, interval_95),
+        *_not_determined(fit, affected, unconstrained, wide, interval_95),
         *dependence(fit, refitted, unstable),
         *_correlated(fit),
         *([inflation] if inflation else []),
@@ -148,38 +147,35 @@ def summarise(
     )
 
 
-def _affected(fit: Fit, affected: Bool[np.ndarray, " p"]) -> list[str]:
-    """Name what is not determined because of a suspected fault."""
-    if not affected.any():
-        return []
-    names = some_channels(affected, fit.unknowns)
-    return [f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."]
-
-
-def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]:
-    """Name what the views do not constrain."""
-    if not unconstrained.any():
-        return []
-    names = listing(some_channels(unconstrained, fit.unknowns))
-    return [f"the views do not constrain {names}: any value within the bounds fits."]
+def _not_determined(
+    fit: Fit,
+    affected: Bool[np.ndarray, " p"],
+    unconstrained: Bool[np.ndarray, " p"],
+    wide: Bool[np.ndarray, " p"],
+    interval_95: Float[np.ndarray, "p 2"],
+) -> Iterator[str]:
+    """Name what suspected faults move, what the views do not constrain, and what is lost in the noise."""
+    if affected.any():
+        names = some_channels(affected, fit.unknowns)
+        yield f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
+    if unconstrained.any():
+        names = listing(some_channels(unconstrained, fit.unknowns))
+        yield f"the views do not constrain {names}: any value within the bounds fits."
+    if wide.any():
+        lost = np.flatnonzero(wide)
+        ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in lost]
+        fix = remedy(list(dict.fromkeys(fit.unknowns[j].quantity for j in lost)), fit.unknowns)
+        yield f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {fix}"
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
     """Return what is lost in the noise by its interval, which covers cases that errors at a bound miss."""
     log = logarithms(fit.unknowns)
-    half = np.where(np.isfinite(interval_95).all(1), 0.5 * (interval_95[:, 1] - interval_95[:, 0]), np.inf) / 1.96
-    in_log = 0.5 * np.log(np.where(log, interval_95[:, 1], 1.0) / np.where(log, interval_95[:, 0], 1.0)) / 1.96
-    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half, fit.scales) > VAGUE)
-    return lost & ~(~log & (interval_95[:, 1] <= VAGUE * fit.scales))
-
-
-def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
-    """Name the unknowns that are lost in the noise, with their intervals."""
-    ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in np.flatnonzero(wide)]
-    quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
-    if not ranges:
-        return []
-    return [f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {remedy(quantities, fit.unknowns)}"]
+    lower, upper = interval_95.T
+    width = np.where(log, fit.values * np.log(np.where(log, upper, 1.0) / np.where(log, lower, 1.0)), upper - lower)
+    half = np.where(np.isfinite(interval_95).all(1), 0.5 * width, np.inf) / 1.96
+    lost = relative_errors(fit.unknowns, fit.values, half, fit.scales) > np.where(log, VAGUE_LOG, VAGUE)
+    return lost & ~(~log & (upper <= VAGUE * fit.scales))
 
 
 def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..inverse.data.samples import Samples
+from ..core.masks import Mask
+from ..inverse.data.samples import Samples, keep_pixels
 from ..inverse.data.views import setups
 from ..inverse.forward.sums import sum_over, waves
-from ..inverse.pixels.blocks import BLOCK, Block, Piece
+from ..inverse.pixels.blocks import Block, block_size, pieces
 from ..inverse.problem import FitProblem
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
@@ -30,30 +31,20 @@ SLIGHT = 0.02  # a correlation of neighbours below which patches of any width ar
 class Parts:
     """The pixels that count, in parts (views or patches) that are held out or compared with each other."""
 
-    pieces: list[list[Piece]]
-    """Those of each part."""
-    size: int
-    """Pixels of a block."""
+    samples: list[list[Samples]]
+    """The samples of each view in each part."""
     words: str
     by_view: bool = False
     """Whether the parts are views."""
 
     def __len__(self) -> int:
-        return len(self.pieces)
+        return len(self.samples)
 
     def lay_out(self, problem: FitProblem) -> list[list[Block]]:
         """Return the chunks of each part, weighed by the photographs."""
-        return [
-            problem.lay_out(
-                [
-                    piece._replace(pixels=piece.pixels[at : at + self.size])
-                    for piece in part
-                    for at in range(0, len(piece.pixels), self.size)
-                ],
-                self.size,
-            )
-            for part in self.pieces
-        ]
+        of_views = [len(s.pixels) for part in self.samples for s in part if len(s.pixels)]
+        size = min(problem.block_size, block_size(of_views))
+        return [problem.lay_out(pieces(part, size), size) for part in self.samples]
 
 
 def find_clusters(fit: Fit) -> Clusters:
@@ -113,15 +104,16 @@ def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> Parts:
 
     Views with the same camera and lights share their patches, since they share the errors there.
     """
-    setup = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
-    patches: dict[tuple[int, int], list[Piece]] = {}
-    for view, of_view in enumerate(samples):
-        columns = of_view.inside.shape[1]
-        row, column = np.divmod(of_view.pixels, columns)
-        square = (row // width) * columns + column // width
-        for number in np.unique(square):
-            piece = Piece(view, of_view, of_view.pixels[square == number])
-            patches.setdefault((setup[view], int(number)), []).append(piece)
-    most = max((len(piece.pixels) for patch in patches.values() for piece in patch), default=1)
-    size = min(BLOCK, max(64, 1 << (most - 1).bit_length()))
-    return Parts([*patches.values()], size, f"{len(patches)} patches of {width} x {width} pixels")
+    parts = []
+    for group in setups(fit.scene, fit.views):
+        row, column = np.indices(fit.views[group[0]].camera.shape)
+        square = row // width * column.shape[1] + column // width
+        shown = np.concatenate([square.flat[samples[view].pixels] for view in group])
+        parts += [keep_only(fit, samples, group, square == number) for number in np.unique(shown)]
+    return Parts(parts, f"{len(parts)} patches of {width} x {width} pixels")
+
+
+def keep_only(fit: Fit, samples: Sequence[Samples], group: Sequence[int], mask: Mask | None = None) -> list[Samples]:
+    """Return the samples of some views that a mask keeps, and none of other views."""
+    none = [np.zeros(view.camera.shape, bool) for view in fit.views]
+    return keep_pixels(samples, [mask if i in group else none[i] for i in range(len(none))])

@@ -89,9 +89,11 @@ class PredictionBands:
         distance = distance_to(toward, self.toward)
         useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(ABOUT * distance, near.min())]
         without = np.array([_radiance(_predicted(refit, view).image, view)[self.inside] for refit in useful])
-        ends = self.residuals.band(without, self.level, distance)
-        lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
-        return dataclasses.replace(found, lower=lower, upper=upper, counts=found.counts & self.inside[..., None])
+        ends = np.repeat(found.image[None], 2, 0)
+        band = np.array(self.residuals.band(without, self.level, distance))
+        ends[:, self.inside] = float(view.exposure) * band + float(view.black)
+        counts = found.counts & self.inside[..., None]
+        return dataclasses.replace(found, lower=ends[0], upper=ends[1], counts=counts)
 
     def coverage(self, views: Sequence[View] | View) -> Float[np.ndarray, " views"]:
         """Return the share of the samples of each photograph, such as ones left out of the fit, that their bands hold.
@@ -216,14 +218,6 @@ def _radiance(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray
     return (image - float(view.black)) / float(view.exposure)
 
 
-def _put(
-    image: Float[np.ndarray, "h w c"], where: Bool[np.ndarray, "h w"], samples: Float[np.ndarray, "n c"]
-) -> Float[np.ndarray, "h w c"]:
-    changed = image.copy()
-    changed[where] = samples
-    return changed
-
-
 def groups_of(
     toward: Float[np.ndarray, "views 3"], alike: Sequence[Sequence[int]], groups: int
 ) -> tuple[tuple[int, ...], ...]:
@@ -259,11 +253,8 @@ def groups_of(
 
 
 def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:
-    found: dict[tuple[int, ...] | None, list[int]] = {}
-    for i, view in enumerate(views):
-        lit = None if view.lit is None else tuple(sorted(int(light) for light in np.ravel(view.lit)))
-        found.setdefault(lit, []).append(i)
-    return list(found.values())
+    lit = [None if view.lit is None else tuple(sorted(view.lit)) for view in views]
+    return [[i for i, own in enumerate(lit) if own == one] for one in dict.fromkeys(lit)]
 
 
 def _to_lights(scene: Scene, camera: AbstractCamera) -> Float[np.ndarray, "lights 3"]:
@@ -275,7 +266,7 @@ def _to_lights(scene: Scene, camera: AbstractCamera) -> Float[np.ndarray, "light
 
 def _toward(lights: Float[np.ndarray, "lights 3"], view: View) -> Float[np.ndarray, "3"]:
     """Return the mean direction from the object to the lights of a view, of length 1."""
-    found = (lights if view.lit is None else lights[np.ravel(view.lit).astype(int)]).sum(0)
+    found = (lights if view.lit is None else lights[list(view.lit)]).sum(0)
     return found / max(float(np.linalg.norm(found)), 1e-12)
 
 

@@ -87,15 +87,12 @@ class ResidualQuantiles(NamedTuple):
         photographs as the bin has: the samples of one photograph share an error.
         """
         grown = self.tables * ((distance / self.distance)[:, None] ** self.growth)[..., None]
-        every = self.counts.sum(1)
         found = []
         for b in range(self.counts.shape[1]):
-            own = self.counts[:, b].sum() >= FEWEST
-            weights = self.counts[:, b] if own else every
-            values = grown[:, b] if own else grown.reshape(len(grown), -1)
-            of_each = weights[:, None] * np.ones_like(values) if own else np.repeat(self.counts, QUANTILES, axis=1)
-            quantiles = _weighted_quantiles(values.ravel(), of_each.ravel())
-            of_photograph = np.bincount(self.photograph, weights)
+            of = slice(b, b + 1) if self.counts[:, b].sum() >= FEWEST else slice(None)
+            values, weights = np.broadcast_arrays(grown[:, of], self.counts[:, of, None])
+            quantiles = np.quantile(values.ravel(), LEVELS, weights=weights.ravel(), method="inverted_cdf")
+            of_photograph = np.bincount(self.photograph, self.counts[:, of].sum(1))
             alike = of_photograph.sum() ** 2 / (of_photograph**2).sum()
             end = (1.0 + level) / 2.0
             wider = stats.t.ppf(end, max(alike - 1.0, 1.0)) / stats.norm.ppf(end)
@@ -161,12 +158,6 @@ def _growth(
     x, y = (z - (np.bincount(photograph, z) / np.maximum(number, 1))[photograph] for z in (x, y))  # from their mean
     spread = (weight * x) @ x
     return float(np.clip((weight * x) @ y / spread, 0.0, 1.0)) if spread > 1e-9 else None
-
-
-def _weighted_quantiles(values: Numbers, weights: Numbers) -> Float[np.ndarray, " quantiles"]:
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return values[order][np.minimum(np.searchsorted(reached, LEVELS * reached[-1]), len(values) - 1)]
 
 
 def _brightness(predicted: Float[np.ndarray, "... n c"], median: Texels) -> Int[np.ndarray, "... n c"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -61,16 +60,6 @@ class Shot(Checked):
             raise TypeError(f"Shot.name must be a string; got {self.name!r}. Give for example 'lamp near'.")
 
 
-class PlacedShot(NamedTuple):
-    """A shot in the fitted scene."""
-
-    scene: Scene
-    unknowns: list[Unknown]
-    """The fit's unknowns with their places in this scene; an unknown of the views alone has no place in a shot."""
-    view: View
-    """With the first view's sensor, but still without an image."""
-
-
 def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
     """Return what a shot adds to the Fisher information of a fit, at the fitted values. Runs in float64.
 
@@ -105,8 +94,11 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]
     return gram.hessian * np.outer(slope, slope) * weight / count, 1.0 - float(measured.mean())
 
 
-def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> PlacedShot:
-    """Put the shot's light into the fitted scene, and find the fit's unknowns there."""
+def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> tuple[Scene, list[Unknown], View]:
+    """Put the shot's light into the fitted scene, and find the fit's unknowns there.
+
+    An unknown of the views alone has no place there. The view has the first one's sensor, but no image yet.
+    """
     places = [[p for p in u.places if not p[0].startswith("views.")] for u in fit.unknowns]
     scene, first = fit.scene, fit.views[0]
     lit, camera = first.lit, first.camera if shot.camera is None else shot.camera
@@ -133,7 +125,7 @@ def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> PlacedShot:
         exposure=shot.exposure,
         saturation=fit.solved.problem.samples[0].level,
     )
-    return PlacedShot(scene, unknowns, view)
+    return scene, unknowns, view
 
 
 def _check_camera(fit: Fit, camera: AbstractCamera, name: str) -> None:

@@ -19,7 +19,7 @@ from diffshade.core.words import Note
 from diffshade.diagnosis.examination import summarise
 from diffshade.diagnosis.misfit import encodings
 from diffshade.diagnosis.misfit.changes import Case, Move
-from diffshade.diagnosis.misfit.encodings import Encoding, better_encoding
+from diffshade.diagnosis.misfit.encodings import better_encoding
 from diffshade.diagnosis.misfit.explanations import at_minimum
 from diffshade.diagnosis.misfit.faults import FAULTS
 from diffshade.diagnosis.misfit.found import Fault, Found
@@ -519,7 +519,8 @@ def test_when_another_encoding_is_believed(monkeypatch, structure, rival, share,
     after[0, 0] -= after[:, 0].sum() - 4 * (1.0 - share)
     after[1 : max(agreed, 1), 0] -= 1e-9
     monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 9.0))
-    monkeypatch.setattr(encodings, "_other_encoding", lambda fit, *, decoded: Encoding(decoded, before, after))
+    monkeypatch.setattr(encodings, "_refitted", lambda fit, curve: "refitted")
+    monkeypatch.setattr(encodings, "_misfits", lambda fit, curve: after if fit == "refitted" else before)
     assert (better_encoding(NOTHING, rival) is not None) == believed
     monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 4.0))
     assert better_encoding(NOTHING, rival) is None  # not certain

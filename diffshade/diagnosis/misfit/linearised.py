@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import sparse
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
@@ -23,7 +24,6 @@ from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
 from ...inverse.result import Fit
 from ...parallel.threads import on_all_cores
-from .jacobian import Jacobian
 from .score_tests import Rows
 from .set_up import Corrected, SetUp
 
@@ -35,8 +35,8 @@ class Linearised:
     set_up: SetUp
     state: Corrected
     predicted: Float[np.ndarray, " n"]
-    jacobian: Jacobian
-    """The derivatives by all numbers."""
+    jacobian: sparse.csr_array
+    """The derivatives by all numbers, (numbers, samples)."""
     rows: Rows
     """Those by the unknowns of the fit that are not at a bound."""
     count: int
@@ -86,12 +86,16 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
             c, n = used[part.view], len(part.pixels)
             found.append([of[b][..., :c, :n].reshape(*of[b].shape[:-2], c * n) for of in arrays])
     predicted, J, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
-    jacobian, known = Jacobian(J, set_up.shown, set_up.first, len(theta)), set_up.laid.prior_gram(state.theta)
+    index = set_up.shown[set_up.view].T
+    shown = index < len(theta)
+    places = index[shown], np.nonzero(shown)[1]
+    jacobian = sparse.csr_array((J[shown], places), shape=(len(theta), len(predicted)))
+    known = set_up.laid.prior_gram(state.theta)
     measured, inside, fit = base > 0, set_up.inside, set_up.fit
     noise, bend = ((of[measured] / base[measured]).sum() for of in (slope**2, weight))
     size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
     rows = Rows(
-        jacobian.of(np.isin(np.arange(len(theta)), inside)),
+        jacobian[inside],
         slope,
         weight,
         np.unique(set_up.view * size + set_up.pixel, return_inverse=True)[1],

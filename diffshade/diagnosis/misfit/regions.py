@@ -14,7 +14,7 @@ from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View, is_grey
+from ...inverse.data.views import View
 from ...inverse.result import Fit
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
@@ -86,8 +86,7 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPr
 
     Samples clipped at the bottom count: they may be in a shadow.
     """
-    photograph = samples.whole()
-    photograph = (photograph[..., 0] if is_grey(view) else photograph.mean(-1)).astype(np.float64)
+    photograph = samples.whole().astype(np.float64).mean(-1)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:
@@ -98,10 +97,7 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPr
 def level(seen: MeanPrediction, black: float) -> float:
     """Return the median ratio of photograph to prediction, over pixels predicted to be bright; 1 if there is none."""
     light = np.where(seen.counts, seen.predicted - black, 0.0)
-    if not light.any():
-        return 1.0
-    bright = light > 0.3 * float(np.quantile(light[seen.counts], 0.95))
-    if not bright.any():
+    if not light.any() or not (bright := light > 0.3 * float(np.quantile(light[seen.counts], 0.95))).any():
         return 1.0
     return max(float(np.median((seen.photograph - black)[bright] / light[bright])), 1e-9)
 
@@ -127,10 +123,8 @@ def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture])
         clear = part > max(CLEAR * seen.noise, BRIGHT * float(np.quantile(part[seen.counts], 0.95)))
         shown = np.where(clear, (seen.photograph - without) / np.where(clear, part, 1.0), 1.0)
         dark = np.abs(shown) < DARK if len(unlit) > 1 else shown < DARK
-        labels = np.asarray(ndimage.label(dark)[0])  # pyright: ignore[reportIndexIssue]
-        count = int(labels.max())
-        for label in range(1, count + 1):
-            mask = labels == label
+        labels, count = ndimage.label(dark)  # pyright: ignore[reportGeneralTypeIssues]
+        for mask in (labels == label for label in range(1, count + 1)):
             if mask.sum() < least or not ndimage.binary_erosion(mask, np.ones((3, 3))).any():
                 continue
             if (median := float(np.median(shown[mask]))) < SHADED:

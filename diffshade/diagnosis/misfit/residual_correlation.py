@@ -46,15 +46,12 @@ def residuals(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> tuple[
     """Return the weighted residuals of each view, 0 where a pixel does not count, and the pixels that count."""
     sigma, rho = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss]
     found, counted = [], []
-    for i, view in enumerate(fit.views):
+    for view, mask in zip(fit.views, excluded or [None] * len(fit.views), strict=True):
         seen = fit.predict(view)
-        counts = np.all(seen.counts, -1)
-        if excluded is not None and (mask := excluded[i]) is not None:
-            counts = counts & ~mask
-        r = seen.difference
-        if view.noise is not None:
-            r = r / np.sqrt(np.asarray(view.noise.variance(seen.image)))
-        found.append(np.where(np.expand_dims(counts, -1), r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
+        counts = np.all(seen.counts, -1) & (True if mask is None else ~mask)
+        noise = 1.0 if view.noise is None else np.sqrt(np.asarray(view.noise.variance(seen.image)))
+        r = seen.difference / noise
+        found.append(np.where(counts[..., None], r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
         counted.append(counts)
     return found, counted
 

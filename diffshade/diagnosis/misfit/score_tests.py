@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import special
+from scipy import sparse, special
 
 from ...inverse.statistics.uncertainty import Matrix, Vector, inverse
-from .jacobian import Jacobian
 
 LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
 
@@ -25,7 +25,8 @@ LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault
 class Rows:
     """The samples of a fit as a linear problem at its minimum, a row each; a clipped sample may have weight 0."""
 
-    jacobian: Jacobian
+    jacobian: sparse.csr_array
+    """The derivatives of n samples by p unknowns, (p, n): each view shows some of these alone."""
     slope: Float[np.ndarray, " n"]
     """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
     weight: Float[np.ndarray, " n"]
@@ -45,8 +46,6 @@ class Score:
     """The result of the test of one fault, with one amount or several."""
 
     amount: Float[np.ndarray, " k"]
-    errors: Float[np.ndarray, " k"]
-    """Standard errors of the amounts, for independent noise and rounding."""
     gain: float
     """The decrease of twice the cost over sigma^2 with the fault corrected: chi^2 of k degrees if there is no fault."""
     p_value: float
@@ -59,9 +58,9 @@ class ScoreTests:
 
     def __init__(self, rows: Rows, named: Sequence[Float[np.ndarray, "k n"]] = ()):
         """Prepare tests; `named` are directions of faults already found, which count as unknowns."""
-        self.rows, self.count = rows, rows.jacobian.p
-        self.jacobian = rows.jacobian.beside(np.concatenate(named)) if named else rows.jacobian
-        hessian, self.gradient = self.jacobian.gram(rows.weight), self.jacobian.times(rows.slope[None])[0]
+        self.rows, self.count = rows, len(rows.known_gradient)
+        self.jacobian: Any = sparse.vstack([rows.jacobian, *map(np.atleast_2d, named)], format="csr")
+        hessian, self.gradient = gram(self.jacobian, rows.weight), self.jacobian @ rows.slope
         hessian[: self.count, : self.count] += rows.known_hessian
         self.gradient[: self.count] += rows.known_gradient
         self.inverse = inverse(hessian)
@@ -70,8 +69,8 @@ class ScoreTests:
         """Test a fault along one direction or several; None if the unknowns can imitate it."""
         rows = self.rows
         weighed = direction * rows.weight
-        to_unknowns = self.jacobian.times(weighed) @ self.inverse
-        beyond = direction - self.jacobian.moved(to_unknowns)
+        to_unknowns = (self.jacobian @ weighed.T).T @ self.inverse
+        beyond = direction - to_unknowns @ self.jacobian
         information = weighed @ beyond.T
         information = 0.5 * (information + information.T)
         whole = np.sum(weighed * direction, 1)
@@ -89,8 +88,12 @@ class ScoreTests:
         # The channels of a pixel may have correlated noise, and the noise may differ from pixel to pixel.
         left = rows.slope + rows.weight * (amount @ beyond)
         p_value = max(float(special.chdtrc(len(direction), chi2)), _p_value_by_pixels(beyond * left, rows.pixel, score))
-        errors = np.sqrt(np.diag(from_information @ covariance @ from_information))
-        return Score(amount, errors, gain, p_value, (to_unknowns.T @ amount)[: self.count])
+        return Score(amount, gain, p_value, (to_unknowns.T @ amount)[: self.count])
+
+
+def gram(jacobian: sparse.csr_array, weight: Float[np.ndarray, " n"]) -> Matrix:
+    """Return J W J^T."""
+    return ((jacobian * weight[None]) @ jacobian.T).toarray()
 
 
 def _p_value_by_pixels(each: Float[np.ndarray, "k n"], pixel: Int[np.ndarray, " n"], score: Vector) -> float:

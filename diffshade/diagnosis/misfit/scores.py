@@ -85,7 +85,7 @@ def _changes(at: Linearised, fault: Fault) -> list[tuple[Case, np.ndarray]]:
     """Return the cases of a fault with the change of each sample by it, where that is linear and finite."""
     if fault.kind not in at.changes:
         cases = [] if fault.cases is None else list(fault.cases(at))
-        all_of_it = [at.jacobian.moved(c.change.rows) if isinstance(c.change, Move) else c.change for c in cases]
+        all_of_it = [c.change.rows @ at.jacobian if isinstance(c.change, Move) else c.change for c in cases]
         changes = [x if fault.at_rims else np.where(at.at_rims, 0.0, x) for x in all_of_it]
         at.changes[fault.kind] = [(c, x) for c, x in zip(cases, changes, strict=True) if np.isfinite(x).all()]
     return at.changes[fault.kind]

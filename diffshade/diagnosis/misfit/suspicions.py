@@ -59,7 +59,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
             explanations = of_one_view(at)
             rival = max((f.share for f in explanations), default=0.0)
             if not found and (encoding := better_encoding(fit, rival)):
-                return (Suspicion("encoding", views, None, str(encoding)),)
+                return (Suspicion("encoding", views, None, encoding),)
             if not explanations:
                 break
             found.append(max(explanations, key=lambda f: f.share))
