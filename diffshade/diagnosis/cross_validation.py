@@ -21,7 +21,7 @@ from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.uncertainty import single_views
 from .patches import Parts, cut_in_patches, keep_only, patch_width, residual_images
 
-FEWEST_VIEWS = 3  # with fewer views, patches are held out
+MIN_VIEWS = 3  # with fewer views, patches are held out
 
 
 def make_folds(fit: Fit) -> Parts:
@@ -32,7 +32,7 @@ def make_folds(fit: Fit) -> Parts:
         for group in setups(fit.scene, fit.views)
         if any(len(samples[view].pixels) for view in group)  # one that repeats an earlier one has none
     ]
-    if len(views) >= FEWEST_VIEWS:
+    if len(views) >= MIN_VIEWS:
         return Parts(views, f"{len(views)} views", by_view=True)
     width = patch_width(*residual_images(fit))
     patches = cut_in_patches(fit, samples, width)

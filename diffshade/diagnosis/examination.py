@@ -24,7 +24,7 @@ from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
 
 LEVELS = (0.68, 0.95)
-STRONG = 0.95  # a correlation above which two parameters are reported
+STRONG_CORRELATION = 0.95  # a correlation above which two parameters are reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +189,7 @@ def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Flo
 def _correlated(fit: Fit) -> list[str]:
     """Name the quantities that are strongly correlated."""
     correlation = fit.correlation
-    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG, 1))
+    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG_CORRELATION, 1))
     groups: dict[tuple[str, str], float] = {}
     for i, j in pairs:
         key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)

@@ -17,9 +17,9 @@ from ..inverse.result import Fit
 from .cross_validation import Scores, cross_validate, make_folds
 from .patches import Parts
 
-ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
-SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
-TIMES = 1.0 / SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
+MIN_ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
+MIN_SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
+MIN_RATIO = 1.0 / MIN_SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
 HALF_LEVEL = 0.5 / 255.0  # half a grey level is the least visible difference in a file of 8 bits
 
 
@@ -142,7 +142,7 @@ def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> 
     differences, their_errors = (np.array(column) for column in zip(*pairs, strict=True))
     rmse, apart = _residuals_and_differences([*fits.values()])
     ratios = np.array([least_ratio(of, best) for of in scores])
-    visible = apart >= max(SHARE * rmse[0], HALF_LEVEL)
+    visible = apart >= max(MIN_SHARE * rmse[0], HALF_LEVEL)
     number = np.array([count_determined(fit) for fit in fits.values()])
     found = ModelChoice(
         names=tuple(fits),
@@ -152,7 +152,7 @@ def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> 
         differences=differences,
         difference_errors=their_errors,
         image_differences=apart,
-        worse=((differences > 0) & (differences >= ERRORS * their_errors) & visible) | (ratios >= TIMES),
+        worse=((differences > 0) & (differences >= MIN_ERRORS * their_errors) & visible) | (ratios >= MIN_RATIO),
         bic=n * np.log(np.maximum(rmse**2, 1e-300)) + number * np.log(n),
         folds=n,
         held_out=folds.words,
@@ -218,7 +218,7 @@ def paired_difference(
 def least_ratio(one: Scores, best: Scores) -> float:
     """Return the least ratio of the errors of a model to those of the best one, of all folds; 0 if all are rounding."""
     rounding = best.rounding * best.samples
-    told = one.squares >= TIMES**2 * rounding
+    told = one.squares >= MIN_RATIO**2 * rounding
     if not told.any():
         return 0.0
     return float(np.sqrt(np.min(one.squares[told] / np.maximum(best.squares, rounding)[told])))
@@ -229,7 +229,7 @@ def verdict(choice: ModelChoice, i: int, ratio: float) -> str:
     best, other, rmse, apart = choice.names[0], choice.names[i], choice.rmse[0], choice.image_differences[i]
     difference, error = choice.differences[i], choice.difference_errors[i]
     times = difference / error if error > 0 else np.inf if difference > 0 else 0.0
-    if choice.worse[i] and ratio >= TIMES:
+    if choice.worse[i] and ratio >= MIN_RATIO:
         return (
             f"{best} predicts held-out samples better than {other}, whose errors are at least {ratio:.2g} times as "
             "large, whatever is held out."
@@ -240,12 +240,12 @@ def verdict(choice: ModelChoice, i: int, ratio: float) -> str:
             f"standard errors, and the fitted images by {apart:.2g}, with residuals of {rmse:.2g}."
         )
     why = []
-    if times < ERRORS:
-        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {ERRORS:g}")
+    if times < MIN_ERRORS:
+        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {MIN_ERRORS:g}")
     if apart < HALF_LEVEL:
         why.append(f"their fitted images differ by {apart:.2g}, less than half a grey level, {HALF_LEVEL:.2g}")
-    elif apart < SHARE * rmse:
-        why.append(f"their fitted images differ by {apart:.2g}, less than {SHARE:.0%} of the residuals, {rmse:.2g}")
+    elif apart < MIN_SHARE * rmse:
+        why.append(f"their fitted images differ by {apart:.2g}, less than {MIN_SHARE:.0%} of the residuals, {rmse:.2g}")
     return f"undecided between {best} and {other}: {'; '.join(why)}."
 
 

@@ -22,9 +22,9 @@ from ..inverse.unknowns.unknown import coordinate_slopes
 from .grams import gram_of
 from .misfit.residual_correlation import neighbour_correlation
 
-FEWEST = 6  # patches that a jackknife needs
-MOST = 64
-SLIGHT = 0.02  # a correlation of neighbours below which patches of any width are independent
+MIN_PATCHES = 6  # patches that a jackknife needs
+MAX_PATCHES = 64
+MIN_CORRELATION = 0.02  # a correlation of neighbours below which patches of any width are independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def find_clusters(fit: Fit) -> Clusters:
     if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
     patches = cut_in_patches(fit, fit.solved.problem.samples, patch_width(*residual_images(fit)))
-    if len(patches) < FEWEST:
+    if len(patches) < MIN_PATCHES:
         return independent(fit.evidence, patches.words)
     laid = fit.solved.laid_out()
     chunks = [laid.problem.reweigh(laid.theta, of) for of in patches.lay_out(laid.problem)]
@@ -85,7 +85,7 @@ def correlation_length(
     """
     residuals = [d[..., None] for d in differences]
     first = neighbour_correlation(residuals, counts)
-    if first.share < SLIGHT or not first.least > 0.0:
+    if first.share < MIN_CORRELATION or not first.least > 0.0:
         return 0
     longest = min(min(d.shape) for d in differences) - 1
     lags = range(2, longest)
@@ -96,7 +96,7 @@ def correlation_length(
 def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> int:
     """Return the width of patches: at least twice the correlation length, and at most 64 patches."""
     pixels = sum(int(c.sum()) for c in counts)
-    return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MOST))))
+    return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MAX_PATCHES))))
 
 
 def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> Parts:

@@ -22,7 +22,7 @@ from ..inverse.unknowns.unknown import Unknown
 from ..model.scenes import as_tuple
 from .shots import Shot, information_of_shot, unknowns_of_lamp
 
-MUCH_CLIPPED = 0.05  # a fraction of a shot's pixels; with more of them clipped, the exposure is too long
+MAX_CLIPPED = 0.05  # a fraction of a shot's pixels; with more of them clipped, the exposure is too long
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +271,7 @@ def plan_notes(fit: Fit, plan: Plan) -> Iterator[str]:
     if plan.rank.any():
         yield "'new' counts the directions that a shot determines and the views do not; such shots rank first."
     for i in plan.order:
-        if plan.clipped[i] > MUCH_CLIPPED:
+        if plan.clipped[i] > MAX_CLIPPED:
             yield (
                 f"{plan.names[i]} would have {plan.clipped[i]:.0%} of its pixels clipped; they do not count. Give it a "
                 "shorter exposure."

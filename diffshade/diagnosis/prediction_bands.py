@@ -23,12 +23,12 @@ from ..texels.maps import TexelMaps
 from ..texels.unexplained import Unexplained
 from .residual_quantiles import ResidualQuantiles, residual_quantiles
 
-FEWEST = 8  # photographs under different lights
-BOTH = 4  # groups from which half of them are of neighbouring lights
+MIN_LIGHTS = 8  # photographs under different lights
+MIN_GROUPS_FOR_BOTH = 4  # groups from which half of them are of neighbouring lights
 LEVELS = (0.5, 0.95)
 NEIGHBOURS = 2  # lights whose mean angle from a new one is how far it is from those fitted
-CLOSEST = 1.0  # degrees, below which lights are taken to be this far apart
-ABOUT = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
+MIN_DISTANCE = 1.0  # degrees, below which lights are taken to be this far apart
+NEAR = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class PredictionBands:
         others = [self.toward[[i for i in range(len(self.toward)) if i not in group]] for group in self.groups]
         near = np.array([distance_to(toward, lights) for lights in others])
         distance = distance_to(toward, self.toward)
-        useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(ABOUT * distance, near.min())]
+        useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(NEAR * distance, near.min())]
         without = np.array([_radiance(_predicted(refit, view).image, view)[self.inside] for refit in useful])
         ends = np.repeat(found.image[None], 2, 0)
         band = np.array(self.residuals.band(without, self.level, distance))
@@ -168,9 +168,9 @@ def fit_bands(
                 f"bands need views of one camera, all grey or all in colour; views[{i}] differs. Leave it out."
             )
     alike = _under_the_same_lights(views)
-    if len(alike) < FEWEST:
+    if len(alike) < MIN_LIGHTS:
         raise ValueError(
-            f"bands need photographs under at least {FEWEST} different lights; got {len(alike)}. Add photographs."
+            f"bands need photographs under at least {MIN_LIGHTS} different lights; got {len(alike)}. Add photographs."
         )
     with showing("bands", show=progress) as report_progress:
         report_progress("all photographs", 0.0)
@@ -211,7 +211,7 @@ def _scene_of(result: Fit | TexelMaps) -> Scene:
 def distance_to(toward: Float[np.ndarray, "3"], lights: Float[np.ndarray, "lights 3"]) -> float:
     """Return how far a light is from others, degrees: the mean angle from the nearest."""
     cosine = np.sort(lights @ toward)[::-1][:NEIGHBOURS]
-    return max(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()), CLOSEST)
+    return max(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()), MIN_DISTANCE)
 
 
 def _radiance(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray, "h w c"]:
@@ -246,7 +246,7 @@ def groups_of(
 
     every = np.arange(len(alike))
     ordered = [j for (j,) in parts(every, len(alike))]
-    blocks = min(groups, len(alike)) // 2 if groups >= BOTH else 0
+    blocks = min(groups, len(alike)) // 2 if groups >= MIN_GROUPS_FOR_BOTH else 0
     spread = min(groups - blocks, len(alike))
     of_lights = [ordered[k::spread] for k in range(spread)] + (parts(every, blocks) if blocks else [])
     return tuple(tuple(sorted(i for j in lights for i in alike[j])) for lights in of_lights)

@@ -15,7 +15,7 @@ import diffshade as ds
 from diffshade.core.fields import Parameter
 from diffshade.diagnosis.intervals import FAR, Profile, intervals
 from diffshade.diagnosis.patches import (
-    MOST,
+    MAX_PATCHES,
     correlation_length,
     cut_in_patches,
     find_clusters,
@@ -183,7 +183,7 @@ def test_the_correlation_length_is_that_of_the_error_under_white_noise():
     assert abs(correlation_length(mixed, everywhere) - alone) <= 2
     assert correlation_length([np.ones((5, 9))], [np.ones((5, 9), bool)]) == 4  # no lag is long enough
     assert correlation_length([np.ones((5, 9))], [np.zeros((5, 9), bool)]) == 0
-    assert patch_width(smooth, everywhere) == max(2 * alone + 1, int(np.ceil(np.sqrt(4 * 96**2 / MOST))))
+    assert patch_width(smooth, everywhere) == max(2 * alone + 1, int(np.ceil(np.sqrt(4 * 96**2 / MAX_PATCHES))))
     assert patch_width(white[:1], everywhere[:1]) == 12  # 64 of them
 
 

@@ -11,7 +11,7 @@ from scipy import sparse, stats
 
 import diffshade as ds
 from diffshade.diagnosis.misfit.changes import with_materials, with_other_lobe
-from diffshade.diagnosis.misfit.score_tests import Rows, ScoreTests, gram
+from diffshade.diagnosis.misfit.score_tests import CERTAIN_ERRORS, FALSE_ALARM, Rows, ScoreTests, gram
 
 SIGMA = 0.1
 RANDOM = np.random.default_rng(0)
@@ -118,3 +118,7 @@ def test_rows_that_vary_together_as_a_fault_would_show_none():
     np.testing.assert_allclose(after.amount, before.amount)
     assert before.p_value < 1e-6
     assert after.p_value > 0.5
+
+
+def test_the_level_of_a_normal_number_is_that_of_all_tests():
+    np.testing.assert_allclose(2.0 * stats.norm.sf(CERTAIN_ERRORS), FALSE_ALARM, rtol=0.05)

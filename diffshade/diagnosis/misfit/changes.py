@@ -26,10 +26,10 @@ from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from .linearised import Linearised
 
-LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
-BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-SPHERES = 4  # with more spheres, their places are not tested
-FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
+BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+MAX_SPHERES = 4  # with more spheres, their places are not tested
+EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def places(fit: Fit) -> list[str]:
 def of_spheres(part: str, fit: Fit) -> list[str]:
     """Return the paths of a part of all spheres."""
     names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
-    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= SPHERES]
+    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= MAX_SPHERES]
 
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:
@@ -104,7 +104,7 @@ def of_gamma(at: Linearised) -> Iterator[Case]:
 
 def of_blur(at: Linearised) -> Iterator[Case]:
     """Yield pictures blurred by some widths."""
-    for k, sigma in enumerate(BLURS):
+    for k, sigma in enumerate(BLUR_SIGMAS):
         blurred = [ndimage.gaussian_filter(x, (sigma, sigma, 0), mode="nearest") - x for x in at.pictures]
         yield Case(k, at.of(blurred)[None])
 
@@ -116,7 +116,7 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
     """Yield second highlights, sharper and wider."""
-    for k, factor in enumerate(FACTORS):
+    for k, factor in enumerate(EXPONENT_FACTORS):
         yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
 
 
@@ -188,7 +188,7 @@ def _with_second_highlight(factor: float, bands: int, m: Material) -> Material |
     """Return a material with a second highlight as strong as the first, of n_s by a factor."""
     if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
         return None
-    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
+    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), MIN_EXPONENT), m.lobe)
     return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
 
 

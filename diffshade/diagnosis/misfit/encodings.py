@@ -16,13 +16,12 @@ from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.encodings import srgb_decode, srgb_encode
-from .explanations import EXPLAINED
-from .regional import AGREED
-from .residual_correlation import CERTAIN, correlation_of
+from .explanations import MIN_EXPLAINED
+from .regional import MIN_AGREEMENT
+from .residual_correlation import correlation_of
+from .set_up import PIXELS
 
-PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
-STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
-MOST = 0.7  # fraction of that structure by the other encoding, where another fault explains half as much
+MIN_STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -37,7 +36,7 @@ def better_encoding(fit: Fit, rival: float) -> str | None:
         rival: The largest fraction of the cost that another fault explains.
     """
     structure = correlation_of(fit)
-    if structure.share < STRUCTURE or structure.errors < CERTAIN:
+    if structure.share < MIN_STRUCTURE or not structure.least > 0.0:
         return None
     before = _misfits(fit, lambda image: image)
     for to, back, what, remedy in (
@@ -47,8 +46,7 @@ def better_encoding(fit: Fit, rival: float) -> str | None:
         after = _misfits(_refitted(fit, to), back)
         share = 1.0 - after[:, 0].sum() / before[:, 0].sum()
         agreed = np.mean((after < before)[before[:, 0] > 0, 0])
-        least = MOST if share < 2.0 * rival else EXPLAINED
-        if agreed >= AGREED and share > max(rival, least * structure.share):
+        if agreed >= MIN_AGREEMENT and share > max(rival, MIN_EXPLAINED * structure.share):
             rmse = [np.sqrt(of[:, 1].sum() / before[:, 2].sum()) for of in (before, after)]
             return (
                 f"the images seem to be {what}, they fit with RMSE {rmse[1]:.3g} instead of {rmse[0]:.3g}. Read them "

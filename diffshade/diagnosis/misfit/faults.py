@@ -10,7 +10,7 @@ import numpy as np
 from ...core.words import listing
 from ...model.lobes import Blinn
 from . import changes, regional
-from .changes import BLURS, FACTORS
+from .changes import BLUR_SIGMAS, EXPONENT_FACTORS
 from .found import Fault, Found
 
 
@@ -35,8 +35,8 @@ def _of_lobe(f: Found) -> dict[str, Any]:
 
 def _of_highlight(f: Found) -> dict[str, Any]:
     shiny = (x.material.n_s for x in f.given.scene.objects if changes.shines(x.material.k_s))
-    n_s = FACTORS[f.which] * float(np.mean(np.asarray(next(shiny))))
-    return {"wider": "sharper" if FACTORS[f.which] > 1 else "wider", "n_s": n_s}
+    n_s = EXPONENT_FACTORS[f.which] * float(np.mean(np.asarray(next(shiny))))
+    return {"wider": "sharper" if EXPONENT_FACTORS[f.which] > 1 else "wider", "n_s": n_s}
 
 
 def _of_sphere(f: Found) -> dict[str, Any]:
@@ -74,8 +74,7 @@ FAULTS = (
         size=lambda which, amount: 1.0 + float(amount[0]),
         least=0.03,
         relative=True,
-        least_share=regional.SHARE,
-        confirmed=regional.corrects_most_pixels,
+        least_share=regional.MIN_SHARE,
         of_most="{count} of the {of} views are darker or brighter than the other views predict, by factors of "
         "{smallest:.3g} to {largest:.3g}. Check the lights' intensities, distances and attenuation and whether the "
         "material model is complete, or free 'exposure'.",
@@ -99,7 +98,7 @@ FAULTS = (
         "shadow",
         "predicted light is missing, as in a cast shadow: {f.where}",
         "Exclude these pixels with View.mask, or fit with loss='cauchy'.",
-        least_share=regional.SHARE,
+        least_share=regional.MIN_SHARE,
         regions=regional.shadows,
         confirmed=regional.in_shadow,
         described=regional.where_shadows_are,
@@ -109,7 +108,7 @@ FAULTS = (
         "the rim in {f.views_in_words} is brighter than predicted{f.where}",
         "Possible causes are interreflection or another form of highlight. Exclude the rim with View.mask, or fit with "
         "loss='cauchy'.",
-        least_share=regional.SHARE,
+        least_share=regional.MIN_SHARE,
         regions=regional.bright_rims,
         confirmed=regional.at_bright_rims,
         described=regional.how_bright_rims_are,
@@ -138,7 +137,7 @@ FAULTS = (
         "than the lobe",
         "Focus, or shrink the images, and exclude the pixels next to outlines with View.mask.",
         changes.of_blur,
-        size=lambda which, amount: BLURS[which] * float(np.sqrt(np.maximum(amount[0], 0.0))),
+        size=lambda which, amount: BLUR_SIGMAS[which] * float(np.sqrt(np.maximum(amount[0], 0.0))),
         plausible=(0.0, 4.0),
     ),
     Fault(

@@ -16,8 +16,11 @@ from .changes import Case
 from .linearised import Linearised
 from .set_up import Corrected, MasksOf, SetUp
 
-REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
-GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
+REPORTED_ERRORS, AFFECTED_ERRORS = (
+    1.0,
+    2.0,
+)  # errors by which a fault moves a value: it is reported; the value is not determined
+GROSS_SHARE = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +111,14 @@ class Found:
 
     def matters(self) -> bool:
         """Whether it is gross, or moves a value which the fit determines."""
-        return self.share > GROSS or bool(
-            np.any(self.given.determined & (np.abs(self.moves) > REPORTED * self.given.errors))
+        return self.share > GROSS_SHARE or bool(
+            np.any(self.given.determined & (np.abs(self.moves) > REPORTED_ERRORS * self.given.errors))
         )
 
     @property
     def affected(self) -> Bool[np.ndarray, " p"]:
         """The values that it moves so far that they are not determined."""
-        return self.given.determined & (np.abs(self.moves) > AFFECTED * self.given.errors)
+        return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.errors)
 
     def __str__(self) -> str:
         """Return what it is, its size, what it explains and moves, and the remedy."""

@@ -12,10 +12,10 @@ from ...core.masks import Mask
 from ...inverse.forward.losses import LOSSES
 from ...inverse.result import Fit
 from ...inverse.statistics.clusters import Clusters
+from .score_tests import CERTAIN_ERRORS
 
-CERTAIN = 5.0  # standard errors above which neighbouring residuals count as correlated
-SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are summed
-FEWEST = 40  # cells
+CELL_SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are summed
+MIN_CELLS = 40  # cells
 
 Residuals = Float[np.ndarray, "h w c"]
 
@@ -33,8 +33,8 @@ class ResidualCorrelation:
 
     @property
     def least(self) -> float:
-        """A lower limit of the share, by three standard errors; 0 if it is consistent with 0."""
-        return self.share * (1.0 - 3.0 / self.errors) if self.errors > 3.0 else 0.0
+        """A lower limit of the share; 0 if it is consistent with 0."""
+        return self.share * (1.0 - CERTAIN_ERRORS / self.errors) if self.errors > CERTAIN_ERRORS else 0.0
 
 
 def correlation_of(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> ResidualCorrelation:
@@ -92,7 +92,7 @@ def cell_correlation(found: Sequence[Residuals], side: int) -> ResidualCorrelati
         power += float(squares[1].sum())
     every = np.concatenate(excess)
     scatter = float(np.sqrt(np.sum(every**2)))
-    if len(every) < FEWEST or not scatter > 0:
+    if len(every) < MIN_CELLS or not scatter > 0:
         return ResidualCorrelation(0.0, 0.0, side)
     return ResidualCorrelation(float(every.sum()) / power, float(every.sum()) / scatter, side)
 
@@ -106,7 +106,7 @@ def inflate_errors(fit: Fit, clusters: Clusters) -> tuple[Clusters, str]:
     if clusters.disagree or clusters.evidence.waves is not None:
         return clusters, ""
     of_pixels, _ = residuals(fit)
-    correlated = [found for side in SIDES if (found := cell_correlation(of_pixels, side)).errors > CERTAIN]
+    correlated = [found for side in CELL_SIDES if (found := cell_correlation(of_pixels, side)).errors > CERTAIN_ERRORS]
     if not correlated:
         return clusters, ""
     most = max(correlated, key=lambda found: found.share)

@@ -18,7 +18,9 @@ from scipy import sparse, special
 
 from ...inverse.statistics.uncertainty import Matrix, Vector, inverse
 
-LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
+FALSE_ALARM = 1e-4  # the significance level of every test of misfit: hundreds of them are made of one fit
+CERTAIN_ERRORS = 3.9  # standard errors of a normal number at that level
+MIN_INDEPENDENT_SHARE = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class ScoreTests:
         information = weighed @ beyond.T
         information = 0.5 * (information + information.T)
         whole = np.sum(weighed * direction, 1)
-        if not (np.diag(information) > LEAST_LEFT * np.maximum(whole, 1e-300)).all():
+        if not (np.diag(information) > MIN_INDEPENDENT_SHARE * np.maximum(whole, 1e-300)).all():
             return None
         score = direction @ rows.slope - to_unknowns @ self.gradient
         from_information = inverse(information)

@@ -12,14 +12,14 @@ from ...core.masks import Mask
 from ...inverse.result import Fit
 from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
-from .explanations import NEXT, at_minimum, of_all_views, of_one_view
+from .explanations import NEXT_GAIN, at_minimum, of_all_views, of_one_view
 from .found import Found
 from .linearised import Linearised, linearise
 from .scores import refitted
 from .set_up import Corrected, SetUp
 
-ROUNDS = 12
-ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
+MAX_ROUNDS = 12
+ROUNDING_SHARE = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
     """
     with in_float64(fit) as fit:
         views = tuple(range(len(fit.views)))
-        if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING * fit.squares:
+        if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING_SHARE * fit.squares:
             return ()
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
@@ -55,7 +55,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         at = first = at_minimum(fit)
         set_up = first.set_up
         found: list[Found] = []
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             explanations = of_one_view(at)
             rival = max((f.share for f in explanations), default=0.0)
             if not found and (encoding := better_encoding(fit, rival)):
@@ -69,7 +69,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
             end = settled(at, found)
             of_all, rivals = of_all_views(end)
             rest = 1.0 - set_up.base.share(end.state)
-            everywhere = [f for f in of_all if rest * f.share > NEXT * found[0].share]
+            everywhere = [f for f in of_all if rest * f.share > NEXT_GAIN * found[0].share]
             return (*described(set_up, end.state, found), *_of_all_views(fit, everywhere, rivals))
         return _of_all_views(fit, everywhere, rivals)
 
