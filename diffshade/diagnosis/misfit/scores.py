@@ -11,7 +11,7 @@ from ...inverse.unknowns.unknown import coordinate_slopes
 from .changes import Case, Move
 from .found import Fault, Found
 from .linearised import Linearised, linearise
-from .score_tests import FALSE_ALARM, ScoreTests
+from .score_tests import FALSE_ALARM, Score, ScoreTests
 
 MAX_STEPS = 8  # of a fault's amount
 MIN_DECREASE = 1e-3  # relative decrease of the cost below which a refit stops
