@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
-from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
 from ..inverse.laid_out import LaidOut
@@ -45,8 +44,9 @@ class Folds:
 
 def make_folds(fit: Fit) -> Folds:
     """Return the folds: views (one fold per camera and set of lights) if there are at least three, else patches."""
-    samples, size = fit.solved.problem.samples, fit.solved.problem.block_size
-    groups = [[v for v in group if len(samples[v].pixels)] for group in setups(fit.scene, fit.views)]
+    data, size = fit.solved.problem.data, fit.solved.problem.block_size
+    samples = data.samples
+    groups = [[v for v in group if len(samples[v].pixels)] for group in data.setups]
     groups = [group for group in groups if group]  # a view that repeats an earlier one has no pixels
     if len(groups) >= FEWEST_VIEWS:
         parts = [Piece(v, samples[v], samples[v].pixels) for group in groups for v in group]

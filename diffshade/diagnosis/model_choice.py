@@ -197,7 +197,7 @@ def _numbers(noise: Any) -> np.ndarray | None:
 
 def _check_same_pixels(one: str, a: LaidOut, other: str, b: LaidOut) -> None:
     """Refuse fits that use different pixels, because of other surfaces, cameras or clipping."""
-    for i, (s, t) in enumerate(zip(a.problem.samples, b.problem.samples, strict=True)):
+    for i, (s, t) in enumerate(zip(a.problem.data.samples, b.problem.data.samples, strict=True)):
         if not np.array_equal(s.pixels, t.pixels):
             raise ValueError(
                 f"fits['{one}'] and fits['{other}'] must use the same pixels; in views[{i}] they use "

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
 from ..inverse.data.samples import Samples
-from ..inverse.data.views import setups
 from ..inverse.forward.gram import Gram
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.sums import waves
@@ -33,7 +32,7 @@ def find_clusters(fit: Fit) -> Clusters:
     differences, counts = residual_images(fit)
     width = patch_width(differences, counts)
     laid = fit.solved.laid_out()
-    parts, patch = cut_in_patches(fit, laid.problem.samples, width)
+    parts, patch = cut_in_patches(fit, laid.problem.data.samples, width)
     count = len(set(patch))
     if count < FEWEST:
         return independent(fit.evidence, f"{count} patches of {width} x {width} pixels")
@@ -120,7 +119,7 @@ def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> tuple[li
 
     Views with the same camera and lights share their patches, since they share the errors there.
     """
-    setup = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
+    setup = {view: k for k, group in enumerate(fit.solved.problem.data.setups) for view in group}
     parts, keys = [], []
     for view, of_view in enumerate(samples):
         row, column = np.divmod(of_view.pixels, of_view.inside.shape[1])

@@ -116,7 +116,7 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
         slopes = on_all_cores(lambda chunk: _by_sample(theta, shown, at.model, chunk), some)
         views = np.concatenate([np.asarray(chunk.view) for chunk in some])
         by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, most, channels, pixels)
-        samples = fit.solved.problem.samples[view]
+        samples = fit.solved.problem.data.samples[view]
         _, channels, size = by_block.shape[1:]
         number = -(-len(samples.pixels) // size)
         flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(shown[view]), number * size, channels)

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
 from ..inverse.data.recording import photograph
-from ..inverse.data.samples import Counts, Samples, find_samples
+from ..inverse.data.samples import Samples, find_samples
+from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, channels, has_mask, lights_on
 from ..inverse.forward.gram import Gram
 from ..inverse.forward.interface import AbstractForwardModel
@@ -103,8 +104,7 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> ShotInformation:
     clipped = 1.0 - float(measured.mean())
     if not measured.any():
         return ShotInformation(np.zeros((len(placed.unknowns),) * 2), clipped)
-    samples = dataclasses.replace(samples, pixels=samples.pixels[measured])
-    return ShotInformation(_gram_of_view(fit, placed, view, samples), clipped)
+    return ShotInformation(_gram_of_view(fit, placed, view, samples.at(samples.pixels[measured])), clipped)
 
 
 def place_shot(fit: Fit, shot: Shot) -> PlacedShot:
@@ -178,7 +178,7 @@ def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, movi
         exposure=shot.exposure,
         black=first.black,
         noise=first.noise,
-        saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).level,
+        saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).sensor_range.level,
         floor=first.floor,
         sensor=first.sensor,
         bands=first.bands,
@@ -188,9 +188,8 @@ def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, movi
 
 def _gram_of_view(fit: Fit, placed: PlacedShot, view: View, samples: Samples) -> Matrix:
     """Return J^T J of a view's samples, in the units of the fitted values."""
-    number, unknowns = len(samples.pixels), placed.unknowns
-    counts = Counts(1, number, number * view.image.shape[2], 0, 0)
-    problem = fit_problem(placed.scene, [view], unknowns, [samples], counts, "squares", "exclude")
+    unknowns, data = placed.unknowns, ViewSet.of(placed.scene, [view]).with_samples([samples])
+    problem = fit_problem(placed.scene, data, unknowns, "squares")
     theta = jnp.asarray(coordinates(fit.values, unknowns))
     summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())
     H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian)

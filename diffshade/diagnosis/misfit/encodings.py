@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import Samples
+from ...inverse.data.samples import Samples, SensorRange
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
@@ -94,12 +94,13 @@ def better_encoding(fit: Fit, rival: float) -> Encoding | None:
 def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
     """Fit the images in the other encoding, and compare in the images' own values."""
     to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
-    samples = _thinned(fit.solved.problem.samples)
+    data = fit.solved.problem.data
     start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
-    changed, clipped = [_through(to, s) for s in samples], "hinge" if fit.clipped == "tobit" else fit.clipped
-    loss = fit.likelihood.loss
-    _, end, _ = solve(fit_problem(fit.scene, views, start, changed, fit.counts.of(samples), loss, clipped))
+    clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
+    data = dataclasses.replace(data.with_samples(_thinned(data.samples)), views=views, clipped=clipped)
+    data = dataclasses.replace(data, samples=tuple(_through(to, s) for s in data.samples))
+    _, end, _ = solve(fit_problem(fit.scene, data, start, fit.likelihood.loss))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
     again = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
     return Encoding(decoded, _misfit(fit, lambda image: image), _misfit(again, back))
@@ -111,7 +112,7 @@ def _thinned(samples: Sequence[Samples]) -> list[Samples]:
 
     def thin(s: Samples) -> Samples:
         count = min(max(len(s.pixels) * PIXELS // total, 64), len(s.pixels))
-        return dataclasses.replace(s, pixels=s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
+        return s.at(s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
 
     return [thin(s) for s in samples]
 
@@ -119,7 +120,8 @@ def _thinned(samples: Sequence[Samples]) -> list[Samples]:
 def _through(curve: Curve, s: Samples) -> Samples:
     """Return samples with a curve applied to them and to the sensor's range."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
-    return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
+    ends = SensorRange(*map(of, s.sensor_range))
+    return Samples(s.inside, s.pixels, curve(s.whole()), ends, of(s.brightest))
 
 
 def _misfit(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:

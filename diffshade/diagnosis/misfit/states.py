@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...core.masks import Mask
-from ...inverse.data.samples import Masks
+from ...inverse.data.view_sets import Masks
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
 
