@@ -139,7 +139,7 @@ def _read(
         found = list_folder(folder)
         for note in found.notes:
             _LOGGER.warning("%s: %s", folder, note)
-        files, masks, extras = [folder / name for name in found.names], list(found.masks), found.extras
+        files, masks, extras = list(found.files), list(found.masks), found.extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):

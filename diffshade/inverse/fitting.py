@@ -200,12 +200,7 @@ def check_choices(
             f"{mapped[0]} is over the pixels of one camera, but views[0] and views[{others[0]}] have different ones. "
             "Give a Texture, which belongs to the surface, or the views of one camera."
         )
-    known = [view.noise is not None for view in views]
-    if any(known) and not all(known):
-        raise ValueError(
-            f"views[{known.index(False)}] has no noise, but views[{known.index(True)}] has. Give noise for all or none."
-        )
-    if clipped == "tobit" and not all(known):
+    if clipped == "tobit" and views[0].noise is None:
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 

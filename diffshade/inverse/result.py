@@ -168,7 +168,7 @@ class Fit:
             image = photograph(scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
-        return Prediction(samples.whole(), image, counts)
+        return Prediction(samples.photograph[:], image, counts)
 
     def what_errors_hold(self, clusters: Clusters) -> str:
         """Say what the errors of these clusters are made of, and what is taken as exact."""

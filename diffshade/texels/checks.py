@@ -41,7 +41,7 @@ def checked(
         scene.bands,
         "Fit three of them at a time as a scene of three, or each from grey photographs.",
     )
-    ViewSet.of(scene, views)  # refuses views of more channels
+    ViewSet.of(scene, views)  # refuses views of more channels, and noise of some
     free = _checked_names(free)
     if loss is not None and (not isinstance(loss, str) or loss not in LOSSES):
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")
@@ -166,8 +166,6 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
             )
         if is_grey(view) != is_grey(first):
             raise ValueError(f"views[{i}] and views[0] must both be grey or both be colour. Convert one of them.")
-        if (view.noise is None) != (first.noise is None):
-            raise ValueError(f"views[{i}] and views[0] must both have noise, or neither. Give noise for all or none.")
         try:
             select(scene, view.lit)
         except ValueError as error:

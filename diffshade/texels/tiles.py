@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array
-from ..inverse.data.samples import SensorRange, brightest_of, kept
+from ..inverse.data.samples import SensorRange, brightest_of, kept, not_finite
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, is_grey
 from ..inverse.forward.rendered import projection_of
@@ -139,11 +139,8 @@ class ViewReader:
                 brightest = float(given[:, shown & finite].max(initial=-np.inf))
             usable[i] = shown & (SensorRange.of(view, brightest).clipped(given) == 0).all(0)
             if (bad := usable[i] & ~finite).any():
-                row, column = divmod(int(pixels[bad.argmax()]), width)
-                raise ValueError(
-                    f"views[{i}]: the image must be finite inside the mask; got {values[:, bad.argmax()]} at row "
-                    f"{first + row}, column {column}. Mask it out."
-                )
+                where = pixels[bad] + first * width
+                raise ValueError(f"views[{i}]: {not_finite(values[:, bad].T, where, width)}")
             values[:, ~(finite & shown)] = 0.0
         position = None if position is None else position[which]
         return TexelTile(pixels + first * width, normal[which], position, target, usable)

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from changed_fits import with_problem
 from scenarios import clean_images, noisy_fit, noisy_images, standard_fit
 from scipy import ndimage, stats
 from synthetic import forget, noisy, one_light_each, standard_scene
@@ -190,7 +191,7 @@ def test_the_correlation_length_is_that_of_the_error_under_white_noise():
 def test_patches_are_squares_and_those_of_views_taken_alike_are_one():
     fit = noisy_fit()
     samples = list(fit.solved.problem.data.samples)
-    fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(fit.scene, (*fit.views[:2], fit.views[0])))
+    fit = with_problem(fit, (*fit.views[:2], fit.views[0]))
     parts, patch = cut_in_patches(fit, samples[:2] + samples[:1], 8)
     assert sum(len(part.pixels) for part in parts) == sum(len(s.pixels) for s in (*samples[:2], samples[0]))
     seen = {}

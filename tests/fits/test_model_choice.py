@@ -259,9 +259,8 @@ def test_fits_of_other_photographs_or_losses_are_refused(other, words):
 
 def test_fits_of_the_same_photographs_in_other_scenes_are_not_refused_but_of_other_pixels_are():
     _check_same_photographs("a", noisy_fit(), "b", with_problem(noisy_fit(), scene=MATTE))
-    one, other = (
-        SimpleNamespace(problem=SimpleNamespace(samples=[SimpleNamespace(pixels=np.arange(n))])) for n in (9, 1200)
-    )
+    samples = ([SimpleNamespace(pixels=np.arange(n))] for n in (9, 1200))
+    one, other = (SimpleNamespace(problem=SimpleNamespace(data=SimpleNamespace(samples=of))) for of in samples)
     check: Any = _check_same_pixels
     check("a", one, "b", one)
     with pytest.raises(ValueError, match="must use the same pixels") as caught:

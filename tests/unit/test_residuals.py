@@ -27,7 +27,9 @@ from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
 from diffshade.inverse.problem import PART, fit_problem, with_samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.io.lazy_images import LazyImage
 from diffshade.parallel.threads import on_all_cores
+from diffshade.texels.tiles import ViewReader
 
 BALL = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4))])
 SILHOUETTE = (6, 5)  # a pixel on the ball in SMALL
@@ -157,7 +159,7 @@ def test_a_number_that_is_not_finite_is_named_by_row_and_column_unless_it_is_mas
     row, column = SILHOUETTE
     for bad in (np.nan, np.inf):
         image = changed(DARK, at=(*SILHOUETTE, 2), value=bad)
-        words = ("finite inside the mask", f"row {row}, column {column} (1 such")
+        words = ("finite inside the mask", f"row {row}, column {column}. Mask")
         refuses(lambda image=image: find_samples(BALL, ds.View(image, SMALL)), *words)
         mask = changed(np.ones((10, 12), bool), at=SILHOUETTE, value=False)
         samples = find_samples(BALL, ds.View(image, SMALL, mask=mask))
@@ -226,6 +228,22 @@ def test_counts_add_up_over_views_of_all_kinds():
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
     assert [len(s.pixels) for s in samples] == [silhouette, silhouette, silhouette - 1, 1]
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+def test_texels_count_by_the_same_rule(lazy):
+    clipped = changed(DARK, at=(*SILHOUETTE, 1), value=1.0)
+    bright = changed(clipped, at=(SILHOUETTE[0], SILHOUETTE[1] + 1, 0), value=3.0)  # its 1 is no end of a file's range
+    masked = np.concatenate([DARK, changed(np.ones((10, 12, 1)), at=SILHOUETTE, value=0.2)], -1)
+    images = [
+        LazyImage(lambda a, b, i=i: i[a:b], i.shape, i.dtype) if lazy else i
+        for i in (clipped, bright, masked, bright / 2)
+    ]
+    views = [*(ds.View(image, SMALL) for image in images[:3]), ds.View(images[3], SMALL, saturation=0.5, floor=0.1)]
+    tile = ViewReader(BALL, views).read(0, 10, 10)
+    for view, counts in zip(views, tile.counts, strict=True):
+        samples = find_samples(BALL, view)
+        np.testing.assert_array_equal(tile.pixels[counts], samples.pixels[(samples.ends() == 0).all(-1)])
 
 
 # --- blocks, padding and stacking change nothing

@@ -121,7 +121,7 @@ def _through(curve: Curve, s: Samples) -> Samples:
     """Return samples with a curve applied to them and to the sensor's range."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
     ends = SensorRange(*map(of, s.sensor_range))
-    return Samples(s.inside, s.pixels, curve(s.whole()), ends, of(s.brightest))
+    return Samples(s.inside, s.pixels, curve(s.photograph[:]), ends, of(s.brightest))
 
 
 def _misfit(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:

@@ -14,7 +14,7 @@ from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View, is_grey
+from ...inverse.data.views import View
 from ...inverse.result import Fit
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
@@ -86,8 +86,7 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:
 
     Samples clipped at the bottom count: they may be in a shadow.
     """
-    photograph = samples.whole()
-    photograph = (photograph[..., 0] if is_grey(view) else photograph.mean(-1)).astype(np.float64)
+    photograph = samples.photograph[:].mean(-1).astype(np.float64)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:

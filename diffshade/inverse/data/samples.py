@@ -73,10 +73,6 @@ class Samples:
         h, w, c = self.photograph.shape
         return self.photograph.reshape(h * w, c).take(pixels, 0)
 
-    def whole(self) -> Float[np.ndarray, "h w c"]:
-        """Return the whole photograph, which is read here where it is lazy."""
-        return self.photograph[:]
-
     def ends(self) -> Int8[np.ndarray, "n c"]:
         """Return which of the samples are clipped, as `SensorRange.clipped` says."""
         if self.brightest < self.sensor_range.level and self.sensor_range.floor == -np.inf:  # nothing can be
@@ -165,14 +161,13 @@ def _extremes(samples: Samples) -> tuple[float, float]:
         pixels = samples.pixels[start : start + RUN]
         values = samples.values(pixels)
         low, high = float(values.min()), float(values.max())  # NaN where one is
-        if not np.isfinite(low + high):
-            wrong = ~np.isfinite(values).all(-1)
-            first = int(wrong.argmax())
-            row, column = divmod(int(pixels[first]), samples.photograph.shape[1])
-            count = int((~np.isfinite(samples.values(samples.pixels)).all(-1)).sum())
-            raise ValueError(
-                f"the image must be finite inside the mask; got {values[first]} at row {row}, column {column} "
-                f"({count} such pixels). Mask them out."
-            )
+        if not np.isfinite(low + high) and (wrong := ~np.isfinite(values).all(-1)).any():
+            raise ValueError(not_finite(values[wrong], pixels[wrong], samples.photograph.shape[1]))
         least, most = min(least, low), max(most, high)
     return least, most
+
+
+def not_finite(values: Float[np.ndarray, "m c"], pixels: Int[np.ndarray, " m"], width: int) -> str:
+    """Return the message about the first of some pixels of an image of this width."""
+    row, column = divmod(int(pixels[0]), width)
+    return f"the image must be finite inside the mask; got {values[0]} at row {row}, column {column}. Mask it out."

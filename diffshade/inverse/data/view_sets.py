@@ -57,13 +57,17 @@ class ViewSet:
 
     @classmethod
     def of(cls, scene: Scene, views: Sequence[View]) -> ViewSet:
-        """Return the views of a scene; refuse views of other channels, by their number.
+        """Return the views of a scene; refuse views of other channels, or noise of some alone, by their number.
 
         In a scene of red, green and blue a view may be grey, and its last channel alpha; in one of other bands it has a
         channel for each band.
         """
         for i, view in enumerate(views):
             _check_channels(scene, view, f"views[{i}]")
+        known = [view.noise is not None for view in views]
+        if any(known) and not all(known):
+            without, with_it = known.index(False), known.index(True)
+            raise ValueError(f"views[{without}] has no noise, but views[{with_it}] has. Give noise for all or none.")
         if len(scene.channels) != 3:
             views = [dataclasses.replace(view, bands=True) for view in views]
         return cls(tuple(views), tuple(lights_on(scene, view) for view in views))

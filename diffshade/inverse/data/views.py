@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, TypeAlias
@@ -217,10 +218,8 @@ def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
 
 def switches(rows: Sequence[Sequence[int]]) -> tuple[Int[np.ndarray, "views _"], Float[np.ndarray, "views _"]]:
     """Return what is on in each view as an index, padded to the same number, and 1 for each, or 0 for padding."""
-    most = max(map(len, rows))
-    index = np.array([[*row, *[0] * (most - len(row))] for row in rows], int).reshape(len(rows), most)
-    weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in rows]).reshape(len(rows), most)
-    return index, weight
+    index = np.array([*itertools.zip_longest(*rows, fillvalue=-1)], int).reshape(-1, len(rows)).T
+    return np.maximum(index, 0), 1.0 * (index >= 0)
 
 
 def camera_key(camera: AbstractCamera) -> tuple[Any, ...]:
