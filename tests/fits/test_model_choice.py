@@ -240,7 +240,10 @@ def changed(**options: Any) -> ds.Fit:
         (lambda: changed(image=noisy_images(1)[7]), ("views[7] differs in its image",)),
         (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] differs in its mask",)),
         (lambda: changed(saturation=0.9), ("views[7] differs in its saturation",)),
-        (lambda: changed(noise=0.1), ("views[7] differs in its noise",)),
+        (
+            lambda: with_problem(noisy_fit(), [dataclasses.replace(view, noise=0.1) for view in noisy_fit().views]),
+            ("views[0] differs in its noise",),
+        ),
         (lambda: with_problem(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
         (
             lambda: with_problem(

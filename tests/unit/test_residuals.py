@@ -159,7 +159,7 @@ def test_a_number_that_is_not_finite_is_named_by_row_and_column_unless_it_is_mas
     row, column = SILHOUETTE
     for bad in (np.nan, np.inf):
         image = changed(DARK, at=(*SILHOUETTE, 2), value=bad)
-        words = ("finite inside the mask", f"row {row}, column {column}. Mask")
+        words = ("finite inside the mask", f"row {row}, column {column} (1 such")
         refuses(lambda image=image: find_samples(BALL, ds.View(image, SMALL)), *words)
         mask = changed(np.ones((10, 12), bool), at=SILHOUETTE, value=False)
         samples = find_samples(BALL, ds.View(image, SMALL, mask=mask))

@@ -161,13 +161,18 @@ def _extremes(samples: Samples) -> tuple[float, float]:
         pixels = samples.pixels[start : start + RUN]
         values = samples.values(pixels)
         low, high = float(values.min()), float(values.max())  # NaN where one is
-        if not np.isfinite(low + high) and (wrong := ~np.isfinite(values).all(-1)).any():
-            raise ValueError(not_finite(values[wrong], pixels[wrong], samples.photograph.shape[1]))
+        if not np.isfinite([low, high]).all():
+            every = samples.values(samples.pixels)
+            wrong = ~np.isfinite(every).all(-1)
+            raise ValueError(not_finite(every[wrong], samples.pixels[wrong], samples.photograph.shape[1]))
         least, most = min(least, low), max(most, high)
     return least, most
 
 
 def not_finite(values: Float[np.ndarray, "m c"], pixels: Int[np.ndarray, " m"], width: int) -> str:
-    """Return the message about the first of some pixels of an image of this width."""
+    """Return the message about these pixels of an image of this width."""
     row, column = divmod(int(pixels[0]), width)
-    return f"the image must be finite inside the mask; got {values[0]} at row {row}, column {column}. Mask it out."
+    return (
+        f"the image must be finite inside the mask; got {values[0]} at row {row}, column {column} ({len(pixels)} such "
+        "pixels). Mask them out."
+    )
