@@ -138,15 +138,16 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
+    from diffshade.inverse.data.view_sets import ViewSet
     from diffshade.inverse.laid_out import LaidOut
-    from diffshade.inverse.problem import PART, fit_problem, samples_for
+    from diffshade.inverse.problem import PART, fit_problem, with_samples_for
     from diffshade.inverse.starting import find_start
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
-    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
+    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
 
-    fit = fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
+    fit = fit_problem(made.scene, data, unknowns, "squares")
     parts = fit.pieces(PART, fit.size_for(PART))
     part, everything = fit.lay_out(parts, fit.size_for(PART)), fit.chunks()
 

@@ -84,13 +84,14 @@ def problem_of(size: int) -> Any:
     """Return the fit of the other benchmarks."""
     import problem
 
-    from diffshade.inverse.problem import fit_problem, samples_for
+    from diffshade.inverse.data.view_sets import ViewSet
+    from diffshade.inverse.problem import fit_problem, with_samples_for
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)
     unknowns = find_unknowns(made.scene, made.views, problem.FREE, problem.TIED)
-    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
-    return fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
+    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
+    return fit_problem(made.scene, data, unknowns, "squares")
 
 
 if __name__ == "__main__":

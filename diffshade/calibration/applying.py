@@ -12,10 +12,11 @@ from jaxtyping import Bool, Float
 
 from ..core.words import Note, count
 from ..inverse.data.exposures import exposures_of
+from ..inverse.data.folder_lights import write_photographs
 from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
 from ..inverse.data.photograph_files import PhotographFiles, photograph_files
-from ..inverse.data.photographs import as_given, mask_file, write_photographs
+from ..inverse.data.photographs import as_given
 from ..io.images import without_alpha
 from ..texels.lights.encoding import judge_encoding
 from .object_lights import ObjectLights, lights_at
@@ -183,9 +184,8 @@ def apply_lights(
                 f"{listed.names[0]} to {listed.names[-1]}, and {ball.names[0]} to {ball.names[-1]}. Give one of each "
                 "light, in one order."
             )
-    files = tuple(folder / name for name in listed.names)
-    given = as_given(mask_file(folder) if mask is None else mask) if mask is not None or listed.masks else None
-    read = photograph_files(files, srgb=srgb, shape=None if given is None else given.shape)
+    given = as_given(listed.mask_file() if mask is None else mask) if mask is not None or listed.masks else None
+    read = photograph_files(listed.files, srgb=srgb, shape=None if given is None else given.shape)
     shapes = {image.shape[:2] for image in read.images()}
     if len(shapes) > 1:
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
@@ -203,7 +203,7 @@ def apply_lights(
     if known:
         intensities = np.mean(known, 0)
     else:
-        exposures, exposed = exposures_of(files) if exif else (np.ones(len(files)), [])
+        exposures, exposed = exposures_of(listed.files) if exif else (np.ones(len(listed.files)), [])
         intensities = exposures[:, None] * np.ones(3)
         notes += ["all lights are taken to have the intensity 1, which a mirror ball does not show.", *exposed]
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:

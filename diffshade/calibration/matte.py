@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
-from ..inverse.data.samples import erode
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
@@ -83,7 +83,7 @@ def by_shading(
 
 def sample_ball(taken: Photographs, ball: Ball) -> tuple[np.ndarray, np.ndarray, Shading]:
     """Return rows and columns on the ball away from its rim, and what the photographs show there."""
-    row, column = np.nonzero(erode(ball.mask))
+    row, column = np.nonzero(ndimage.binary_erosion(ball.mask))
     _, n, v = ball.seen(row + 0.5, column + 0.5)
     inside = np.flatnonzero((n * v).sum(-1) > MIN_N_V)
     if len(inside) > MAX_PIXELS:

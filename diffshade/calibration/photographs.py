@@ -15,6 +15,7 @@ from ..core.masks import Mask
 from ..inverse.data.folders import list_folder
 from ..inverse.data.photograph_files import photograph_files
 from ..inverse.data.photographs import as_given
+from ..inverse.data.samples import top_of
 from ..inverse.data.views import as_image, check_floats
 from ..io.images import read_image, without_alpha
 from .balls import MIN_FRACTION, largest, roundness
@@ -52,7 +53,7 @@ class Photographs:
     def clipped(self, i: int) -> Mask:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
-        return np.asarray((image >= 1.0).any(-1)) if image.max() == 1.0 else np.zeros(image.shape[:2], bool)
+        return np.asarray((image >= top_of(float(image.max()))).any(-1))
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False) -> Photographs:
@@ -138,7 +139,7 @@ def _read(
         found = list_folder(folder)
         for note in found.notes:
             _LOGGER.warning("%s: %s", folder, note)
-        files, masks, extras = [folder / name for name in found.names], list(found.masks), found.extras
+        files, masks, extras = list(found.files), list(found.masks), found.extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):

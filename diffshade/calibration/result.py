@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..core.robust_scale import GAUSS_95
 from ..core.words import count, listing
-from ..inverse.data.photographs import clear_folder, write_lights, write_photograph
+from ..inverse.data.folder_lights import clear_folder, write_lights, write_photograph
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.files import replacing

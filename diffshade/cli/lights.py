@@ -145,7 +145,7 @@ def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:
     from ..inverse.data.folders import list_folder
     from ..io.images import read_as
 
-    folders = [[path / name for name in list_folder(path).names] if path.is_dir() else [path] for path in photos]
+    folders = [list_folder(path).files if path.is_dir() else [path] for path in photos]
     return Encodings.of([read_as(file, srgb=srgb) for files in folders for file in files], srgb)
 
 
@@ -181,7 +181,7 @@ def find_lights(
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import light_errors, read_folder
+    from ..inverse.data.photographs import read_folder
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -189,25 +189,23 @@ def find_lights(
         raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
         check_folder(out)
-    listed = light_errors(photos) if light_error is None and not unknown else None
-    if listed is None and light_error is None and not unknown:
+    read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
+    names, error = read.names, read.light_errors if light_error is None else light_error
+    if error is None and not unknown:
         raise ValueError(
             f"{photos} does not say how exact its directions are. Give --light-error DEGREES, or --unknown to find "
             "them without."
         )
-    read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
-    names = read.names
-    error = None if unknown else light_error if listed is None else listed[list(read.indices)]
     with by_name(names):
         found = ds.find_lights(
             read.scene,
             read.views,
-            light_error=error,
+            light_error=None if unknown else error,
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )
     if out is not None:
-        _write_found(out, found, read, photos, known=not unknown)
+        _write_found(out, found, read, photos)
     encodings = Encodings.of(read.read_as, srgb)
     lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
     data = {
@@ -227,19 +225,19 @@ def find_lights(
     answer("\n".join(lines), data, as_json=as_json)
 
 
-def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path, *, known: bool) -> None:
-    """Write the photographs of a folder with the lights that were found; `known`: whether it had lights."""
+def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path) -> None:
+    """Write the photographs of a folder with the lights that were found."""
     import numpy as np
 
-    from ..inverse.data.photographs import NORMALS, light_distances, photograph_names, write_photographs
+    from ..inverse.data.folder_lights import write_photographs
+    from ..inverse.data.folders import NORMALS
 
     intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
     intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
     errors = found.errors if np.isfinite(found.errors).all() else None
     images = (np.asarray(view.image[:], np.float64) for view in read.views)
     inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
-    distances = light_distances(photos, photograph_names(photos))[list(read.indices)] if known else None
-    distances = distances if distances is not None and np.isfinite(distances).any() else None
+    distances = read.distances if np.isfinite(read.distances).any() else None
     write_photographs(out, read.names, images, inside, found.directions, intensities, errors, distances)
     for name in (name for name in NORMALS if (photos / name).is_file()):
         shutil.copyfile(photos / name, out / name)
@@ -265,7 +263,7 @@ def mask(photos: Path, out: Path | None, as_json: bool) -> None:
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    photographs = photograph_files((photos / name for name in list_folder(photos).names), srgb=None)
+    photographs = photograph_files(list_folder(photos).files, srgb=None)
     for note in photographs.notes:
         _LOGGER.warning("%s: %s", photos, note)
     found = find_mask(photographs.images())

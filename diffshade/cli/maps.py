@@ -124,10 +124,7 @@ def _free(typed: Options, found: Source, *, heights: bool) -> tuple[str, ...]:
     """Return the maps that are fitted: as asked for, or with the normals where the folder has none."""
     import diffshade as ds
 
-    from ..inverse.data.photographs import has_normals
-
-    shaped = found.folder is None or has_normals(found.folder)
-    free = tuple(name for name in typed.free if name != "gamma") or (FREE if shaped else (*FREE, "normal"))
+    free = tuple(name for name in typed.free if name != "gamma") or (FREE if found.has_normals else (*FREE, "normal"))
     if heights and "normal" not in free and not isinstance(found.scene.objects[0].surface, ds.GBuffer):
         raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
     return free
@@ -183,13 +180,10 @@ class TexelFit:
 
     def _light_error(self) -> Any:
         """Return the errors of the lights: as asked for, or the folder's where they can be used."""
-        from ..inverse.data.photographs import light_errors
-
-        folder, asked = self.found.folder, self.typed.light_error
-        if asked is not None or folder is None or set(self.free) != {*FREE, "normal"} or self.typed.loss == "squares":
+        errors, asked = self.found.light_errors, self.typed.light_error
+        if asked is not None or errors is None or set(self.free) != {*FREE, "normal"} or self.typed.loss == "squares":
             return asked
-        errors = light_errors(folder)
-        return None if errors is None else errors[[self.found.indices[i] for i in self.seen]]
+        return errors[list(self.seen)]
 
     def _fitted(self, error: Any) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
         import diffshade as ds

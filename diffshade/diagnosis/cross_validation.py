@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array
-from ..inverse.data.views import setups
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.losses import LOSSES
 from ..inverse.laid_out import LaidOut
@@ -26,16 +25,16 @@ MIN_VIEWS = 3  # with fewer views, patches are held out
 
 def make_folds(fit: Fit) -> Parts:
     """Return the folds: views (one fold per camera and set of lights) if there are at least three, else patches."""
-    samples = fit.solved.problem.samples
+    data = fit.solved.problem.data
     views = [
-        keep_only(fit, samples, group)
-        for group in setups(fit.scene, fit.views)
-        if any(len(samples[view].pixels) for view in group)  # one that repeats an earlier one has none
+        keep_only(data, group)
+        for group in data.setups
+        if any(len(data.samples[view].pixels) for view in group)  # one that repeats an earlier one has none
     ]
     if len(views) >= MIN_VIEWS:
         return Parts(views, f"{len(views)} views", by_view=True)
     width = patch_width(*residual_images(fit))
-    patches = cut_in_patches(fit, samples, width)
+    patches = cut_in_patches(data, width)
     if len(patches) < 2:
         raise ValueError(
             f"compare needs at least two patches of uncorrelated residuals; got {len(patches)}, since the residuals of "

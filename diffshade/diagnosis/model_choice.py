@@ -165,7 +165,7 @@ def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> 
 def _residuals_and_differences(fits: Sequence[Fit]) -> Float[np.ndarray, "2 fits"]:
     """Return the root mean squares of each fit's residuals, and of how its images differ from the first one's."""
     squares, number = np.zeros((2, len(fits))), 0
-    for i, samples in enumerate(fits[0].solved.problem.samples):
+    for i, samples in enumerate(fits[0].solved.problem.data.samples):
         if len(samples.pixels):  # a view that repeats an earlier one has none
             seen = [fit.predict(fit.views[i]) for fit in fits]
             counts = seen[0].counts
@@ -189,7 +189,7 @@ def _check_comparable(one: str, a: Fit, other: str, b: Fit) -> None:
     for what, x, y in (("loss", a.likelihood.loss, b.likelihood.loss), ("clipped", a.clipped, b.clipped)):
         if x != y:
             raise ValueError(f"{both} must have the same {what}; got '{x}' and '{y}'. Fit both with one of them.")
-    for i, (s, t) in enumerate(zip(a.solved.problem.samples, b.solved.problem.samples, strict=True)):
+    for i, (s, t) in enumerate(zip(a.solved.problem.data.samples, b.solved.problem.data.samples, strict=True)):
         if not np.array_equal(s.pixels, t.pixels):
             raise ValueError(
                 f"{both} must use the same pixels; in views[{i}] they use {len(s.pixels):,} and {len(t.pixels):,}. "

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.masks import Mask
-from ..inverse.data.samples import Samples, keep_pixels
-from ..inverse.data.views import setups
+from ..inverse.data.samples import Samples
+from ..inverse.data.view_sets import ViewSet
 from ..inverse.forward.sums import sum_over, waves
 from ..inverse.pixels.blocks import Block, block_size, pieces
 from ..inverse.problem import FitProblem
@@ -51,7 +51,7 @@ def find_clusters(fit: Fit) -> Clusters:
     """Return the views if there are three or more, else patches wider than the correlation length of the residuals."""
     if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
-    patches = cut_in_patches(fit, fit.solved.problem.samples, patch_width(*residual_images(fit)))
+    patches = cut_in_patches(fit.solved.problem.data, patch_width(*residual_images(fit)))
     if len(patches) < MIN_PATCHES:
         return independent(fit.evidence, patches.words)
     laid = fit.solved.laid_out()
@@ -99,21 +99,26 @@ def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray])
     return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MAX_PATCHES))))
 
 
-def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> Parts:
+def cut_in_patches(data: ViewSet, width: int) -> Parts:
     """Cut the pixels into squares of a grid.
 
     Views with the same camera and lights share their patches, since they share the errors there.
     """
     parts = []
-    for group in setups(fit.scene, fit.views):
-        row, column = np.indices(fit.views[group[0]].camera.shape)
+    for group in data.setups:
+        row, column = np.indices(data.views[group[0]].camera.shape)
         square = row // width * column.shape[1] + column // width
-        shown = np.concatenate([square.flat[samples[view].pixels] for view in group])
-        parts += [keep_only(fit, samples, group, square == number) for number in np.unique(shown)]
+        shown = np.concatenate([square.flat[data.samples[view].pixels] for view in group])
+        parts += [keep_only(data, group, square == number) for number in np.unique(shown)]
     return Parts(parts, f"{len(parts)} patches of {width} x {width} pixels")
 
 
-def keep_only(fit: Fit, samples: Sequence[Samples], group: Sequence[int], mask: Mask | None = None) -> list[Samples]:
+def keep_only(data: ViewSet, group: Sequence[int], mask: Mask | None = None) -> list[Samples]:
     """Return the samples of some views that a mask keeps, and none of other views."""
-    none = [np.zeros(view.camera.shape, bool) for view in fit.views]
-    return keep_pixels(samples, [mask if i in group else none[i] for i in range(len(none))])
+
+    def part(view: int, s: Samples) -> Samples:
+        if view not in group:
+            return s.at(s.pixels[:0])
+        return s if mask is None else s.at(s.pixels[mask.reshape(-1)[s.pixels]])
+
+    return [part(view, s) for view, s in enumerate(data.samples)]

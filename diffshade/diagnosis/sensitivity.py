@@ -97,7 +97,7 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
     with in_float64(fit) as fit:
         at, p, shown = _laid_out(fit), len(fit.unknowns), _shown(fit, [])
         second = _second_derivatives_at(fit, at, [], shown)
-        samples = fit.solved.problem.samples[view]
+        samples = fit.solved.problem.data.samples[view]
         used = samples.photograph.shape[2]
         mixed = np.zeros((p + 1, samples.inside.size, used))
         index = np.arange(p) if shown is None else shown[view]

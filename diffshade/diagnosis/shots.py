@@ -11,6 +11,7 @@ import numpy as np
 from ..core.fields import Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
 from ..inverse.data.recording import photograph
 from ..inverse.data.samples import find_samples
+from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, channels, lights_on
 from ..inverse.problem import fit_problem, moves_surface
 from ..inverse.result import Fit
@@ -83,10 +84,10 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     measured = ~samples.ends().any(-1)
-    samples = dataclasses.replace(samples, pixels=samples.pixels[measured])
     if not measured.any():
         return np.zeros((len(unknowns),) * 2), 1.0
-    problem = fit_problem(scene, [view], unknowns, [samples], fit.counts.of([samples]), "squares", "exclude")
+    data = ViewSet.of(scene, [view]).with_samples([samples.at(samples.pixels[measured])])
+    problem = fit_problem(scene, data, unknowns, "squares")
     gram = gram_of(coordinates(fit.values, unknowns), problem.model, problem.chunks())
     slope = coordinate_slopes(fit.values, unknowns)
     # A robust loss gives the shot's samples the mean weight of the views' samples.
@@ -123,7 +124,7 @@ def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> tuple[Scene,
         mask=inside if moving else None,
         lit=lit,
         exposure=shot.exposure,
-        saturation=fit.solved.problem.samples[0].level,
+        saturation=fit.solved.problem.data.samples[0].sensor_range.level,
     )
     return scene, unknowns, view
 

@@ -14,13 +14,14 @@ from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..model.scenes import Scene
-from .data.views import View, in_channels_of, is_grey
+from .data.view_sets import ViewSet
+from .data.views import View
 from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .forward.layout import lay_plain
 from .pixels.blocks import Block
-from .problem import fit_problem, samples_for
+from .problem import fit_problem, with_samples_for
 from .solve.descent import TINY, box_step
 from .solve.elimination import Dense
 from .solve.solvers import Box, PriorResiduals, minimum_in_jax, point_of
@@ -307,11 +308,11 @@ def fit_function(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_choices(scene, views, (), "squares", "hinge", "search")
     check_backend()
-    scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
-    unknowns = find_unknowns(scene, views, free, bounds=bounds, grey=all(map(is_grey, views)))
-    check_free(unknowns)
-    with in_float64((scene, views)) as (scene, views):
-        samples, counts = samples_for(scene, views, unknowns, "hinge")
+    with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views):
+        data = ViewSet.of(scene, views)
+        unknowns = find_unknowns(scene, data.views, free, bounds=bounds, grey=bool(data.grey))
+        check_free(unknowns)
+        data = with_samples_for(scene, data, unknowns, "hinge")
         for i, view in enumerate(views):
             if view.sensor is not None:
                 raise ValueError(
@@ -322,12 +323,12 @@ def fit_function(
                 raise ValueError(
                     f"a fit function counts all samples alike; views[{i}] has noise. Leave it out, or use fit."
                 )
-        if counts.clipped:
+        if data.counts.clipped:
             raise ValueError(
-                f"a fit function knows no clipped samples; {counts.clipped} of the views' samples are. Mask them out, "
-                "or use fit."
+                f"a fit function knows no clipped samples; {data.counts.clipped} of the views' samples are. Mask them "
+                "out, or use fit."
             )
-        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
+        problem = fit_problem(scene, data, unknowns, "squares")
         gathered = problem.gather(problem.block_size)
         shapes = tuple(np.shape(view.image) for view in views)
         made = FitFunction(

@@ -16,8 +16,7 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress, silent
-from .data.samples import Masks
-from .data.views import channels
+from .data.view_sets import Masks
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
 from .forward.rounding import MOST_NOISE, Rounded, share_of_waves
@@ -116,7 +115,7 @@ class LaidOut:
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
         parts = self.problem.pieces(None, self.size)
-        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.views))]
+        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.data.views))]
 
     def prior_gram(self, theta: Theta) -> Gram:
         """Return the Gram of the priors and unit vectors, as NumPy arrays."""
@@ -130,8 +129,7 @@ class LaidOut:
         """Return the sums of `Likelihood.spread` at a minimum."""
         cost, model = float(end.point.views.cost.sum()), self.model
         if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
-            sizes = zip(self.problem.pixels, self.problem.views, strict=True)
-            count = float(sum(n * channels(view) for n, view in sizes))
+            count = float(sum(s.count for s in self.problem.data.samples))
             return np.array([count, *[2 * cost] * 2, *[count] * 2])
         return np.asarray(sum_over(self.chunks, spread, end.point.theta, model))
 

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Int
 
 from ..core import fields
 from ..core.backend import SOONER, UNFUSED, jit_quickly
+from .data.view_sets import ViewSet
 from .forward.gram import Gram, Point
 from .laid_out import LaidOut, hold
 from .pixels.blocks import Block, Piece, pieces
@@ -156,14 +157,11 @@ class OwnViews:
         fit, likelihood = others.fit, laid.model.likelihood
         self.index = np.concatenate([others.border, others.members[block]])
         self.held = {k: others.held[j] for k, j in enumerate(self.index.tolist()) if j in others.held}
-        samples = [laid.problem.samples[v] for v in some]
-        problem = fit_problem(
-            *part_of(fit.scene, fit.views, laid.problem.unknowns, some, self.index.tolist()),
-            samples,
-            laid.problem.counts,  # of all, so that one program serves
-            fit.likelihood.loss,
-            fit.clipped,
-        )
+        samples = tuple(laid.problem.data.samples[v] for v in some)
+        scene, views, unknowns = part_of(fit.scene, fit.views, laid.problem.unknowns, some, self.index.tolist())
+        own = ViewSet.of(scene, views)  # the counts stay those of all views, so that one program serves
+        data = dataclasses.replace(laid.problem.data, views=own.views, lit=own.lit, samples=samples)
+        problem = fit_problem(scene, data, unknowns, fit.likelihood.loss)
         rounding = dataclasses.replace(fit.rounding, step=fit.rounding.step[some], srgb=fit.rounding.srgb[some])
         self.problem = problem.with_scale(float(likelihood.sigma), likelihood.loss).with_rounding(rounding)
         parts = pieces(samples, laid.size) or [Piece(0, samples[0], np.zeros(0, int))]

@@ -13,8 +13,9 @@ from ..core.words import Note, count
 from ..model.materials import Material
 from ..model.scenes import Scene
 from .data.recording import photograph
-from .data.samples import Counts, find_samples
-from .data.views import View, has_mask, in_channels_of
+from .data.samples import find_samples
+from .data.view_sets import Counts, ViewSet
+from .data.views import View, has_mask
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
 from .problem import moves_surface
@@ -75,7 +76,7 @@ class Fit:
     @property
     def views(self) -> tuple[View, ...]:
         """The views, with the fitted exposures and blacks."""
-        return tuple(self.solved.problem.views)
+        return self.solved.problem.data.views
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -85,7 +86,7 @@ class Fit:
     @property
     def counts(self) -> Counts:
         """How many pixels and samples the fit looked at."""
-        return self.solved.problem.counts
+        return self.solved.problem.data.counts
 
     @property
     def likelihood(self) -> Likelihood:
@@ -95,7 +96,7 @@ class Fit:
     @property
     def clipped(self) -> str:
         """How clipped samples count, as given to the fit."""
-        return self.solved.problem.clipped
+        return self.solved.problem.data.clipped
 
     @property
     def squares(self) -> float:
@@ -161,13 +162,13 @@ class Fit:
 
     def predict(self, view: View) -> Prediction:
         """Return a view's photograph together with this fit's prediction of it; the view may be fitted or held out."""
-        (view,) = in_channels_of(self.scene, (view,))
+        (view,) = ViewSet.of(self.scene, (view,)).views
         with in_float64((self.scene, view)) as (scene, view):
             samples = find_samples(scene, view, moving=moves_surface(self.unknowns) and has_mask(view))
             image = photograph(scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
-        return Prediction(samples.whole(), image, counts)
+        return Prediction(samples.photograph[:], image, counts)
 
     def what_errors_hold(self, clusters: Clusters) -> str:
         """Say what the errors of these clusters are made of, and what is taken as exact."""

@@ -10,7 +10,6 @@ import jax
 import numpy as np
 
 from ..core.progress import ReportProgress, silent
-from .data.views import channels
 from .laid_out import LaidOut, lay_out
 from .problem import PART, FitProblem
 from .solve.light_search import at_better_places
@@ -36,12 +35,12 @@ def solve(
         devices: Those that the pixels are spread over; none is the default device, with a thread for each core.
         report_progress: Reports progress.
     """
-    size, all_of_them = problem.size_for(PART), problem.counts.pixels <= PART
+    size, all_of_them = problem.size_for(PART), problem.data.counts.pixels <= PART
     parts = problem.pieces(PART, size)
     part = problem.lay_out(parts, size) if all_of_them or needs_part(problem, from_scene=from_scene) else []
     start = find_start(problem, parts, part, from_scene=from_scene, report_progress=report_progress)
     settled = problem.with_scale(start.sigma, problem.loss).with_rounding(start.rounding)
-    squares = start.squares * max(problem.counts.pixels / PART, 1.0)
+    squares = start.squares * max(problem.data.counts.pixels / PART, 1.0)
     if all_of_them:
         laid = LaidOut(settled, start.theta, squares, parts, settled.reweigh(start.theta, part))
     else:
@@ -59,7 +58,7 @@ def _with_lights_elsewhere(laid: LaidOut, end: Minimum, report_progress: ReportP
     lights = places_apart(problem.unknowns, problem.box.arrow)
     if not lights:
         return end
-    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)], float)
+    samples = np.array([s.count for s in problem.data.samples], float)
     for _ in range(ELSEWHERE):
         report_progress("trying lights at other places")
         theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.chunks)

@@ -68,7 +68,7 @@ def find_start(
         report_progress: Reports progress.
     """
     values = problem.values(parts)
-    measured = on_all_cores(without_clipped, part) if problem.clips else part
+    measured = on_all_cores(without_clipped, part) if problem.data.counts.clipped else part
     squares = problem.sum_of_squares(measured) if part else problem.squares_of_values(values)
     theta, near = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns), False
     if not from_scene:
@@ -77,7 +77,7 @@ def find_start(
     settled = problem
     if problem.settles:
         settled, part, theta, near = _settle(problem, part, squares, theta)
-    rounding = find_rounding(values, [_levels(view) for view in problem.views])
+    rounding = find_rounding(values, [_levels(view) for view in problem.data.views])
     step_variance = 0.0
     if rounding.exists:
         model = settled.with_rounding(rounding).model
@@ -108,7 +108,7 @@ def _search(
     """
     near, wide = True, with_wide_edges(problem.scene, problem.unknowns)
     if wide is not problem.scene:
-        setting = prepare(wide, problem.views, problem.unknowns)
+        setting = prepare(wide, problem.data.views, problem.unknowns)
         model = eqx.tree_at(lambda m: m.setting, problem.model, setting)
         problem, near = dataclasses.replace(problem, model=model), False
     if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
@@ -117,7 +117,7 @@ def _search(
     coarse, task = problem.few() if is_local(problem.unknowns) else measured, problem.task(squares)
     end = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
     if lights := places_apart(problem.unknowns, problem.box.arrow):
-        if not problem.noise_known:  # else priors of a scale of 1 would hold the lights
+        if not problem.data.noise_known:  # else priors of a scale of 1 would hold the lights
             task = problem.with_scale(_scale(problem, measured, end[1], robust=False), "squares").task(squares)
         end = from_broad_highlights(end[1], lights, problem.unknowns, problem.scene, task, measured, squares)
     _, theta, ended = end
@@ -138,14 +138,14 @@ def _settle(
         return end.theta, not end.message
 
     robust = problem.loss != "squares"
-    rms = float(np.sqrt(squares / min(problem.counts.pixels, PART)))
+    rms = float(np.sqrt(squares / min(problem.data.counts.pixels, PART)))
     sigma, near = 0.0, False
     for repeat in range(REPEATS):
         part = problem.reweigh(theta, part)
-        new = 1.0 if problem.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
+        new = 1.0 if problem.data.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
         problem = problem.with_scale(new, "huber" if robust else "squares")
         theta, near = polished(problem, part, theta)
-        if abs(new - sigma) <= 0.01 * new and (problem.homoscedastic or repeat > 1):
+        if abs(new - sigma) <= 0.01 * new and (problem.data.homoscedastic or repeat > 1):
             break
         sigma = new
     if problem.loss in NOT_CONVEX:

@@ -13,8 +13,8 @@ from ..core.fields import parameter_of
 from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
-from .data.samples import Counts
-from .data.views import View, note_repeats, setups
+from .data.view_sets import Counts
+from .data.views import View
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .laid_out import LaidOut
@@ -63,7 +63,7 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
         FloatingPointError: Where a value or the cost is not finite.
     """
     problem = laid.problem
-    scene, views, unknowns, likelihood = problem.scene, problem.views, problem.unknowns, problem.model.likelihood
+    scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
     found, spread = _values_at(end, unknowns), laid.spread(end)
     rounded = laid.rounded(end, spread, step_variance)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
@@ -71,12 +71,12 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
     everything, regular = evidence.total, evidence.regular
     steps = no_rounding(len(views)) if rounded is None else rounded.rounding
     solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
-    scales = _scales(solved.problem.scene, solved.problem.views, unknowns, np.diag(everything), laid.squares)
+    scales = _scales(solved.problem.scene, solved.problem.data.views, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
     if found.at_bound.any():
         held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
         evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
-    which = _clusters_in_words(groups, problem.counts)
+    which = _clusters_in_words(groups, problem.data.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
     plain_errors = evidence.plain_errors()
@@ -86,7 +86,7 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
     weak = weak_directions(everything[np.ix_(known, known)])
     covariance = _covariance(evidence, known)
     rmse = float(np.sqrt(spread[1] / spread[0]))
-    in_noise = problem.noise_known and likelihood.loss == "squares"
+    in_noise = problem.data.noise_known and likelihood.loss == "squares"
     notes = [
         *_not_converged(end),
         *singular_notes(zero, directions, unknowns, found.values),
@@ -95,9 +95,9 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
-        *note_repeats(problem.counts.repeats),
-        *_clipped(problem.counts),
-        *_beyond_memory(problem.counts),
+        *_repeated(problem.data.counts.repeats),
+        *_clipped(problem.data.counts),
+        *_beyond_memory(problem.data.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
@@ -154,11 +154,10 @@ def _evidence(
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
     zero, directions = null_directions(np.asarray(point.views.total(p).hessian) * np.outer(slope, slope) + H_0)
     regular = ~zero & ~directions.any(0)
-    known = problem.noise_known and problem.model.likelihood.loss == "squares"
+    known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
     sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
     shows = point.views.seen(p) > 0.0
-    every = setups(problem.scene, problem.views)
-    groups = [group for group in every if shows[group].any()] or [[*range(len(problem.views))]]
+    groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]
     H, g, shown = point.views.together(groups, p)
     unit = np.broadcast_to(slope, g.shape) if shown is None else np.append(slope, 0.0)[shown]
     H, g = H * unit[:, :, None] * unit[:, None, :], g * unit
@@ -248,6 +247,18 @@ def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
 def _moves_points(path: str) -> bool:
     segments = path.split(".")
     return "surface" in segments or segments[-1] in ("eta", "period", "u", "v")
+
+
+def _repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
+    """Return a note on the views that repeat an earlier one."""
+    if not pairs:
+        return []
+    i, j = pairs[0]
+    if len(pairs) == 1:
+        text = f"views[{i}] repeats views[{j}] and is not counted again."
+    else:
+        text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
+    return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
 
 
 def _clipped(counts: Counts) -> list[Note]:

@@ -80,8 +80,8 @@ def fit_texels(
             are not used.
         views: At least 2, of one camera, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`. A
             `sensor` is undone first, but for its blur; noise that is known is then left out. An
-            observation that the sensor clipped is excluded with all its channels; without a saturation, a sample of 1
-            exactly counts as clipped.
+            observation that the sensor clipped is excluded with all its channels, by the rule of `View.saturation`; of
+            an image larger than memory, the largest value is taken in each band that is read.
         free: Names of the numbers to fit, of "k_a", "k_d", "k_s", "n_s" and "normal".
         regions: Region of each pixel, whole numbers from 0; the texels of a region share one n_s, or one shape of the
             highlight, so zeros give all texels one. By default every texel has its own n_s, or the object one shape.

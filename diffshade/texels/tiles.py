@@ -13,7 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array
-from ..inverse.data.views import View, find_repeats, is_grey
+from ..inverse.data.samples import SensorRange, brightest_of, kept, not_finite
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.data.views import View, is_grey
 from ..inverse.forward.rendered import projection_of
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer
@@ -91,7 +93,8 @@ class ViewReader:
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
-        self.repeated = find_repeats(scene, views)
+        self.repeated = ViewSet.of(scene, views).repeats
+        self.brightest = [brightest_of(view) for view in views]
 
     def rows_of(self, memory: int) -> int:
         """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
@@ -116,15 +119,10 @@ class ViewReader:
         seen = []
         for i, view in enumerate(self.views):
             image = np.asarray(view.image[first:last])
-            image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
-            alpha = image.shape[1] in (2, 4)
-            counts = inside.copy() if view.mask is None else inside & view.mask[first:last].reshape(-1)
+            counts = inside & kept(view, image, first).reshape(-1)
             if i in self.repeated:  # the same numbers again are no further observation
                 counts[:] = False
-            if alpha:
-                counts &= image[:, -1] >= 0.5
-                image = image[:, :-1]
-            seen.append((i, view, image, counts))
+            seen.append((i, view, image.reshape(-1, image.shape[2])[:, : self.channels], counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
         which = slice(None) if len(pixels) == len(inside) else pixels  # a slice makes no copy
         # one type for all views, in native byte order, which compiled programs require
@@ -134,15 +132,16 @@ class ViewReader:
         for i, view, image, counts in seen:
             given, values = image[which].T, target[i]
             values[:] = given
-            usable[i] = counts[which] & ~_clipped(view, given).any(0)
             finite = np.isfinite(values).all(0)
+            shown = counts[which]
+            brightest = self.brightest[i]
+            if brightest is None:  # of an image that is not read as a whole
+                brightest = float(given[:, shown & finite].max(initial=-np.inf))
+            usable[i] = shown & (SensorRange.of(view, brightest).clipped(given) == 0).all(0)
             if (bad := usable[i] & ~finite).any():
-                row, column = divmod(int(pixels[bad.argmax()]), width)
-                raise ValueError(
-                    f"views[{i}]: the image must be finite inside the mask; got {values[:, bad.argmax()]} at row "
-                    f"{first + row}, column {column}. Mask it out."
-                )
-            values[:, ~(finite & counts[which])] = 0.0
+                where = pixels[bad] + first * width
+                raise ValueError(f"views[{i}]: {not_finite(values[:, bad].T, where, width)}")
+            values[:, ~(finite & shown)] = 0.0
         position = None if position is None else position[which]
         return TexelTile(pixels + first * width, normal[which], position, target, usable)
 
@@ -211,17 +210,6 @@ class ViewReader:
 
 def _parts(v: Vec3) -> tuple[Array, Array, Array]:
     return v.x, v.y, v.z
-
-
-def _clipped(view: View, values: Float[np.ndarray, "c n"]) -> Bool[np.ndarray, "c n"]:
-    """Return which samples lie at an end of the sensor's range.
-
-    The upper end is `View.saturation`. Without one it is the value 1 exactly, where the range of an integer file ends;
-    an image whose range goes beyond 1 has hardly a sample at 1 exactly.
-    """
-    kind = values.dtype.type
-    top = values == 1.0 if view.saturation is None else values >= kind(view.saturation)
-    return top if view.floor is None else top | (values <= kind(view.floor))
 
 
 @jax.jit

@@ -22,6 +22,7 @@ from diffshade.diagnosis.patches import (
     patch_width,
     residual_images,
 )
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.statistics.clusters import Clusters
 
 LEVELS = (0.68, 0.95)
@@ -189,9 +190,9 @@ def test_the_correlation_length_is_that_of_the_error_under_white_noise():
 
 def test_patches_are_squares_and_those_of_views_taken_alike_are_one():
     fit = noisy_fit()
-    samples = list(fit.solved.problem.samples)
-    fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(fit.scene, (*fit.views[:2], fit.views[0])))
-    patches = cut_in_patches(fit, samples[:2] + samples[:1], 8)
+    samples = fit.solved.problem.data.samples
+    again = ViewSet.of(fit.scene, (*fit.views[:2], fit.views[0]))
+    patches = cut_in_patches(again.with_samples((*samples[:2], samples[0])), 8)
     kept = [[len(part[view].pixels) for part in patches.samples] for view in range(3)]
     np.testing.assert_array_equal(np.sum(kept, 1), [len(of.pixels) for of in (*samples[:2], samples[0])])
     seen = set()

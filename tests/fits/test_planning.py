@@ -23,7 +23,7 @@ from diffshade.diagnosis.planning import (
     reference_sizes,
 )
 from diffshade.diagnosis.shots import unknowns_of_lamp
-from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.samples import SensorRange, find_samples
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.slots import put_back
 
@@ -109,8 +109,10 @@ def test_a_shot_as_the_first_view_was_counts_as_that_did():
 
 def test_clipped_pixels_do_not_count():
     fit = noisy_fit()
-    first = dataclasses.replace(fit.solved.problem.samples[0], level=0.6)
-    fit = with_problem(fit, samples=[first, *fit.solved.problem.samples[1:]])
+    data = fit.solved.problem.data
+    first = dataclasses.replace(data.samples[0], sensor_range=SensorRange(-np.inf, 0.6))
+    data = dataclasses.replace(data, samples=(first, *data.samples[1:]))
+    fit = dataclasses.replace(fit, solved=fit.solved.changed(data=data))
     shots = [dataclasses.replace(FRONT, exposure=e, name=f"{e:g}") for e in (0.5, 1.4, 5.0)]
     plan = ds.plan(fit, shots)
     scene, _ = with_shot(fit.scene, FRONT)

@@ -10,7 +10,8 @@ from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, stand
 
 import diffshade as ds
 from diffshade.core.progress import silent
-from diffshade.inverse.problem import fit_problem, samples_for
+from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.solvers import FAR, NEAR
 from diffshade.inverse.solve.start_search import (
@@ -79,8 +80,8 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         scene = standard_scene()
         views = one_light_each(photographs(scene, SMALL), SMALL, sensor=sensor)
         unknowns = find_unknowns(scene, views, ("k_d", "n_s"))
-        samples, counts = samples_for(scene, views, unknowns, "hinge")
-        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
+        data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+        problem = fit_problem(scene, data, unknowns, "squares")
         parts = problem.pieces(None, problem.block_size)
         laid = problem.lay_out(parts, problem.block_size)
         start = find_start(problem, parts, laid, from_scene=False, report_progress=silent)

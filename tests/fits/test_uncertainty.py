@@ -10,7 +10,8 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
 
-from diffshade.inverse.data.samples import Counts, find_samples
+from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.view_sets import Counts
 from diffshade.inverse.statistics.clusters import compared
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.identifiability import condition_number, null_directions

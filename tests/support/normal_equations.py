@@ -12,10 +12,11 @@ from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
 from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
 from diffshade.inverse.unknowns.unknown import Unknown
 from diffshade.parallel.threads import on_all_cores
 
@@ -25,8 +26,8 @@ SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
 
 
 def problem_of(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> FitProblem:
-    samples, counts = samples_for(scene, views, unknowns, "hinge")
-    return fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=True)
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    return fit_problem(scene, data, unknowns, "squares", rendered=True)
 
 
 @jax.jit
@@ -83,9 +84,10 @@ def dense_gram(
         target = np.where(samples.inside[..., None], samples.photograph, 0.0)
         if is_grey(view):
             J, predicted = J.mean(2, keepdims=True), predicted.mean(2, keepdims=True)
-        measured = (target > samples.floor) & (target < samples.level)
-        short = (target >= samples.level) & (predicted < target)
-        over = (target <= samples.floor) & (predicted > target)
+        floor, level = samples.sensor_range
+        measured = (target > floor) & (target < level)
+        short = (target >= level) & (predicted < target)
+        over = (target <= floor) & (predicted > target)
         counts = samples.inside[..., None] & (measured | short | over)
         J, r = J[counts], (predicted - target)[counts]
         grams.append(Gram(np.asarray(0.5 * r @ r), J.T @ r, J.T @ J))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import LEAST, Samples, share_of
+from ...inverse.data.samples import MIN_PIXELS, Samples, SensorRange, share_of
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
@@ -57,13 +57,14 @@ def better_encoding(fit: Fit, rival: float) -> str | None:
 
 def _refitted(fit: Fit, curve: Curve) -> Fit:
     """Return a fit with the scene and views that are found where the images go through a curve."""
-    problem, loss = fit.solved.problem, fit.likelihood.loss
-    part = PIXELS / sum(problem.pixels)
-    samples = [_through(curve, share_of(s, max(int(len(s.pixels) * part), LEAST))) for s in problem.samples]
+    data, loss = fit.solved.problem.data, fit.likelihood.loss
+    part = PIXELS / data.counts.pixels
+    samples = [_through(curve, share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS))) for s in data.samples]
     start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
-    _, end, _ = solve(fit_problem(fit.scene, views, start, samples, fit.counts.of(samples), loss, clipped))
+    data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
+    _, end, _ = solve(fit_problem(fit.scene, data, start, loss))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
     return dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
 
@@ -71,7 +72,8 @@ def _refitted(fit: Fit, curve: Curve) -> Fit:
 def _through(curve: Curve, s: Samples) -> Samples:
     """Return samples with a curve applied to them and to the sensor's range."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
-    return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
+    ends = SensorRange(*map(of, s.sensor_range))
+    return Samples(s.inside, s.pixels, curve(s.photograph[:]), ends, of(s.brightest))
 
 
 def _misfits(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:

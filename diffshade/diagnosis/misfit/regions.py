@@ -86,7 +86,7 @@ def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPr
 
     Samples clipped at the bottom count: they may be in a shadow.
     """
-    photograph = samples.whole().astype(np.float64).mean(-1)
+    photograph = samples.photograph[:].astype(np.float64).mean(-1)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:

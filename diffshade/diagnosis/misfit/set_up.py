@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.masks import Mask
-from ...inverse.data.samples import Masks
-from ...inverse.data.views import channels, lights_on
+from ...inverse.data.view_sets import Masks
 from ...inverse.pixels.blocks import Block
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import NEAR
@@ -55,9 +54,9 @@ class SetUp:
 
     def __init__(self, fit: Fit, numbers: Iterable[str]):
         """Lay the fit out on some of its pixels, and minimise there; `numbers` are the paths of what faults move."""
-        self.fit, self.samples = fit, fit.solved.problem.samples
+        data = fit.solved.problem.data
+        self.fit, self.samples, self.lit = fit, data.samples, data.lit
         self.center = center_of(fit.scene.objects, fit.views[0].camera)
-        self.lit = [tuple(lights_on(fit.scene, view)) for view in fit.views]
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
         own = {path for u in fit.unknowns for path, _ in u.places} | {p.path for u in fit.unknowns for p in u.products}
         paths = [path for path in dict.fromkeys(numbers) if path not in own]
@@ -71,8 +70,8 @@ class SetUp:
         shown, p = shown_unknowns(fit.scene, fit.views, self.laid.problem.unknowns), self.own + len(added)
         self.shown = np.tile(np.arange(p), (len(fit.views), 1)) if shown is None else shown
         samples = [
-            np.broadcast_arrays(v, pixels, np.arange(channels(fit.views[v]))[:, None])
-            for v, _, pixels in self.laid.parts
+            np.broadcast_arrays(v, pixels, np.arange(of.photograph.shape[2])[:, None])
+            for v, of, pixels in self.laid.parts
         ]
         self.view, self.pixel, self.channel = np.hstack([np.reshape(of, (3, -1)) for of in samples]).astype(int)
         self.first = np.searchsorted(self.view, np.arange(len(fit.views) + 1))

@@ -15,12 +15,12 @@ from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
 from ...model.scenes import Scene
-from ..data.samples import Masks, keep_pixels
+from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
 from ..laid_out import LaidOut
 from ..own_views import OthersAsQuadratics
-from ..problem import fit_problem, samples_for
+from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..statistics.clusters import Clusters
@@ -66,12 +66,10 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
     """Yield, for each width, the pixels farther than that from saturated ones; nothing if no pixel is saturated."""
-    if fit.clipped == "exclude":  # with those that the fit left out
-        samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")
-    else:
-        samples = fit.solved.problem.samples
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
-    for end, of_view in zip(ends, samples, strict=True):
+    for end, of_view in zip(ends, fit.solved.problem.data.samples, strict=True):
+        if fit.clipped == "exclude":  # with those that the fit left out
+            of_view = of_view.at(np.flatnonzero(of_view.inside))
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
     if any(end.any() for end in ends):
         for width in widths:
@@ -166,10 +164,7 @@ def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
         replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
         for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
     ]
-    samples = keep_pixels(fit.solved.problem.samples, keep)
-    again = fit_problem(
-        fit.scene, fit.views, unknowns, samples, fit.counts.of(samples), fit.likelihood.loss, fit.clipped
-    )
+    again = fit_problem(fit.scene, fit.solved.problem.data.keeping(keep), unknowns, fit.likelihood.loss)
     laid, end, begun = solve(again)
     return summarise(laid, end, begun.step_variance)
 
@@ -182,7 +177,7 @@ def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
 
 def _enough(fit: Fit, keep: Masks) -> bool:
     """Whether the pixels to keep are as many as the unknowns."""
-    counts = fit.counts.of(keep_pixels(fit.solved.problem.samples, keep))
+    counts = fit.solved.problem.data.keeping(keep).counts
     return min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns)
 
 
