@@ -54,8 +54,8 @@ class BallFit:
     @property
     def direction_errors(self) -> Float[np.ndarray, " views"]:
         """The root mean square error of each light's direction, degrees."""
-        paths = np.array([unknown.places[0][0] for unknown in self.fit.unknowns])
-        turns = [self.printed_errors[paths == f"lights.{i}.direction"] for i in range(len(self.fit.views))]
+        errors = self.printed_errors
+        turns = np.reshape(errors[[unknown.kind == "direction" for unknown in self.fit.unknowns]], (-1, 3))
         return np.hypot(np.rad2deg(np.sqrt(np.square(turns).sum(-1))), self.model_error)
 
 
