@@ -163,7 +163,10 @@ def _as_calibration(taken: Photographs, ball: Ball, found: BallFit) -> Calibrati
 
 def _notes_of_fit(found: Fit) -> list[str]:
     """Return the fit's notes but those on the pose, which comes from the outline."""
-    return [note for note in found.notes if not any(name.startswith("center") for name in note.names)]
+    center = {
+        name for unknown in found.unknowns if unknown.kind == "center" for name in (unknown.quantity, unknown.name)
+    }
+    return [note for note in found.notes if center.isdisjoint(note.names)]
 
 
 def _directions(scene: Scene) -> Vectors:

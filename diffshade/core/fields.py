@@ -149,7 +149,8 @@ class Parameter:
 
     role: str = ""
     """"reflection", "transmission", "exponent", "attenuation", "amplitude" (of an attenuation, which the intensity
-    stands for), "light", "camera", "position", "direction", "edge", "index"; empty where only the number is known."""
+    stands for), "light", "camera", "position", "direction", "edge", "index", "factor" (of two numbers, no field);
+    empty where only the number is known."""
     linear: bool = False
     """Whether the image is linear in it together with all others of which this is said."""
     logarithmic: bool = False

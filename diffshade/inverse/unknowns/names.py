@@ -28,15 +28,11 @@ def means(name: str, place: Place) -> bool:
     return rest_after(name, place) is not None
 
 
-def concerns(name: str, number: Named, place: Place) -> bool:
-    """Whether a name means a number at a place: a run of the path, with the number's channel after it or without."""
-    head, _, last = name.rpartition(".")
-    return means(name, place) or (last == number.channel != "" and means(head, place))
-
-
 def is_named(name: str, number: Named) -> bool:
-    """Whether a name means a number, at one of its places or as the factor that it is."""
-    return name == number.quantity or any(concerns(name, number, place) for place in number.places)
+    """Whether a name means a number: as the factor that it is, or at a place, with its channel after it or without."""
+    head, _, last = name.rpartition(".")
+    heads = (name, head) if last == number.channel != "" else (name,)
+    return name == number.quantity or any(means(of, place) for of in heads for place in number.places)
 
 
 def names_of(where: str, names: Any, known: Iterable[Place]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from ...core.fields import as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
+from ...core.fields import Parameter, as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
 from ...model.flaps import LIMITS
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
@@ -20,11 +20,12 @@ from .constraints import COLOURS, Grey, Proportional, colourless, products_of, p
 from .light_priors import stated_errors
 from .names import means, names_of, segments_of, short_names, tied_name
 from .places import Known, Place, everything
-from .ranges import FACTOR, check_directions, check_names_an_unknown, prior_of, range_of
+from .ranges import check_directions, check_names_an_unknown, prior_of, range_of
 from .slots import value_in
 from .unknown import Named, Product, Unknown
 
 MIN_INTENSITY = 1e-6  # over that of the scene: an intensity whose logarithm is solved for stays above 0
+FACTOR = Parameter("factor", start=1.0)  # what is known of a factor, which has no field
 
 
 def find_unknowns(
@@ -84,10 +85,7 @@ def find_unknowns(
     if not with_dark_lights:
         found = _without_dark_lights(found, free, scene, views)
     factors = [(place, to) for place, (to, factor) in proportions.items() if factor is None]
-    found += [
-        Named("/".join(short_names([(of.path, [of]) for of in pair], known)), "", (), parameter_of(FACTOR))
-        for pair in factors
-    ]
+    found += [Named("/".join(short_names([(of.path, [of]) for of in pair], known)), "", (), FACTOR) for pair in factors]
     for where, names in (("bounds", bounds), ("priors", priors)):
         for name in names:
             check_names_an_unknown(where, name, found, proportions, known)

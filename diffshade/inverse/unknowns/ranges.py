@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ...core.fields import Parameter, parameter, parameter_of
+from ...core.fields import parameter_of
 from ...core.words import listing
-from .names import concerns, is_named, means, names_of, rest_after
+from .names import is_named, means, names_of, rest_after
 from .places import Known, Place, numbers_of
 from .unknown import Named, Unknown, unit_vectors
-
-FACTOR = dataclasses.field(metadata=parameter("factor", lower=0, start=1.0))  # stands for the field of a factor
 
 Range = tuple[float, float]
 
@@ -59,28 +57,10 @@ def check_directions(unknowns: Sequence[Unknown]) -> None:
 
 
 def range_of(number: Named, bounds: Mapping[str, Sequence[float | int]], known: Known) -> Range:
-    """Return the range of a number: the meet of those of all its places."""
-    ranges = [
-        _range_within(place, known[place.whole][1], {n: b for n, b in bounds.items() if concerns(n, number, place)})
-        for place in number.places
-    ]
-    if not number.places:
-        ranges = [_range_within(None, FACTOR, {n: b for n, b in bounds.items() if n == number.name})]
-    lower, upper = max(low for low, _ in ranges), min(high for _, high in ranges)
-    if not lower < upper:
-        raise ValueError(
-            f"the bounds of '{number.quantity}' leave nothing between {lower:g} and {upper:g}. Widen one of them."
-        )
-    return lower, upper
-
-
-def _range_within(place: Place | None, spec: dataclasses.Field, bounds: Mapping[str, Sequence[float | int]]) -> Range:
-    """Return the range of a number of a field, within the bounds given."""
-    whole = (float(spec.metadata.get("lower", -np.inf)), float(spec.metadata.get("upper", np.inf)))
-    if place is not None and "k_t" in place.fields[:-1]:  # a colour of a pattern, whose own field knows no such end
-        whole = (0.0, 1.0)
-    whole = lower, upper = parameter_of(spec).fit_range or whole
-    for name, pair in bounds.items():
+    """Return the range of a number: the meet of those of all its places and of its bounds."""
+    ranges = [_range_at(place, known[place.whole][1]) for place in number.places] or [(0.0, np.inf)]
+    whole = lower, upper = max(low for low, _ in ranges), min(high for _, high in ranges)
+    for name, pair in ((name, pair) for name, pair in bounds.items() if is_named(name, number)):
         low, high = _pair(f"bounds of '{name}'", pair, "(lower, upper)")
         if not low < high:
             raise ValueError(f"bounds of '{name}' must be lower < upper; got ({low:g}, {high:g}). Swap or widen them.")
@@ -88,18 +68,26 @@ def _range_within(place: Place | None, spec: dataclasses.Field, bounds: Mapping[
             allowed = f"[{whole[0]:g}, {whole[1]:g}]"
             raise ValueError(f"bounds of '{name}' must lie in {allowed}; got ({low:g}, {high:g}). Stay inside it.")
         lower, upper = max(lower, low), min(upper, high)
+    if not lower < upper:
+        raise ValueError(
+            f"the bounds of '{number.quantity}' leave nothing between {lower:g} and {upper:g}. Widen one of them."
+        )
     return lower, upper
+
+
+def _range_at(place: Place, spec: dataclasses.Field) -> Range:
+    """Return the range of the numbers of a field in a fit."""
+    if "k_t" in place.fields[:-1]:  # a colour of a pattern, whose own field knows no such end
+        return 0.0, 1.0
+    whole = (float(spec.metadata.get("lower", -np.inf)), float(spec.metadata.get("upper", np.inf)))
+    return parameter_of(spec).fit_range or whole
 
 
 def prior_of(number: Named, within: Range, priors: Mapping[str, Sequence[Any]]) -> tuple[float, float] | None:
     """Return the prior of a number in the solver's coordinates; of two, the one named last."""
     prior, log = None, number.parameter.logarithmic
-    for name, pair in priors.items():
-        place = next((place for place in number.places if concerns(name, number, place)), None)
-        if place is None and name != number.name:
-            continue
-        pair = pair if place is None else _of_channel(pair, place.channel or 0, number.parameter)
-        mean, width = _pair(f"the prior of '{name}'", pair, "(value, standard deviation)")
+    for name, pair in ((name, pair) for name, pair in priors.items() if is_named(name, number)):
+        mean, width = _pair(f"the prior of '{name}'", _of_channel(pair, number), "(value, standard deviation)")
         if not (0 < width < np.inf and np.isfinite(mean)):
             raise ValueError(
                 f"the prior of '{name}' must have a finite value and a standard deviation above 0; got ({mean:g}, "
@@ -116,11 +104,13 @@ def prior_of(number: Named, within: Range, priors: Mapping[str, Sequence[Any]]) 
     return prior
 
 
-def _of_channel(pair: Any, channel: int, of: Parameter) -> Any:
-    """Return a prior for one channel, of one whose value is a vector or a colour; a direction may have any length."""
+def _of_channel(pair: Any, number: Named) -> Any:
+    """Return a prior for one number of a vector or a colour, if it is one of all; a direction may have any length."""
     try:
         value, width = pair
-        return (value, width) if np.ndim(value) == 0 else (numbers_of(value, of)[channel], width)
+        if np.ndim(value) == 0:
+            return pair
+        return numbers_of(value, number.parameter)[number.places[0].channel], width
     except (TypeError, ValueError, IndexError):
         return pair
 

@@ -1,4 +1,4 @@
-"""Visibility: which unknowns each view can show, so that no view is asked of what it cannot know.
+"""Visibility: which unknowns each view can show, so that it is not differentiated by the others.
 
 A light's direction matters only to the views that it is on in, an exposure to its own view. The normal equations of all
 views then have the shape of an arrow: a border that all views share, and a small block for each (Triggs et al. 2000).
@@ -39,7 +39,7 @@ def views_that_show(
     """Return for each unknown which views can show it: none shows what belongs to lights that are always off."""
     on = np.zeros((len(scene.lights), len(views)), bool)
     for v, view in enumerate(views):
-        on[[i for i in lights_on(scene, view) if i < len(on)], v] = True  # a wrong index is refused elsewhere
+        on[list(lights_on(scene, view)), v] = True
     everywhere, alone = np.ones(len(views), bool), np.eye(len(views), dtype=bool)
 
     def views_of(place: Place) -> Bool[np.ndarray, " views"]:
