@@ -25,7 +25,6 @@ from .slots import value_in
 from .unknown import Named, Product, Unknown
 
 MIN_INTENSITY = 1e-6  # over that of the scene: an intensity whose logarithm is solved for stays above 0
-FACTOR = Parameter("factor", start=1.0)  # what is known of a factor, which has no field
 
 
 def find_unknowns(
@@ -85,7 +84,9 @@ def find_unknowns(
     if not with_dark_lights:
         found = _without_dark_lights(found, free, scene, views)
     factors = [(place, to) for place, (to, factor) in proportions.items() if factor is None]
-    found += [Named("/".join(short_names([(of.path, [of]) for of in pair], known)), "", (), FACTOR) for pair in factors]
+    for pair in factors:
+        name = "/".join(short_names([(of.path, [of]) for of in pair], known))
+        found.append(Named(name, "", (), Parameter("factor", start=1.0)))
     for where, names in (("bounds", bounds), ("priors", priors)):
         for name in names:
             check_names_an_unknown(where, name, found, proportions, known)
