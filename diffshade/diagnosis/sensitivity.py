@@ -116,8 +116,7 @@ def _shown(fit: Fit, known: Sequence[Unknown]) -> Int[np.ndarray, "views most"] 
     """
     products = [x for u in fit.unknowns for x in u.products]
     followed = [
-        dataclasses.replace(u, places=[*u.places, *((x.path, x.channel) for x in products if x.base in u.places)])
-        for u in known
+        dataclasses.replace(u, places=(*u.places, *(x.place for x in products if x.base in u.places))) for u in known
     ]
     return shown_unknowns(fit.scene, fit.views, [*fit.unknowns, *followed])
 
