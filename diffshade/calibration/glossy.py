@@ -54,8 +54,8 @@ class BallFit:
     @property
     def direction_errors(self) -> Float[np.ndarray, " views"]:
         """The root mean square error of each light's direction, degrees."""
-        paths = np.array([unknown.places[0][0] for unknown in self.fit.unknowns])
-        turns = [self.printed_errors[paths == f"lights.{i}.direction"] for i in range(len(self.fit.views))]
+        errors = self.printed_errors
+        turns = np.reshape(errors[[unknown.kind == "direction" for unknown in self.fit.unknowns]], (-1, 3))
         return np.hypot(np.rad2deg(np.sqrt(np.square(turns).sum(-1))), self.model_error)
 
 
@@ -163,7 +163,10 @@ def _as_calibration(taken: Photographs, ball: Ball, found: BallFit) -> Calibrati
 
 def _notes_of_fit(found: Fit) -> list[str]:
     """Return the fit's notes but those on the pose, which comes from the outline."""
-    return [note for note in found.notes if not any(name.startswith("center") for name in note.names)]
+    center = {
+        name for unknown in found.unknowns if unknown.kind == "center" for name in (unknown.quantity, unknown.name)
+    }
+    return [note for note in found.notes if center.isdisjoint(note.names)]
 
 
 def _directions(scene: Scene) -> Vectors:

@@ -192,12 +192,13 @@ def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fi
 
 def _without_highlight(typed: Options) -> Options:
     """Return the options without k_s and n_s."""
+    from ..inverse.unknowns.names import segments_of
 
     def glossy(name: str) -> bool:
-        return bool({"k_s", "n_s"} & set(name.split(".")))
+        return bool({"k_s", "n_s"} & set(segments_of(name)))
 
     for name in typed.free:
-        if not glossy(name) and name.split(".")[-1] in ("material", "objects", *map(str, range(100))):
+        if not glossy(name) and segments_of(name)[-1] in ("material", "objects", *map(str, range(100))):
             raise ValueError(
                 f"--model matte removes k_s and n_s from --free; got --free {name}. Name the parameters one by one."
             )

@@ -150,10 +150,12 @@ class Options:
         """Fit the free parameters to the photographs; error messages use the photographs' names."""
         import diffshade as ds
 
+        from ..inverse.unknowns.names import segments_of
+
         if self.memory is not None:
             options["memory"] = self.memory * 1e9
         views, tied = source.views, self.tied
-        if any("sensor" in name.split(".") for name in self.free):  # one camera took all photographs
+        if any("sensor" in segments_of(name) for name in self.free):  # one camera took all photographs
             views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
             tied = tied if "sensor" in tied else (*tied, "sensor")
         error: Any = self.light_error

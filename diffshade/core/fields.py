@@ -149,7 +149,8 @@ class Parameter:
 
     role: str = ""
     """"reflection", "transmission", "exponent", "attenuation", "amplitude" (of an attenuation, which the intensity
-    stands for), "light", "camera", "position", "direction", "edge", "index"; empty where only the number is known."""
+    stands for), "light", "camera", "position", "direction", "edge", "index", "factor" (of two numbers, no field);
+    empty where only the number is known."""
     linear: bool = False
     """Whether the image is linear in it together with all others of which this is said."""
     logarithmic: bool = False
@@ -324,17 +325,19 @@ def _modules(tree: Any) -> Iterator[Checked]:
             yield from _modules(item)
 
 
-def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclasses.Field]]:
-    """Yield every number, vector and colour of a tree of modules: its dotted path, its value and its field.
+def quantities(
+    tree: Any, keys: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], Array, dataclasses.Field]]:
+    """Yield every number, vector and colour of a tree of modules: the keys that lead to it, its value and its field.
 
-    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none, nor is what is left out (None).
+    ("objects", 0, "material", "k_d") are such keys; arrays of a G-buffer have none, nor has what is left out (None).
     """
     if isinstance(tree, tuple):
         for i, item in enumerate(tree):
-            yield from quantities(item, f"{path}.{i}")
+            yield from quantities(item, (*keys, i))
     elif isinstance(tree, Checked):
         for field in dataclasses.fields(tree):
-            inner, value = f"{path}.{field.name}".lstrip("."), getattr(tree, field.name)
+            inner, value = (*keys, field.name), getattr(tree, field.name)
             known = field.metadata.get("converter") in _KINDS and not is_over_pixels(value)
             if known and value is not None and not isinstance(value, Checked):
                 yield inner, value, field

@@ -17,7 +17,7 @@ from ..inverse.result import Fit
 from ..inverse.statistics.evidence import Evidence
 from ..inverse.statistics.identifiability import null_directions, relative_errors, some_channels, vague
 from ..inverse.statistics.uncertainty import SINGULAR, Matrix, Vector, scaled
-from ..inverse.unknowns.names import concerns
+from ..inverse.unknowns.names import is_named
 from ..inverse.unknowns.unknown import Unknown
 from ..model.scenes import as_tuple
 from .shots import Shot, information_of_shot, unknowns_of_lamp
@@ -175,7 +175,7 @@ def find_aim(unknowns: Sequence[Unknown], aim: Sequence[str] | str | None) -> Bo
     for name in () if aim is None else as_tuple((aim,) if isinstance(aim, str) else aim):
         if not isinstance(name, str):
             raise TypeError(f"aim must hold names of unknowns; got {name!r}. Give for example 'n_s'.")
-        named = np.array([any(concerns(name, u, path) for path in (u.name, *dict(u.places))) for u in unknowns])
+        named = np.array([is_named(name, unknown) for unknown in unknowns])
         if not named.any():
             known = {word for u in unknowns for word in (u.name, u.quantity, u.kind)}
             raise ValueError(f"aim names '{name}', which is not an unknown of this fit. {did_you_mean(name, known)}")
@@ -284,8 +284,8 @@ def plan_notes(fit: Fit, plan: Plan) -> Iterator[str]:
 def _own_numbers(fit: Fit, shots: Sequence[Shot]) -> list[str]:
     """Name the parameters that differ from lamp to lamp, or from view to view: a shot's own are taken as known."""
     lamps = [unknowns_of_lamp(fit, shot.light) for shot in shots if shot.light is not None]
-    own = {leaf for lamp in lamps for (leaf, _), unknowns in lamp.items() if len(unknowns) > 1}
-    own |= {f"{u.kind} of a view" for u in fit.unknowns if any(p.startswith("views.") for p, _ in u.places)}
+    own = {place.path for lamp in lamps for place, unknowns in lamp.items() if len(unknowns) > 1}
+    own |= {f"{u.kind} of a view" for u in fit.unknowns if any(place.owner == "views" for place in u.places)}
     return sorted(own)
 
 

@@ -16,6 +16,7 @@ from ..core.words import count
 from ..inverse.data.recording import developed, linear
 from ..inverse.data.views import View, is_grey
 from ..inverse.result import Fit, Prediction
+from ..inverse.unknowns.unknown import free_places
 from ..model.cameras import AbstractCamera
 from ..model.rendering import intersect
 from ..model.scenes import Scene
@@ -282,4 +283,4 @@ def _predicted(result: Fit | TexelMaps, view: View) -> Prediction:
 
 
 def _finds_sensor(fit: Fit) -> bool:
-    return any("sensor" in path.split(".") for unknown in fit.unknowns for path, _ in unknown.places)
+    return any(place.part == "sensor" for place in free_places(fit.unknowns))

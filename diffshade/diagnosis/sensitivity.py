@@ -23,7 +23,6 @@ from ..inverse.pixels.blocks import Block, total
 from ..inverse.pixels.blocks import chunks as in_chunks
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
-from ..inverse.unknowns.names import everything
 from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import Slots, apart, slots_of, values_in
 from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, unit_vectors
@@ -56,20 +55,19 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True, with_dark_lights=True)
-    for unknown in known:  # a known n_s may be 0
-        unknown.parameter = dataclasses.replace(unknown.parameter, logarithmic=False)
-    places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
-    for unknown in known:
-        for path, channel in unknown.places:
-            if (path, channel) in places:
-                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a parameter that was known.")
+    known = [  # as they are: a known n_s may be 0
+        dataclasses.replace(unknown, parameter=dataclasses.replace(unknown.parameter, logarithmic=False))
+        for unknown in known
+    ]
+    free = {place for unknown in fit.unknowns for place in unknown.all_places}
+    for place in (place for unknown in known for place in unknown.places if place in free):
+        raise ValueError(f"'{name}' names {place}, which is free in this fit. Name a parameter that was known.")
     with in_float64(fit) as fit:
         at, p = _laid_out(fit), len(fit.unknowns)
         second = _second_derivatives_at(fit, at, known, _shown(fit, known))
         moves = _moves(fit, at, second[:p, :p], second[:p, p:])
-    values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
     for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
-        moves[:, unit] /= np.linalg.norm(values[known[unit[0]].places[0][0]])
+        moves[:, unit] /= np.linalg.norm(known[unit[0]].places[0].value_in(fit.scene, fit.views))
     return moves
 
 
@@ -118,8 +116,7 @@ def _shown(fit: Fit, known: Sequence[Unknown]) -> Int[np.ndarray, "views most"] 
     """
     products = [x for u in fit.unknowns for x in u.products]
     followed = [
-        dataclasses.replace(u, places=[*u.places, *((x.path, x.channel) for x in products if x.base in u.places)])
-        for u in known
+        dataclasses.replace(u, places=(*u.places, *(x.place for x in products if x.base in u.places))) for u in known
     ]
     return shown_unknowns(fit.scene, fit.views, [*fit.unknowns, *followed])
 

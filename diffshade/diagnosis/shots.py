@@ -16,6 +16,7 @@ from ..inverse.data.views import View, channels, lights_on
 from ..inverse.problem import fit_problem, moves_surface
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import Matrix
+from ..inverse.unknowns.places import Place
 from ..inverse.unknowns.slots import put_back
 from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, coordinates
 from ..model.cameras import AbstractCamera
@@ -100,17 +101,17 @@ def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> tuple[Scene,
 
     An unknown of the views alone has no place there. The view has the first one's sensor, but no image yet.
     """
-    places = [[p for p in u.places if not p[0].startswith("views.")] for u in fit.unknowns]
+    places = [[place for place in u.places if place.owner != "views"] for u in fit.unknowns]
     scene, first = fit.scene, fit.views[0]
     lit, camera = first.lit, first.camera if shot.camera is None else shot.camera
     if shot.light is not None:
         lit = (len(scene.lights),)
         light = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), shot.light)
         scene = dataclasses.replace(scene, lights=(*scene.lights, light))
-        for (leaf, channel), shared in unknowns_of_lamp(fit, light).items():
+        for place, shared in unknowns_of_lamp(fit, light).items():
             if len(shared) == 1 and (j := next(iter(shared))) is not None:
-                places[j].append((f"lights.{lit[0]}.{leaf}", channel))
-    unknowns = [dataclasses.replace(u, places=of) for u, of in zip(fit.unknowns, places, strict=True)]
+                places[j].append(dataclasses.replace(place, item=lit[0]))
+    unknowns = [dataclasses.replace(u, places=tuple(of)) for u, of in zip(fit.unknowns, places, strict=True)]
     scene, _ = put_back(scene, (), unknowns, fit.values)
     _check_camera(fit, camera, name)
     inside = np.asarray(silhouette(scene.objects, camera))
@@ -139,18 +140,18 @@ def _check_camera(fit: Fit, camera: AbstractCamera, name: str) -> None:
         )
 
 
-def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], set[int | None]]:
+def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[Place, set[int | None]]:
     """Return the unknowns behind each number of a light, taken from the fit's lights of the same kind.
 
-    None stands for a known number. One unknown for all of these lights belongs to the lamp. A light that is off in
-    every view is ignored.
+    The places are those of a light without an index. None stands for a known number. One unknown for all of these
+    lights belongs to the lamp. A light that is off in every view is ignored.
     """
     on = {i for view in fit.views for i in lights_on(fit.scene, view)}
     same_kind = [i for i in sorted(on) if _kind(fit.scene.lights[i]) == _kind(light)]
     unknown_at = {place: j for j, u in enumerate(fit.unknowns) for place in u.places}
     return {
-        (leaf, c): {unknown_at.get((f"lights.{i}.{leaf}", c)) for i in same_kind}
-        for leaf, value, spec in quantities(light)
+        Place("lights", None, fields, c): {unknown_at.get(Place("lights", i, fields, c)) for i in same_kind}
+        for fields, value, spec in quantities(light)
         if parameter_of(spec).role not in PLACED
         for c in range(np.size(value))
     }

@@ -147,8 +147,8 @@ def fit(
         problem = fit_problem(scene, data, unknowns, loss)
         laid, end, begun = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
         found = withdraw_unstable(summarise(laid, end, begun.step_variance), report_progress)
-        stated = stated_errors(scene, light_error, intensity_error)
-        return widen_by_lights(check_priors(check_outlines(found)), stated, report_progress)
+        found = check_priors(check_outlines(found))
+        return widen_by_lights(found, stated_errors(found.scene, light_error, intensity_error), report_progress)
 
 
 def own_devices(mesh: Mesh) -> list[Any]:

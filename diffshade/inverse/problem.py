@@ -45,7 +45,7 @@ from .pixels.blocks import (
 from .solve.solvers import Box, PriorResiduals, Task
 from .solve.start_search import steepest
 from .unknowns.slots import apart
-from .unknowns.unknown import Unknown, coordinates, unit_vectors
+from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
 from .unknowns.visibility import arrow_of
 
 MAX_STEPS = 200
@@ -229,4 +229,4 @@ def with_samples_for(
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:
     """Whether a surface is free."""
-    return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
+    return any(place.part == "surface" for place in free_places(unknowns))

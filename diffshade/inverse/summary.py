@@ -35,7 +35,7 @@ from .statistics.identifiability import (
     weak_notes,
 )
 from .statistics.uncertainty import Matrix, Vector
-from .unknowns.names import everything as everything_in
+from .unknowns.places import Place, everything
 from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
 
 
@@ -214,16 +214,16 @@ def _scales(
     """
     extent = max(item.surface.extent() for item in scene.objects)
     reflections = {
-        path: float(np.max(value))
-        for path, value, spec in everything_in(scene, views)
+        place: float(np.max(value))
+        for place, value, spec in everything(scene, views)
         if np.size(value) and parameter_of(spec).role == "reflection"
     }
     scales = np.zeros(len(unknowns))
     for j, unknown in enumerate(unknowns):
         role = unknown.parameter.role
         if role == "reflection" and unknown.places:
-            material = unknown.places[0][0].rpartition(".")[0]
-            scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
+            holder = unknown.places[0].holder
+            scales[j] = max(value for place, value in reflections.items() if place.holder == holder)
         elif role == "attenuation" and curvature[j] > 0:
             scales[j] = np.sqrt(squares / curvature[j]) / 6.0
         elif role == "transmission":
@@ -236,7 +236,7 @@ def _scales(
 def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
     """Return a note on unknowns that move hard squares over the pixels: these jump, and have no derivative."""
     hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
-    movers = {u.quantity: None for u in unknowns for path, _ in u.places if _moves_points(path)}
+    movers = {u.quantity: None for u in unknowns for place in u.places if _moves_points(place)}
     if not (hard and movers):
         return []
     names = listing(list(movers))
@@ -244,9 +244,8 @@ def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
     return [Note(text, "hard edge", tuple(movers))]
 
 
-def _moves_points(path: str) -> bool:
-    segments = path.split(".")
-    return "surface" in segments or segments[-1] in ("eta", "period", "u", "v")
+def _moves_points(place: Place) -> bool:
+    return place.part == "surface" or place.field in ("eta", "period", "u", "v")
 
 
 def _repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
@@ -307,13 +306,9 @@ def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found
 
 def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> list[Note]:
     """Say where more light leaves than a surface can reflect."""
-    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and _is(u, "k_d")]
+    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and u.kind == "k_d"]
     if not bright:
         return []
     verb = "is" if len(bright) == 1 else "are"
     text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
     return [Note(text, "above 1", tuple(bright))]
-
-
-def _is(unknown: Unknown, quantity: str) -> bool:
-    return unknown.kind == quantity and "/" not in unknown.quantity

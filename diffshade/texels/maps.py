@@ -350,7 +350,7 @@ class TexelMaps:
         if scales:
             about["scale"] = dict(scales)
         if self.sensor is not None:
-            about["sensor"] = {name: float(value) for name, value, _ in quantities(self.sensor)}
+            about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:

@@ -97,7 +97,8 @@ def test_what_no_pixel_shows_is_said_by_channel_or_as_a_whole():
 
 
 def test_the_remedy_is_of_what_is_lost():
-    unknowns = unknowns_of("k_a", "k_d", "k_s", "n_s", "linear", "constant", tied=("linear", "constant"))
+    free = ("k_a", "k_d", "k_s", "n_s", "linear", "constant", "lights.0.position")
+    unknowns = unknowns_of(*free, tied=("linear", "constant"))
     for names, words in (
         (["k_d", "linear", "n_s"], ("Fix one, for example linear,", "three distances")),
         (["linear", "constant", "k_s"], ("Fix one, for example constant,", "three distances")),

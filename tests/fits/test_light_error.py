@@ -21,6 +21,7 @@ from diffshade.inverse.solve.solvers import evaluate, linear_step, minimise
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates
 from diffshade.inverse.unknowns.visibility import Arrow, arrow_of, seeds_of, shown_unknowns
 from tests.support.textured import lights_about
@@ -301,8 +302,9 @@ def test_places_that_no_pixel_shows_are_said_to_move_or_to_grow_together(changes
     unknowns, found, direction = [], [], []
     for name in changes:
         for axis, value, change in zip("xyz", values[name], np.ravel(changes[name](values[name])), strict=False):
-            own = name if name == "radius" else f"{name}.{axis}"
-            unknowns.append(Unknown(own, name, -9.0, 9.0, 0.0, kinds[name]["parameter"]))
+            channel = "" if name == "radius" else axis
+            place = Place("objects", 0, ("surface", name))
+            unknowns.append(Unknown(name, channel, (place,), kinds[name]["parameter"], -9.0, 9.0, 0.0))
             found.append(value)
             direction.append(change)
     assert words in sentence(np.array(direction), unknowns, np.array(found))

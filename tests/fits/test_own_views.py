@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import cache
 
 import jax
@@ -10,11 +9,13 @@ import numpy as np
 import pytest
 
 import diffshade as ds
+from diffshade.core.fields import Parameter
 from diffshade.diagnosis import intervals as module
 from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.own_views import OwnViews
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.unknowns.unknown import Product, Unknown
 from diffshade.inverse.unknowns.visibility import part_of
 from tests.support.textured import lights_about
@@ -173,22 +174,19 @@ def test_a_part_of_a_scene_has_its_unknowns_at_their_places():
     scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((k, 0.0, -1.0)) for k in range(3)])
     image = np.ones((20, 20, 3))
     views = [ds.View(image, CAMERA, lit=(0, 1)), ds.View(image, CAMERA, lit=2), ds.View(image, CAMERA, lit=(2, 1))]
-    unknowns = [
-        Unknown("k_d", "k_d", 0.0, 1.0, 0.5, places=[("objects.0.material.k_d", 0)]),
-        Unknown("x", "x", 0.0, 1.0, 0.5, places=[("lights.0.direction", 0), ("lights.2.direction", 1)]),
-        Unknown("shared", "shared", 0.0, 1.0, 0.5, places=[("views.0.exposure", 0), ("views.2.exposure", 0)]),
-        Unknown(
-            "y",
-            "y",
-            0.0,
-            1.0,
-            0.5,
-            products=[Product("lights.1.intensity", 0, 2.0, 1), Product("lights.0.intensity", 0, 3.0)],
-        ),
-    ]
-    part, taken, of = part_of(scene, views, unknowns, [2], [1, 2, 3])
+
+    def of(quantity: str, *places: Place, products: tuple[Product, ...] = ()) -> Unknown:
+        return Unknown(quantity, "", places, Parameter(), 0.0, 1.0, 0.5, products)
+
+    k_d = Place("objects", 0, ("material", "k_d"), 0)
+    directions = [Place("lights", i, ("direction",), c) for i, c in ((0, 0), (2, 1))]
+    exposures = [Place("views", i, ("exposure",), 0) for i in (0, 2)]
+    intensities = [Place("lights", i, ("intensity",), 0) for i in (1, 0)]
+    products = (Product(intensities[0], 2.0, k_d, 1), Product(intensities[1], 3.0, k_d))
+    unknowns = [of("k_d", k_d), of("x", *directions), of("shared", *exposures), of("y", products=products)]
+    part, taken, found = part_of(scene, views, unknowns, [2], [1, 2, 3])
     assert [scene.lights.index(light) for light in part.lights] == [1, 2]
     assert [view.lit for view in taken] == [(1, 0)]
-    assert [u.places for u in of] == [[("lights.1.direction", 1)], [("views.0.exposure", 0)], []]
-    assert [dataclasses.astuple(x)[:4] for x in of[2].products] == [("lights.0.intensity", 0, 2.0, 0)]
-    assert unknowns[1].places[0] == ("lights.0.direction", 0)
+    assert [[str(place) for place in u.places] for u in found] == [["lights.1.direction"], ["views.0.exposure"], []]
+    assert found[2].products == (Product(Place("lights", 0, ("intensity",), 0), 2.0, k_d, 0),)
+    assert unknowns[1].places == tuple(directions)

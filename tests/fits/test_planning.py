@@ -25,6 +25,7 @@ from diffshade.diagnosis.planning import (
 from diffshade.diagnosis.shots import unknowns_of_lamp
 from diffshade.inverse.data.samples import SensorRange, find_samples
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.unknowns.slots import put_back
 
 FRONT = ds.Shot(light=ds.PointLight((0, 0, 3)), name="in front")  # its attenuation is what the fit finds
@@ -132,7 +133,7 @@ def test_clipped_pixels_do_not_count():
 def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
     fit = noisy_fit()
     lamp = ds.PointLight((0, 0, 8), 1.0, ds.RadialAttenuation(1.0, 3.0, 0.5))
-    of = {leaf: unknowns for (leaf, _), unknowns in unknowns_of_lamp(fit, lamp).items()}
+    of = {place.path: unknowns for place, unknowns in unknowns_of_lamp(fit, lamp).items()}
     names = list(fit.names)
     assert of["attenuation.linear"] == {names.index("linear")}
     assert of["attenuation.quadratic"] == {names.index("quadratic")}
@@ -147,8 +148,8 @@ def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
 def test_numbers_of_each_lamp_or_view_alone_are_known_of_a_shot_and_that_is_said():
     fit = noisy_fit()
     unknowns = list(fit.unknowns)
-    unknowns[0] = dataclasses.replace(unknowns[0], places=[("lights.1.intensity", 0)], quantity="intensity")
-    unknowns[1] = dataclasses.replace(unknowns[1], places=[("views.0.exposure", 0)], quantity="views.0.exposure")
+    unknowns[0] = dataclasses.replace(unknowns[0], places=(Place("lights", 1, ("intensity",), 0),))
+    unknowns[1] = dataclasses.replace(unknowns[1], places=(Place("views", 0, ("exposure",), 0),))
     (note,) = [n for n in notes_of(with_problem(fit, unknowns=tuple(unknowns))) if n.startswith("assumed known")]
     assert "exposure of a view and intensity" in note
 

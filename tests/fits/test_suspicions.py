@@ -30,6 +30,7 @@ from diffshade.diagnosis.misfit.scores import refitted, scored
 from diffshade.diagnosis.misfit.set_up import SetUp
 from diffshade.diagnosis.misfit.suspicions import Suspicion, described, suspicions
 from diffshade.diagnosis.patches import find_clusters
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.stability import FitWithout
 
 PATCH = np.zeros(CAMERA.shape, bool)
@@ -393,16 +394,18 @@ def test_a_new_fault_is_one_entry_and_is_scored_without_an_examination():
 
 @pytest.mark.thorough
 def test_a_fault_that_moves_numbers_is_an_entry_too_and_is_refitted():
+    levels = [Place("views", i, ("black",)) for i in range(8)]
+
     def cases(at):
-        for i in range(8):
-            yield Case(i, Move.shift(at.set_up.places[f"views.{i}.black"], len(at.state.theta)), (i,))
+        for i, place in enumerate(levels):
+            yield Case(i, Move.shift(at.set_up.places[place], len(at.state.theta)), (i,))
 
     black = Fault(
         "black",
         "black of views[{f.which}] is {f.size:.2g} too low",
         "Photograph with the lens cap on.",
         cases,
-        lambda fit: [f"views.{i}.black" for i in range(8)],
+        lambda fit: levels,
     )
     images = [image + 0.02 * (i == 3) for i, image in enumerate(clean_images())]
     fit = standard_fit(noisy(images, 0.003, 0))

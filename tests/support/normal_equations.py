@@ -54,16 +54,10 @@ def dense_gram(
         changed = scene, tuple(views)
         for j, u in enumerate(unknowns):
             value = jnp.exp(q[j]) if u.logarithmic else q[j]
-            for path, c in u.places:
-
-                def where(both, path=path):
-                    node = both[1] if path.startswith("views.") else both[0]
-                    for segment in path.removeprefix("views.").split("."):
-                        node = node[int(segment)] if segment.isdigit() else getattr(node, segment)
-                    return node
-
-                new = lambda leaf, c=c, value=value: value if leaf.ndim == 0 else jnp.asarray(leaf).at[c].set(value)  # noqa: E731
-                changed = eqx.tree_at(where, changed, replace_fn=new)
+            for place in u.places:
+                leaf = place.value_in(*changed)
+                new = value if leaf.ndim == 0 else jnp.asarray(leaf).at[place.channel].set(value)
+                changed = eqx.tree_at(lambda both, place=place: place.value_in(*both), changed, new)
         return changed
 
     def image(q, camera, on, i):

@@ -194,12 +194,12 @@ def test_tracers_pass():
     assert np.isfinite(jax.grad(lambda r: ds.Sphere(radius=r).radius ** 2)(1.0))
 
 
-def test_quantities_are_named_by_their_paths():
+def test_quantities_come_with_the_keys_that_lead_to_them():
     scene = ds.Scene(
         [ds.Object(ds.Sphere()), ds.Object(ds.GBuffer(np.ones((1, 1, 3)) / np.sqrt(3), np.zeros((1, 1, 3))))],
         [ds.DirectionalLight((1, 0, 0)), ds.SpotLight((0, 0, 1), (0, 0, -1))],
     )
-    names = [name for name, _, _ in quantities(scene)]
+    names = [".".join(map(str, keys)) for keys, _, _ in quantities(scene)]
     material = ["k_a", "k_d", "k_s", "n_s", "k_e"]
     of_spot = ["position", "direction", "intensity", "cutoff", "exponent"]
     attenuation = ["constant", "linear", "quadratic"]
@@ -212,7 +212,7 @@ def test_quantities_are_named_by_their_paths():
         "ambient",
         "background",
     ]
-    _, value, field = next(q for q in quantities(scene) if q[0] == "lights.1.cutoff")
+    _, value, field = next(q for q in quantities(scene) if q[0] == ("lights", 1, "cutoff"))
     assert value == 45
     assert (field.metadata["lower"], field.metadata["upper"]) == (0, 90)
 

@@ -17,6 +17,7 @@ from ...inverse.data.recording import photograph
 from ...inverse.data.views import View, channels, lights_on
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
+from ...inverse.unknowns.places import Place
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
@@ -75,21 +76,22 @@ class Case:
     """The views that it affects; None for all."""
 
 
-def exposures(fit: Fit) -> list[str]:
-    """Return the paths of the exposures."""
-    return [f"views.{i}.exposure" for i in range(len(fit.views))]
+def exposures(fit: Fit) -> list[Place]:
+    """Return the places of the exposures."""
+    return [Place("views", i, ("exposure",)) for i in range(len(fit.views))]
 
 
-def places(fit: Fit) -> list[str]:
-    """Return the paths of where the lights that are on are, and where they point."""
+def places(fit: Fit) -> list[Place]:
+    """Return the places of where the lights that are on are, and where they point."""
     on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
-    return [f"lights.{i}.{name}" for i in on for name in fit.scene.lights[i].placement]
+    return [Place("lights", i, (name,)) for i in on for name in fit.scene.lights[i].placement]
 
 
-def of_spheres(part: str, fit: Fit) -> list[str]:
-    """Return the paths of a part of all spheres."""
-    names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
-    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= MAX_SPHERES]
+def of_spheres(part: str, fit: Fit) -> list[Place]:
+    """Return the places of a part of all spheres."""
+    items = [(i, item) for i, item in enumerate(fit.scene.objects) if isinstance(item.surface, Sphere)]
+    few = items if len(items) <= MAX_SPHERES else []
+    return [Place("objects", i, ("surface", part), name=item.name) for i, item in few]
 
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:
@@ -123,7 +125,7 @@ def of_second_highlight(at: Linearised) -> Iterator[Case]:
 def of_exposure(at: Linearised) -> Iterator[Case]:
     """Yield a view's exposure, relative to the given one."""
     for i, view in enumerate(at.set_up.fit.views):
-        if index := at.set_up.places.get(f"views.{i}.exposure"):
+        if index := at.set_up.places.get(Place("views", i, ("exposure",))):
             yield Case(i, Move.shift(index, len(at.state.theta), float(view.exposure)), views=(i,))
 
 
@@ -132,7 +134,7 @@ def of_light(at: Linearised) -> Iterator[Case]:
     lit = at.set_up.lit
     for i in sorted(set().union(*lit)):
         name = next(iter(at.fit.scene.lights[i].placement), "")
-        if index := at.set_up.places.get(f"lights.{i}.{name}"):
+        if index := at.set_up.places.get(Place("lights", i, (name,))):
             center = _center(at, name)
             axes = np.linalg.svd((at.set_up.laid.theta[index] - center)[None])[2][1:]
             views = tuple(v for v, of_view in enumerate(lit) if i in of_view)
@@ -142,7 +144,8 @@ def of_light(at: Linearised) -> Iterator[Case]:
 def of_rotation(at: Linearised) -> Iterator[Case]:
     """Yield all lights turned together, by degrees about three axes, if the places of all are known."""
     lights = [(i, at.fit.scene.lights[i].placement) for i in sorted(set().union(*at.set_up.lit))]
-    arms = [(at.set_up.places.get(f"lights.{i}.{name}", []), _center(at, name)) for i, of in lights for name in of]
+    known = at.set_up.places
+    arms = [(known.get(Place("lights", i, (name,)), []), _center(at, name)) for i, of in lights for name in of]
     if arms and all(of for _, of in lights) and all(index for index, _ in arms):
         yield Case(0, Move.turn(arms, np.eye(3), at.state.theta))
 
@@ -150,7 +153,7 @@ def of_rotation(at: Linearised) -> Iterator[Case]:
 def of_sphere(part: str, at: Linearised) -> Iterator[Case]:
     """Yield a part of each sphere."""
     for i, item in enumerate(at.fit.scene.objects):
-        index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
+        index = at.set_up.places.get(Place("objects", i, ("surface", part)))
         if index and isinstance(item.surface, Sphere):
             yield Case(i, Move.shift(index, len(at.state.theta)))
 

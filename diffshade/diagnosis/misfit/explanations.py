@@ -28,7 +28,7 @@ OF_ALL = [fault for fault in FAULTS if fault.cases and not fault.least_share]
 
 def at_minimum(fit: Fit) -> Linearised:
     """Return a fit where the faults of the table can be scored. In float64."""
-    set_up = SetUp(fit, (path for fault in FAULTS for path in fault.numbers(fit)))
+    set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)))
     return linearise(set_up, set_up.base)
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from ...core.words import listing
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
+from ...inverse.unknowns.places import Place
 from .changes import Case
 from .linearised import Linearised
 from .set_up import Corrected, MasksOf, SetUp
@@ -34,8 +35,8 @@ class Fault:
     """As `what`."""
     cases: Callable[[Linearised], Iterable[Case]] | None = None
     """What it changes: of each view, light, object or width that it may concern."""
-    numbers: Callable[[Fit], Iterable[str]] = lambda fit: ()
-    """The paths of the numbers of the set-up that it moves, if any."""
+    numbers: Callable[[Fit], Iterable[Place]] = lambda fit: ()
+    """The places of the numbers of the set-up that it moves, if any."""
     words: Callable[[Found], Mapping[str, Any]] = lambda f: {}
     """What else the sentences name."""
     size: Callable[[int, Vector], float] = lambda which, amount: float(amount[0])

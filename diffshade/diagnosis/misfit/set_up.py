@@ -16,6 +16,7 @@ from ...inverse.result import Fit
 from ...inverse.solve.solvers import NEAR
 from ...inverse.statistics.uncertainty import Vector
 from ...inverse.unknowns.parameters import find_unknowns
+from ...inverse.unknowns.places import Place
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...inverse.unknowns.visibility import shown_unknowns
@@ -52,21 +53,21 @@ class Corrected:
 class SetUp:
     """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
 
-    def __init__(self, fit: Fit, numbers: Iterable[str]):
-        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the paths of what faults move."""
+    def __init__(self, fit: Fit, numbers: Iterable[Place]):
+        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the places of what faults move."""
         data = fit.solved.problem.data
         self.fit, self.samples, self.lit = fit, data.samples, data.lit
         self.center = center_of(fit.scene.objects, fit.views[0].camera)
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
-        own = {path for u in fit.unknowns for path, _ in u.places} | {p.path for u in fit.unknowns for p in u.products}
-        paths = [path for path in dict.fromkeys(numbers) if path not in own]
+        own = {place.whole for unknown in fit.unknowns for place in unknown.all_places}
+        paths = [place.path for place in dict.fromkeys(numbers) if place not in own]
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
         self.laid = fit.solved.beside(added).laid_out(PIXELS)
         self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
-        self.places: dict[str, list[int]] = {}
+        self.places: dict[Place, list[int]] = {}
         """The index of each number that faults move."""
         for j, unknown in enumerate(added):
-            self.places.setdefault(unknown.places[0][0], []).append(self.own + j)
+            self.places.setdefault(unknown.places[0].whole, []).append(self.own + j)
         shown, p = shown_unknowns(fit.scene, fit.views, self.laid.problem.unknowns), self.own + len(added)
         self.shown = np.tile(np.arange(p), (len(fit.views), 1)) if shown is None else shown
         samples = [

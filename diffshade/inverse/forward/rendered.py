@@ -15,14 +15,14 @@ from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
-from ...model.scenes import Scene, light_kinds, stack_scene, together
+from ...model.scenes import Scene, light_kinds, together
 from ...model.tracing import radiance
 from ...model.vectors import Vec3
 from ..data.sensors import Sensor, falloff
 from ..data.views import View, camera_key, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, apart, sensors_of, slots_of
-from ..unknowns.unknown import Unknown
+from ..unknowns.slots import Setup, apart, slots_of
+from ..unknowns.unknown import Unknown, free_places
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
 from .gram import Gram, ViewGrams, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
@@ -181,14 +181,13 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
 
 def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Setting:
     """Gather all that predictions depend on, except the values of the unknowns and the pixels."""
-    exposure, black = (np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black"))
     shown = shown_unknowns(scene, views, unknowns)
-    sensors = sensors_of(views)
-    blurred = sensors is not None and (
-        bool((sensors.blur > 0.0).any())
-        or any(path.endswith("sensor.blur") for unknown in unknowns for path, _ in unknown.places)
-    )
     over_pixels, rest = apart(scene)
+    setup = Setup.of(rest, views)
+    blurred = setup.sensor is not None and (
+        bool((setup.sensor.blur > 0.0).any())
+        or any(place.fields == ("sensor", "blur") for place in free_places(unknowns))
+    )
     if blurred and jax.tree.leaves(over_pixels):
         raise ValueError(
             "Sensor.blur needs the surface between the pixels, and the scene has a GBuffer or coefficients over the "
@@ -196,7 +195,7 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
             "everywhere."
         )
     return Setting(
-        Setup(stack_scene(rest), exposure, black, sensors),
+        setup,
         slots_of(rest, views, unknowns),
         projections_of(views),
         _lit(scene, views),

@@ -22,7 +22,8 @@ from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
-from ..unknowns.unknown import Unknown, coordinates
+from ..unknowns.places import Place
+from ..unknowns.unknown import Unknown, coordinates, free_places
 from ..unknowns.visibility import Arrow, places_apart
 from .descent import box_step
 from .solvers import Box, Task, evaluate, linear_step, minimise
@@ -47,9 +48,9 @@ def candidates(
 ) -> list[Float[np.ndarray, "n p"]]:
     """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
     found = []
-    for (_, quantity), members in _groups(unknowns, arrow).items():
+    for members in _groups(unknowns, arrow).values():
         values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
-        if "/" in quantity:
+        if unknowns[members[0]].parameter.role == "factor":
             tried = _each_of(FACTORS, values)
         else:
             tried = _each_of(listed, values) if listed else _MOVES[_moved_as(unknowns[members[0]])](values, scene)
@@ -73,7 +74,7 @@ def _groups(unknowns: Sequence[Unknown], arrow: Arrow | None = None) -> dict[tup
 
 
 def _is_searched(unknown: Unknown) -> bool:
-    return bool(_moved_as(unknown) or unknown.parameter.search or "/" in unknown.quantity)
+    return bool(_moved_as(unknown) or unknown.parameter.search or unknown.parameter.role == "factor")
 
 
 def _moved_as(unknown: Unknown) -> str:
@@ -203,9 +204,10 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
 
     Only pixels within the edge tell where it is: of a narrow one a search would see nothing.
     """
-    free = {path for unknown in unknowns for path, _ in unknown.places}
+    free = free_places(unknowns)
     for i, light in enumerate(scene.lights):
-        unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
+        cutoff = Place("lights", i, ("cutoff",))
+        unseen = cutoff in free and cutoff.beside("softness") not in free
         if unseen and getattr(light, "softness", EDGE) < EDGE:
             scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
     return scene
@@ -290,7 +292,7 @@ def _with_exponents_exchanged(
 ) -> list[Theta]:
     """Return the point with each two exponents of one material exchanged, where a direction of it is free as well."""
     found = []
-    material = ["".join(path.partition(".material.")[0] for path, _ in unknowns[of[0]].places[:1]) for of in members]
+    material = [[(of.owner, of.item, of.part) for of in unknowns[of[0]].places[:1]] for of in members]
     roles = [unknowns[of[0]].parameter.role for of in members]
     for i, j in itertools.combinations(range(len(members)), 2):
         turns = any(r == "direction" and m == material[i] for r, m in zip(roles, material, strict=True))

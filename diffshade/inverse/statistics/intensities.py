@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...core.words import listing
-from ..unknowns.unknown import Unknown
+from ..unknowns.places import Place
+from ..unknowns.unknown import Unknown, free_places
 
 SCALED = ("k_a", "k_d", "k_s")
 
@@ -21,9 +22,12 @@ def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
         lights: How many lights the scene has.
         views: How many views were fitted.
     """
-    free = {path for unknown in unknowns for path, _ in unknown.places}
-    names = [name for name in SCALED if any(path.endswith(f".material.{name}") for path in free)]
-    senders = ([f"lights.{i}.intensity" for i in range(lights)], [f"views.{i}.exposure" for i in range(views)])
+    free = free_places(unknowns)
+    names = [name for name in SCALED if any(place.fields == ("material", name) for place in free)]
+    senders = (
+        [Place("lights", i, ("intensity",)) for i in range(lights)],
+        [Place("views", i, ("exposure",)) for i in range(views)],
+    )
     if not names or any(of and free.issuperset(of) for of in senders):
         return ""
     verb = "scales" if len(names) == 1 else "scale"

@@ -90,7 +90,7 @@ def without_brightest(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def _is_glossy(fit: Fit) -> bool:
     """Whether a highlight's numbers are free."""
-    return any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places)
+    return any(u.kind == "k_s" or "n_s" in place.fields for u in fit.unknowns for place in u.places)
 
 
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
