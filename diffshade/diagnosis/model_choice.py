@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.tables import as_text, with_error
 from ..core.words import listing
 from ..inverse.result import Fit
 from .cross_validation import Scores, cross_validate, make_folds
@@ -63,18 +64,16 @@ class ModelChoice:
 
     def __str__(self) -> str:
         """Return the table of fits, the best first, and the verdicts below it."""
-        wide = max(len("model"), *map(len, self.names))
-        lines = [
-            f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time",
-            f"{'model':<{wide}} {'unknowns':>8} {'held out':>10} {'fitted':>10} {'difference of MSE':>22} {'BIC':>10}",
-        ]
-        for i, name in enumerate(self.names):
-            difference = f"{self.differences[i]:.2e} +- {self.difference_errors[i]:.1e}" if i else "-"
-            lines.append(
-                f"{name:<{wide}} {self.unknowns[i]:>8d} {self.errors[i]:>10.4g} {self.rmse[i]:>10.4g} {difference:>22} "
-                f"{self.bic[i]:>10.1f}"
-            )
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        columns = {
+            "model": self.names,
+            "unknowns": self.unknowns,
+            "held out": self.errors,
+            "fitted": self.rmse,
+            "difference of MSE": ["-", *map(with_error, self.differences[1:], self.difference_errors[1:])],
+            "BIC": [f"{bic:.1f}" for bic in self.bic],
+        }
+        title = f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time"
+        return as_text(title, columns, notes=self.notes)
 
 
 def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.tables import rounded
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
@@ -16,7 +17,6 @@ from ...inverse.result import Fit, Prediction
 REACH = 0.3  # the longest whisker, over the value; a value with a larger error is not determined
 MOST_CORRELATED = 40  # unknowns; with more, only the strongest pairs are shown
 STRONGEST = 5
-MOST_DECIMALS = 9
 LONGEST = 16  # letters of a name next to a correlation
 
 
@@ -118,16 +118,6 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
         rows.append(Row(name, rounded(fit.values[j], errors[j]), error, interval, remark, *whiskers))
     unknown = dict.fromkeys(u.quantity for u, here in zip(fit.unknowns, known, strict=True) if not here)
     return Parameters(tuple(rows), reach, kind, tuple(unknown))
-
-
-def rounded(value: float, error: float) -> str:
-    """Return a value rounded to the second digit of its error."""
-    if value == 0 or not (np.isfinite(error) and error > 0):
-        return f"{value:.6g}"
-    decimals = 1 - int(np.floor(np.log10(error)))
-    if not 0 <= decimals <= MOST_DECIMALS:
-        return f"{value:.2g}" if value == error else f"{value:.6g}"
-    return f"{value:.{decimals}f}"
 
 
 def _range(ends: np.ndarray, error: float) -> str:
