@@ -51,27 +51,33 @@ def as_text(*parts: str | Mapping[str, Any], notes: Sequence[str] = ()) -> str:
     """Return what a result prints.
 
     Args:
-        parts: Sentences and tables, in their order. A table maps the head of each column to its cells: words, or
-            numbers, of which those that are not whole get 4 digits. Cells that are vectors fill as many columns, whose
-            heads are the head's words.
+        parts: Sentences, and the columns of tables, in their order.
         notes: Sentences below it.
     """
-    lines = [line for part in parts for line in ([part] if isinstance(part, str) else _table(part))]
+    lines = [line for part in parts for line in ([part] if isinstance(part, str) else _aligned(part))]
     return "\n".join([*lines, *(f"- {note}" for note in notes)])
 
 
-def _table(columns: Mapping[str, Any]) -> list[str]:
-    """Return the lines of a table, with the first column to the left and the others to the right."""
+def rows_of(columns: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Return the rows of a table as text, that of the heads first.
+
+    Args:
+        columns: The cells below the head of each column: words, or numbers, of which those that are not whole get 4
+            digits. Cells that are vectors fill as many columns, whose heads are the head's words.
+    """
     filled = []
     for head, column in columns.items():
         vectors = np.ndim(column) == 2
         each = zip_longest(head.split(), np.transpose(column), fillvalue="") if vectors else [(head, column)]
         filled += [[name, *map(_cell, of)] for name, of in each]
-    widths = [max(map(len, column)) for column in filled]
-    return [
-        "  ".join([name.ljust(widths[0]), *map(str.rjust, row, widths[1:])]).rstrip()
-        for name, *row in zip(*filled, strict=True)
-    ]
+    return [*zip(*filled, strict=True)]
+
+
+def _aligned(columns: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a table, with the first column to the left and the others to the right."""
+    rows = rows_of(columns)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join([name.ljust(widths[0]), *map(str.rjust, row, widths[1:])]).rstrip() for name, *row in rows]
 
 
 def _cell(value: Any) -> str:

@@ -62,18 +62,23 @@ class ModelChoice:
         """The name of the best fit; None if it is undecided."""
         return self.names[0] if len(self.undecided) == 1 else None
 
-    def __str__(self) -> str:
-        """Return the table of fits, the best first, and the verdicts below it."""
-        columns = {
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads."""
+        return {
             "model": self.names,
             "unknowns": self.unknowns,
             "held out": self.errors,
             "fitted": self.rmse,
             "difference of MSE": ["-", *map(with_error, self.differences[1:], self.difference_errors[1:])],
+            "verdict": ["", *np.where(self.worse[1:], "worse", "undecided")],
             "BIC": [f"{bic:.1f}" for bic in self.bic],
         }
+
+    def __str__(self) -> str:
+        """Return the table of fits, the best first, and the verdicts below it."""
         title = f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time"
-        return as_text(title, columns, notes=self.notes)
+        return as_text(title, self.columns, notes=self.notes)
 
 
 def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:

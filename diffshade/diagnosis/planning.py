@@ -63,21 +63,24 @@ class Plan:
         """The shot to take first."""
         return self.shots[self.order[0]]
 
-    def __str__(self) -> str:
-        """Return the table of shots, the best first, and the notes below it."""
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads: what is known now, and the shots, the best first."""
         order, quantities = list(self.order), list(dict.fromkeys(u.quantity for u in self.unknowns))
         errors = [self.cells(of, quantities) for of in (self.now, *self.errors[order])]
-        columns: dict[str, Any] = {
-            "   shot": ["   now", *(f"{place:<2} {self.names[i]}" for place, i in enumerate(order, 1))]
-        }
+        columns: dict[str, Any] = {"shot": ["now", *(self.names[i] for i in order)]}
         columns |= dict(zip(quantities, zip(*errors, strict=True), strict=True))
         if self.rank.any():
             columns["new"] = ["", *self.rank[order]]
         columns["gain"] = ["", *(f"{gain:.2f}" for gain in self.gain[order])]
+        return columns
+
+    def __str__(self) -> str:
+        """Return the table of shots, the best first, and the notes below it."""
         aim = listing(some_channels(self.aim, self.unknowns)) if self.aim.any() else ""
         by = f"the error of {aim}" if aim else "all errors together"
         title = f"plan of {count(len(self.shots), 'photograph')}, ranked by {by}: standard errors with each"
-        return as_text(title, columns, notes=self.notes)
+        return as_text(title, self.columns, notes=self.notes)
 
     def cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
         """Return the largest error of each quantity.

@@ -367,19 +367,25 @@ class TexelMaps:
         write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
         return path
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table of percentiles and median errors, by their heads."""
+        rows = []
+        for name, value in self.values.items():
+            where, errors = self.trusted(name), self.errors[name]
+            for c in range(errors.shape[2] if where.any() else 0):
+                error = np.median(errors[where, c])
+                label = "normal (degrees)" if name == "normal" else f"{name}.{'rgb'[c]}" if value.shape[2] > 1 else name
+                spread = [np.nan] * 3 if name == "normal" else np.percentile(value[where, c], (5, 50, 95))
+                rows.append((label, *cells([*spread, error, self._times_95(name) * error], error)))
+        heads = "map", "5 %", "median", "95 %", "error", "error, 95 %"
+        return dict(zip(heads, zip(*rows, strict=True), strict=False))
+
     def __str__(self) -> str:
         """Return a table: the number of texels of each status, and percentiles of each map and its median error."""
         numbers = np.bincount(self.status.ravel(), minlength=len(STATUS))
         numbers[OUTSIDE] = 0
         kinds, inside = np.flatnonzero(numbers), int(numbers.sum())
-        rows = []
-        for name, value in self.values.items():
-            where = self.trusted(name)
-            for c in range(self.errors[name].shape[2] if where.any() else 0):
-                error = np.median(self.errors[name][where, c])
-                label = "normal (degrees)" if name == "normal" else f"{name}.{'rgb'[c]}" if value.shape[2] > 1 else name
-                spread = [np.nan] * 3 if name == "normal" else np.percentile(value[where, c], (5, 50, 95))
-                rows.append((label, *cells([*spread, error], error)))
         return as_text(
             f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels",
             {
@@ -387,6 +393,6 @@ class TexelMaps:
                 "texels": numbers[kinds],
                 "share": [f"{number / inside:.1%}" for number in numbers[kinds]],
             },
-            dict(zip(("map", "5 %", "median", "95 %", "error"), zip(*rows, strict=True), strict=False)),
+            self.columns,
             notes=self.notes,
         )
