@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-DIGITS = 6  # at most, and as many decimals: what `g` prints
+DIGITS = np.finfo(np.float32).precision  # 6: of a number at most, and as many decimals
 
 
 def rounded(value: float, error: float) -> str:
