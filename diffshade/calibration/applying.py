@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core.tables import as_text, cells
 from ..core.words import Note, count
 from ..inverse.data.exposures import exposures_of
 from ..inverse.data.folder_lights import write_photographs
@@ -31,10 +32,10 @@ Vectors = Float[np.ndarray, "photographs 3"]
 class AppliedLights:
     """Photographs of an object with the lights of balls; `print` it for what was assumed."""
 
-    photographs: PhotographFiles
+    photographs: PhotographFiles = field(repr=False)
     """The files of the object, and how they are read."""
-    mask: Bool[np.ndarray, "h w"]
-    lights: ObjectLights
+    mask: Bool[np.ndarray, "h w"] = field(repr=False)
+    lights: ObjectLights = field(repr=False)
     """Directions and distances of the lights at the object, with errors."""
     intensities: Vectors
     """R, G, B of each, with the photograph's exposure where its EXIF states it."""
@@ -108,17 +109,16 @@ class AppliedLights:
 
     def __str__(self) -> str:
         """Return what was applied to what, and the notes below it."""
-        lines = [
+        title = (
             f"{count(len(self.names), 'photograph')} of an object, {self.mask.mean():.0%} of the picture; its lights "
             f"are known to {np.median(self.errors):.2g} degrees in the median, {self.errors.max():.2g} at most"
-        ]
+        )
+        columns = {}
         if self.lights.picture_height:
-            width = max(len("photograph"), *map(len, self.names))
-            lines.append(f"{'photograph':<{width}} {'position of its lamp':>26} {'error':>22}")
-            for name, x, error in zip(self.names, self.positions, self.position_errors, strict=True):
-                place = "".join(f" {c:>8.4g}" for c in x) if np.isfinite(x).all() else f" {'far away':>26}"
-                lines.append(f"{name:<{width}}{place}" + "".join(f" {e:>7.2g}" for e in error if np.isfinite(e)))
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            columns["photograph"] = self.names
+            columns["position"] = cells(self.positions, self.position_errors)
+            columns["error"] = cells(self.position_errors, self.position_errors)
+        return as_text(title, columns, notes=self.notes)
 
 
 def apply_lights(

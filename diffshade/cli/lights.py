@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .sources import ENCODING, EXIF, Encodings, by_name, with_names
-from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
+from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -36,7 +36,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--apart", type=float, help="Between two balls, units of --radius  [default: as shown, or 4 radii]")
 @click.option("--width", type=float, help="Of the object, the same units  [default: as its photos show]")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for fit, report, texels")
-@as_json
+@with_json
 def calibrate(
     photos: tuple[Path, ...],
     ball: str,
@@ -52,12 +52,12 @@ def calibrate(
     apart: float | None,
     width: float | None,
     out: Path | None,
-    as_json: bool,
 ) -> None:
     """Find the lights from photographs of a ball: files, or a folder for each."""
     import diffshade as ds
 
     from ..calibration.result import check_folder, read_directions
+    from ..core.tables import as_json
 
     if out is not None:
         check_folder(out)
@@ -91,41 +91,28 @@ def calibrate(
         written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
         ds.draw_calibration(out / "lights-shown.png", balls)
     encodings = _encodings(photos, srgb)
-    lines = [
-        f"{encodings}",
-        *(f"{one}" for one in balls),
-        *([f"{compared}"] if compared else []),
-        *([f"{applied}"] if applied else []),
-        *written,
-    ]
-    data = {
+    more = {
         "photographs": found.names,
         "read_as": encodings.names,
-        "directions": found.directions,
-        "errors": found.errors,
-        "intensities": found.intensities,
-        "intensity_errors": found.intensity_errors,
-        "positions": found.positions,
-        "position_errors": found.position_errors,
-        "notes": found.notes,
-        "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
-        "balls": [{"photographs": one.names, "directions": one.directions, "errors": one.errors} for one in balls],
+        "against": compared and {**as_json(compared), "degrees": compared.angles, "disagrees": compared.disagrees},
+        "balls": [{"photographs": one.names, **as_json(one)} for one in balls],
         "applied": applied and _applied_data(applied),
         "folder": out,
     }
-    answer("\n".join(lines), data, as_json=as_json)
+    answer([encodings, *balls, compared, applied, *written], found, more)
 
 
 def _applied_data(applied: ds.AppliedLights) -> dict[str, Any]:
     """Return the lights of an object for JSON."""
+    from ..core.tables import as_json
+
     return {
         "read_as": applied.encodings,
         "photographs": applied.names,
-        "directions": applied.directions,
-        "errors": applied.errors,
+        **applied.lights._asdict(),
         "positions": applied.positions,
         "position_errors": applied.position_errors,
-        "notes": applied.notes,
+        **as_json(applied),
     }
 
 
@@ -161,7 +148,7 @@ def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:
 @click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
 @click.option("--unknown-intensities", is_flag=True, help="The listed intensities may be wrong")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for texels, fit, report")
-@as_json
+@with_json
 def find_lights(
     photos: Path,
     mask: Path | None,
@@ -172,7 +159,6 @@ def find_lights(
     intensity_error: float,
     unknown_intensities: bool,
     out: Path | None,
-    as_json: bool,
 ) -> None:
     """Find the lights from all texels of an object.
 
@@ -207,22 +193,11 @@ def find_lights(
     if out is not None:
         _write_found(out, found, read, photos)
     encodings = Encodings.of(read.read_as, srgb)
-    lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
-    data = {
-        "photographs": names,
-        "read_as": encodings.names,
-        "directions": found.directions,
-        "errors": found.errors,
-        "own_errors": found.own_errors,
-        "intensities": found.intensities,
-        "intensity_errors": found.intensity_errors,
-        "moved": found.moved,
-        "misfit": found.misfit,
-        "settled": found.settled,
-        "notes": found.notes,
-        "folder": out,
-    }
-    answer("\n".join(lines), data, as_json=as_json)
+    answer(
+        [encodings, with_names(f"{found}", names), f"{out}: photographs and lights" if out else None],
+        found,
+        {"photographs": names, "read_as": encodings.names, "folder": out},
+    )
 
 
 def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path) -> None:
@@ -246,8 +221,8 @@ def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photo
 @click.command(**SETTINGS, epilog="Example: diffshade mask photographs")
 @click.argument("photos", metavar="FOLDER", type=FOLDER)
 @click.option("-o", "--out", type=FILE, help="The mask  [default: mask.png in FOLDER]")
-@as_json
-def mask(photos: Path, out: Path | None, as_json: bool) -> None:
+@with_json
+def mask(photos: Path, out: Path | None) -> None:
     """Find the mask of an object before a darker background.
 
     FOLDER: photographs under one light each.
@@ -269,7 +244,6 @@ def mask(photos: Path, out: Path | None, as_json: bool) -> None:
     found = find_mask(photographs.images())
     ds.write_image(out, found[..., None] * 1.0, srgb=False)
     answer(
-        f"{out}: the object has {found.mean():.0%} of the picture; look at it",
+        [f"{out}: the object has {found.mean():.0%} of the picture; look at it"],
         {"mask": out, "share": float(found.mean())},
-        as_json=as_json,
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_names, with_options
-from .terminal import SETTINGS, Names, OneOf, answer, as_json
+from .terminal import SETTINGS, Names, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +46,7 @@ _LOGGER = logging.getLogger("diffshade")
 @click.option("--bands", is_flag=True, help="Bands for those left out, by 8 fits; bands.html")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
-@as_json
+@with_json
 def texels(
     typed: Options,
     out: Path,
@@ -56,10 +56,11 @@ def texels(
     bands: bool,
     heights: bool,
     suffix: str | None,
-    as_json: bool,
 ) -> None:
     """Find maps: a material a pixel. SOURCE: a folder, or a .toml with PHOTOS."""
     import diffshade as ds
+
+    from ..core.tables import as_json
 
     found = typed.read(normals=None)
     free = _free(typed, found, heights=heights)
@@ -80,7 +81,7 @@ def texels(
     made = None if made is None else replace(made, result=maps)
     held = [found.views[i] for i in left_out]
     relative = maps.relative_errors(held)
-    coverage = None if made is None else made.coverage(held)
+    inside, data_of_bands = on_bands(made, held, left_names)
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     if made is not None:
         views, titles = [found.views[i] for i in seen], [*names, *left_names]
@@ -91,32 +92,29 @@ def texels(
         for ending in (".npy",) if suffix is None else (".npy", suffix):
             written += relief.write(out, suffix=ending)
     answer(
-        "\n".join(
-            [
-                f"{found.encodings}",
-                f"{maps}",
-                *([] if response is None else [f"{response}"]),
-                *([] if relief is None else [f"{relief}"]),
-                *([] if hold_out is None else [_on_left_out(relative, left_names)]),
-                *([] if made is None or coverage is None else [on_bands(made, coverage, left_names)]),
-                f"{out}: the maps",
-                *([] if made is None else [f"{out / BANDS}: open it in a browser"]),
-            ]
-        ),
+        [
+            found.encodings,
+            maps,
+            response,
+            relief,
+            None if hold_out is None else _on_left_out(relative, left_names),
+            inside,
+            f"{out}: the maps",
+            None if made is None else f"{out / BANDS}: open it in a browser",
+        ],
         {
             "photographs": names,
             "left_out": dict(zip(left_names, relative, strict=True)),
-            "bands": None if made is None or coverage is None else bands_data(made, coverage, left_names),
+            "bands": data_of_bands,
             "read_as": found.encodings.names,
-            "gamma": None if response is None else {"value": response.gamma, "error": response.error},
+            "gamma": response and {"value": response.gamma, **as_json(response)},
             "folder": out,
             "status": {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)},
             "medians": _medians(maps),
             "notes": maps.notes,
-            "heights": None if relief is None else {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
+            "heights": relief and {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
             "written": written,
         },
-        as_json=as_json,
     )
 
 
@@ -242,22 +240,24 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
     )
 
 
-def on_bands(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> str:
-    """Say how many samples of the photographs that were left out lie inside their bands."""
+def on_bands(
+    bands: ds.PredictionBands | None, held: Sequence[ds.View], names: Sequence[str]
+) -> tuple[str | None, dict[str, Any] | None]:
+    """Return as text and for JSON how many samples of the photographs that were left out lie inside their bands."""
     import numpy as np
 
+    from ..core.tables import as_json
     from ..core.words import count
 
+    if bands is None:
+        return None, None
+    coverage = bands.coverage(held)
     worst = int(np.nanargmin(coverage))
-    return (
+    said = (
         f"{bands}: they hold {np.nanmean(coverage):.0%} of those of the {count(len(names), 'photograph')} held out, "
         f"{coverage[worst]:.0%} at least ({names[worst]})"
     )
-
-
-def bands_data(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> dict[str, Any]:
-    """Return the same for JSON."""
-    return {"level": bands.level, "inside": dict(zip(names, map(float, coverage), strict=True))}
+    return said, {**as_json(bands), "inside": dict(zip(names, coverage, strict=True))}
 
 
 def integrated(maps: ds.TexelMaps) -> ds.HeightMap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
@@ -31,7 +32,7 @@ STRONG_CORRELATION = 0.95  # a correlation above which two parameters are report
 class Examination:
     """A fit with intervals and checks; `print` it for the table. Every array is NumPy float64."""
 
-    fit: Fit
+    fit: Fit = field(repr=False)
     errors: Vector
     """Standard errors: for independent noise if the views agree within it, else by clusters."""
     interval_68: Float[np.ndarray, "p 2"]
@@ -42,7 +43,7 @@ class Examination:
     """For each unknown: the values at which its profile was evaluated, and their distances in errors by the cost."""
     determined: Bool[np.ndarray, " p"]
     """Whether a value is determined: by the fit, whichever data are included, and within a finite interval."""
-    refits: tuple[FitWithout, ...]
+    refits: tuple[FitWithout, ...] = field(repr=False)
     suspicions: tuple[Suspicion, ...]
     """Where the residuals contradict the scene description."""
     notes: tuple[str, ...]
@@ -50,19 +51,13 @@ class Examination:
 
     def __str__(self) -> str:
         """Return the table of parameters with intervals, and the notes below it."""
-        fit, width = self.fit, max(len("parameter"), *map(len, self.fit.names))
-        counts = fit.counts
-        lines = [
-            f"examination of a fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels",
-            f"{'parameter':<{width}} {'value':>12} {'error':>9} {'68 %':>23} {'95 %':>23}",
-        ]
-        for j, name in enumerate(fit.names):
-            if not self.determined[j]:
-                lines.append(f"{name:<{width}} {'not determined':>12}")
-                continue
-            ranges = [f"{f'{low:.5g} to {high:.5g}':>23}" for low, high in (self.interval_68[j], self.interval_95[j])]
-            lines.append(f"{name:<{width}} {fit.values[j]:>12.6g} {self.errors[j]:>9.2g} {' '.join(ranges)}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        fit = self.fit
+        columns = parameters(fit.names, fit.values, self.errors, self.determined)
+        for level, interval in (("68 %", self.interval_68), ("95 %", self.interval_95)):
+            ends = np.where(self.determined[:, None], cells(interval, self.errors[:, None]), "")
+            columns[level] = [" to ".join(pair).removeprefix(" to ") for pair in ends]
+        title = f"examination of a fit of {count(fit.counts.views, 'view')}, {fit.counts.pixels:,} pixels"
+        return as_text(title, columns, notes=self.notes)
 
 
 def examine(fit: Fit, *, progress: bool = False) -> Examination:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..core.backend import in_float64
+from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import Noise, View, has_alpha
@@ -44,12 +45,8 @@ class Forecast:
 
     def __str__(self) -> str:
         """Return the table of expected errors, and the notes below it."""
-        width = max(len("parameter"), *map(len, self.names))
-        lines = [f"{'parameter':<{width}} {'value':>12} {'expected error':>15}"]
-        for name, value, error, known in zip(self.names, self.values, self.errors, self.determined, strict=True):
-            cell = f"{error:>15.2g}" if known else f"{'not determined':>15}"
-            lines.append(f"{name:<{width}} {value:>12.6g} {cell}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        columns = parameters(self.names, self.values, self.errors, self.determined)
+        return as_text("forecast: the scene's values, and the errors to expect of a fit", columns, notes=self.notes)
 
 
 def forecast(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -12,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.tables import as_text, with_error
 from ..core.words import listing
 from ..inverse.result import Fit
 from .cross_validation import Scores, cross_validate, make_folds
@@ -61,20 +63,23 @@ class ModelChoice:
         """The name of the best fit; None if it is undecided."""
         return self.names[0] if len(self.undecided) == 1 else None
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads."""
+        return {
+            "model": self.names,
+            "unknowns": self.unknowns,
+            "held out": self.errors,
+            "fitted": self.rmse,
+            "difference of MSE": ["-", *map(with_error, self.differences[1:], self.difference_errors[1:])],
+            "verdict": ["", *np.where(self.worse[1:], "worse", "undecided")],
+            "BIC": [f"{bic:.1f}" for bic in self.bic],
+        }
+
     def __str__(self) -> str:
         """Return the table of fits, the best first, and the verdicts below it."""
-        wide = max(len("model"), *map(len, self.names))
-        lines = [
-            f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time",
-            f"{'model':<{wide}} {'unknowns':>8} {'held out':>10} {'fitted':>10} {'difference of MSE':>22} {'BIC':>10}",
-        ]
-        for i, name in enumerate(self.names):
-            difference = f"{self.differences[i]:.2e} +- {self.difference_errors[i]:.1e}" if i else "-"
-            lines.append(
-                f"{name:<{wide}} {self.unknowns[i]:>8d} {self.errors[i]:>10.4g} {self.rmse[i]:>10.4g} {difference:>22} "
-                f"{self.bic[i]:>10.1f}"
-            )
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        title = f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time"
+        return as_text(title, self.columns, notes=self.notes)
 
 
 def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:

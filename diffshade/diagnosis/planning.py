@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check, check_kind
 from ..core.progress import showing
+from ..core.tables import as_text
 from ..core.words import count, did_you_mean, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.evidence import Evidence
@@ -32,12 +34,12 @@ class Plan:
     Every array is NumPy float64.
     """
 
-    shots: tuple[Shot, ...]
+    shots: tuple[Shot, ...] = field(repr=False)
     names: tuple[str, ...]
     """The name of each shot: its own, or its index."""
     order: tuple[int, ...]
     """The indices of the shots, best first."""
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Unknown, ...] = field(repr=False)
     values: Float[np.ndarray, " p"]
     scales: Float[np.ndarray, " p"]
     """The scale that each value may be small against, as in the fit."""
@@ -61,28 +63,24 @@ class Plan:
         """The shot to take first."""
         return self.shots[self.order[0]]
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads: what is known now, and the shots, the best first."""
+        order, quantities = list(self.order), list(dict.fromkeys(u.quantity for u in self.unknowns))
+        errors = [self.cells(of, quantities) for of in (self.now, *self.errors[order])]
+        columns: dict[str, Any] = {"shot": ["now", *(self.names[i] for i in order)]}
+        columns |= dict(zip(quantities, zip(*errors, strict=True), strict=True))
+        if self.rank.any():
+            columns["new"] = ["", *self.rank[order]]
+        columns["gain"] = ["", *(f"{gain:.2f}" for gain in self.gain[order])]
+        return columns
+
     def __str__(self) -> str:
         """Return the table of shots, the best first, and the notes below it."""
-        quantities = list(dict.fromkeys(u.quantity for u in self.unknowns))
-        ranked = self.rank.any()
-        head = ["", "shot", *quantities, *(["new"] if ranked else []), "gain"]
-        rows = [head, ["", "now", *self.cells(self.now, quantities), *([""] if ranked else []), ""]]
-        for place, i in enumerate(self.order):
-            new = [f"{self.rank[i]:d}"] if ranked else []
-            rows.append(
-                [str(place + 1), self.names[i], *self.cells(self.errors[i], quantities), *new, f"{self.gain[i]:.2f}"]
-            )
-        widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
-        lines = [
-            "  ".join(
-                cell.ljust(w) if k < 2 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
         aim = listing(some_channels(self.aim, self.unknowns)) if self.aim.any() else ""
         by = f"the error of {aim}" if aim else "all errors together"
         title = f"plan of {count(len(self.shots), 'photograph')}, ranked by {by}: standard errors with each"
-        return "\n".join([title, *(line.rstrip() for line in lines), *(f"- {note}" for note in self.notes)])
+        return as_text(title, self.columns, notes=self.notes)
 
     def cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
         """Return the largest error of each quantity.

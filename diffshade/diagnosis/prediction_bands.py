@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import numpy as np
@@ -36,21 +36,21 @@ NEAR = 1.3  # of that distance, up to which a fit without a group counts as one 
 class PredictionBands:
     """A fit, and bands that hold the samples of photographs that it has not seen, from `fit_bands`."""
 
-    result: Fit | TexelMaps
+    result: Fit | TexelMaps = field(repr=False)
     """The fit to all photographs."""
     level: float
     """The share of the samples that the bands are made to hold."""
     groups: tuple[tuple[int, ...], ...]
     """The views that were left out together, as indices."""
-    refits: tuple[Fit | TexelMaps, ...]
+    refits: tuple[Fit | TexelMaps, ...] = field(repr=False)
     """The fit without each group."""
-    inside: Bool[np.ndarray, "h w"]
+    inside: Bool[np.ndarray, "h w"] = field(repr=False)
     """Pixels that a photograph shows the object at."""
     lights: Float[np.ndarray, "lights 3"]
     """Unit vectors from the object to each light of the scene."""
     toward: Float[np.ndarray, "views 3"]
     """Unit vectors to the lights of the views."""
-    residuals: ResidualQuantiles
+    residuals: ResidualQuantiles = field(repr=False)
     """How far photographs lie from the fits without their group, at those pixels."""
 
     @property

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
+from ..core.tables import as_text, parameters
 from ..core.words import Note, count
 from ..model.materials import Material
 from ..model.scenes import Scene
@@ -31,7 +32,7 @@ from .unknowns.unknown import Unknown
 class Fit:
     """The outcome of a fit; `print` it for the table. Every array is NumPy float64, one entry an unknown."""
 
-    solved: Solved
+    solved: Solved = field(repr=False)
     """The problem that was solved, from which checks and examinations go on."""
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
@@ -61,7 +62,7 @@ class Fit:
     converged: bool
     costs: Float[np.ndarray, " passes"]
     """The cost at the start of the last minimisation, and the lowest after each of its passes."""
-    clusters: Clusters
+    clusters: Clusters = field(repr=False)
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
@@ -177,22 +178,19 @@ class Fit:
 
     def __str__(self) -> str:
         """Return the table of parameters, and below it the notes."""
-        width = max(len("parameter"), *map(len, self.names))
         counts = self.counts
-        lines = [
+        columns = parameters(self.names, self.values, self.errors, self.determined)
+        bounded = self.at_bound & self.determined
+        side = np.where(bounded, np.where(self.at_lower, "+", "-"), "")  # at a bound, the only way to err
+        columns["error"] = np.char.add(side, columns["error"])
+        columns[""] = np.where(bounded, "at a bound", "")
+        return as_text(
             f"fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels, {counts.samples:,} samples",
-            f"{'parameter':<{width}} {'value':>12} {'error':>11}",
-        ]
-        for j, name in enumerate(self.names):
-            if not self.determined[j]:
-                lines.append(f"{name:<{width}} {'not determined':>12}")
-                continue
-            side = "+" if self.at_lower[j] else "-" if self.at_bound[j] else ""  # at a bound, the only way to err
-            flag = "  at a bound" if side else ""
-            lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {f'{side}{self.errors[j]:.2g}':>11}{flag}")
-        lines.append(f"errors: {self.what_errors_hold(self.clusters)}")
-        lines.append(f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            columns,
+            f"errors: {self.what_errors_hold(self.clusters)}",
+            f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}",
+            notes=self.notes,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, UInt8
 from ..core.backend import in_float64
 from ..core.fields import quantities
 from ..core.robust_scale import GAUSS_95
+from ..core.tables import as_text, cells
 from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View
 from ..inverse.result import Prediction
@@ -366,25 +367,32 @@ class TexelMaps:
         write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
         return path
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table of percentiles and median errors, by their heads."""
+        rows = []
+        for name, value in self.values.items():
+            where, errors = self.trusted(name), self.errors[name]
+            for c in range(errors.shape[2] if where.any() else 0):
+                error = np.median(errors[where, c])
+                label = "normal (degrees)" if name == "normal" else f"{name}.{'rgb'[c]}" if value.shape[2] > 1 else name
+                spread = [np.nan] * 3 if name == "normal" else np.percentile(value[where, c], (5, 50, 95))
+                rows.append((label, *cells([*spread, error, self._times_95(name) * error], error)))
+        heads = "map", "5 %", "median", "95 %", "error", "error, 95 %"
+        return dict(zip(heads, zip(*rows, strict=True), strict=False))
+
     def __str__(self) -> str:
         """Return a table: the number of texels of each status, and percentiles of each map and its median error."""
-        inside = int((self.status != OUTSIDE).sum())
-        lines = [f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels"]
-        for kind, name in enumerate(STATUS):
-            number = int((self.status == kind).sum())
-            if kind != OUTSIDE and number:
-                lines.append(f"  {name:<18} {number:>11,}  {100 * number / inside:.1f} %")
-        lines.append(f"{'map':<10} {'5 %':>10} {'median':>10} {'95 %':>10} {'error':>10}")
-        for name, value in self.values.items():
-            where = self.trusted(name)
-            if name == "normal" or not where.any():
-                continue
-            for c in range(value.shape[2]):
-                label = name if value.shape[2] == 1 else f"{name}.{'rgb'[c]}"
-                low, middle, high = np.percentile(value[..., c][where], (5, 50, 95))
-                error = np.median(self.errors[name][..., c][where])
-                lines.append(f"{label:<10} {low:>10.4g} {middle:>10.4g} {high:>10.4g} {error:>10.2g}")
-        if "normal" in self.values and self.known.any():
-            error = np.median(self.errors["normal"][..., 0][self.known])
-            lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        numbers = np.bincount(self.status.ravel(), minlength=len(STATUS))
+        numbers[OUTSIDE] = 0
+        kinds, inside = np.flatnonzero(numbers), int(numbers.sum())
+        return as_text(
+            f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels",
+            {
+                "status": [STATUS[kind] for kind in kinds],
+                "texels": numbers[kinds],
+                "share": [f"{number / inside:.1%}" for number in numbers[kinds]],
+            },
+            self.columns,
+            notes=self.notes,
+        )

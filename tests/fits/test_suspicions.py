@@ -15,6 +15,7 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, standard
 from synthetic import CAMERA, noisy, photograph, seen_by, standard_scene
 
 import diffshade as ds
+from diffshade.core.tables import rounded
 from diffshade.core.words import Note
 from diffshade.diagnosis.examination import summarise
 from diffshade.diagnosis.misfit import encodings
@@ -77,10 +78,11 @@ def test_the_table_has_every_number_with_its_intervals():
     assert "8 views" in title
     assert f"{fit.counts.pixels:,} pixels" in title
     assert head.split() == ["parameter", "value", "error", "68", "%", "95", "%"]
-    for name, row, value, (low, high) in zip(fit.names, rows, fit.values, examined().interval_95, strict=False):
+    numbers = zip(fit.values, examined().errors, *examined().interval_95.T, strict=True)
+    for name, row, (value, error, low, high) in zip(fit.names, rows, numbers, strict=False):
         cells = row.split()
-        assert cells[:2] == [name, f"{value:.6g}"]
-        assert cells[-3:] == [f"{low:.5g}", "to", f"{high:.5g}"]
+        assert cells[:3] == [name, rounded(value, error), rounded(error, error)]
+        assert cells[-3:] == [rounded(low, error), "to", rounded(high, error)]
     assert [row.removeprefix("- ") for row in rows[len(fit.names) :]] == list(examined().notes)
     with pytest.raises(TypeError, match="fit"):
         ds.examine("fit")  # pyright: ignore[reportArgumentType]

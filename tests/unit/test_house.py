@@ -15,7 +15,7 @@ FILES = sorted(ROOT.rglob("*.py"))
 
 # Each row may import from the rows above it and from its own; a room is named whole, or by what it holds.
 LAYERS = (
-    "core.words core.extras core.progress core.backend core.barriers core.robust_scale core.arrays",
+    "core.words core.extras core.progress core.backend core.barriers core.robust_scale core.arrays core.tables",
     "core.fields",
     "core.masks",
     "model.vectors",

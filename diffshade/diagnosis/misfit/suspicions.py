@@ -29,7 +29,7 @@ class Suspicion:
     kind: str
     """"encoding", "outline", or that of a fault of the table (`faults.FAULTS`)."""
     views: tuple[int, ...]
-    region: tuple[Mask, ...] | None
+    region: tuple[Mask, ...] | None = field(repr=False)
     """The affected pixels of each of these views; None for the whole image."""
     sentence: str
     """What it is, its size, where, and the remedy."""

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from ...core.arrays import float64_of
 from ...core.fields import Numbers
+from ...core.tables import as_text, parameters
 from ...core.words import listing
 from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
@@ -37,12 +38,12 @@ class Falloff:
 
     def __str__(self) -> str:
         values = [float(getattr(self.attenuation, name)) for name in NAMES]
-        lines = [f"slope {self.slope:.3g} (log lux over log distance), residuals {100 * self.rms:.2g} % (rms)"]
-        lines += [
-            f"{name:<9} not determined" if name in self.undetermined else f"{name:<9} {value:.4g} +-{error:.2g}"
-            for name, value, error in zip(NAMES, values, self.errors, strict=True)
-        ]
-        return "\n".join([*lines, *self.sentences])
+        known = [name not in self.undetermined for name in NAMES]
+        return as_text(
+            f"slope {self.slope:.3g} (log lux over log distance), residuals {100 * self.rms:.2g} % (rms)",
+            parameters(NAMES, values, self.errors, known),
+            notes=self.sentences,
+        )
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -190,10 +190,10 @@ def _write_fit(
             correlations=tables.correlations(fit),
             convergence=charts.convergence(fit),
             profiles=_profiles(examination),
-            models=None if choice is None else tables.models(choice),
+            models=choice and tables.shown(choice.columns, choice.notes),
             undecided=() if choice is None else choice.undecided,
-            shots=None if plan is None else tables.shots(plan, 0, MOST_SHOTS),
-            other_shots=None if plan is None or len(plan.shots) <= MOST_SHOTS else tables.shots(plan, MOST_SHOTS),
+            shots=plan and tables.shown(plan.columns, plan.notes, slice(MOST_SHOTS + 1)),  # "now" is a row, too
+            other_shots=plan and tables.shown(plan.columns, (), slice(MOST_SHOTS + 1, None)),
         )
         temporary.write_text(page, encoding="utf-8")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import equinox as eqx
@@ -21,6 +21,7 @@ from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
 from ...core.robust_scale import jackknife_error, robust_scale
+from ...core.tables import as_text, with_error
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
@@ -54,7 +55,7 @@ class FoundResponse:
     error: float
     """Its standard error: the scatter and the shift when groups of photographs are left out, and the misfit; infinite
     where these photographs do not determine it."""
-    views: tuple[View, ...]
+    views: tuple[View, ...] = field(repr=False)
     """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
     misfit: float
     """Typical residual of a texel with this gamma, relative to its brightness in the file."""
@@ -63,12 +64,12 @@ class FoundResponse:
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        """Return the gamma, what it takes off the misfit, and the notes."""
-        first = (
-            f"gamma {self.gamma:.3f}, error {self.error:.2g}; the misfit of a texel is {100 * self.misfit:.2g} %, and "
-            f"{100 * self.misfit_linear:.2g} % if the photographs are taken to be linear"
+        """Return the gamma, how much it reduces the misfit, and the notes."""
+        return as_text(
+            f"gamma {with_error(self.gamma, self.error)}; the misfit of a texel is {100 * self.misfit:.2g} %, and "
+            f"{100 * self.misfit_linear:.2g} % if the photographs are taken to be linear",
+            notes=self.notes,
         )
-        return "\n".join([first, *(f"- {note}" for note in self.notes)])
 
 
 def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False) -> FoundResponse:

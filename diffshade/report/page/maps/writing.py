@@ -22,6 +22,7 @@ from .. import charts
 from ..pictures import build_gallery
 from ..shaders import shader
 from ..tables import bands as on_bands
+from ..tables import shown
 from ..template import as_script, fill
 from . import tables
 from .layers import Layer, layers_of
@@ -120,7 +121,7 @@ def write_maps_page(
         overlays=overlays,
         gradient=["#" + bytes(colour.tolist()).hex() for colour in gradient()],
         remarks=tables.remarks(stage),
-        table=tables.table_of(maps),
+        table=shown(maps.columns),
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
         gallery=build_gallery(predictions, names, drawn_bands(())) if predictions else None,
         seen=not photographs.left_out,
