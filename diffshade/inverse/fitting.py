@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -145,10 +146,12 @@ def fit(
         report_progress("reading the views")
         data = with_samples_for(scene, data, unknowns, clipped, memory=memory)
         problem = fit_problem(scene, data, unknowns, loss)
-        laid, end, begun = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
-        found = withdraw_unstable(summarise(laid, end, begun.step_variance), report_progress)
-        found = check_priors(check_outlines(found))
-        return widen_by_lights(found, stated_errors(found.scene, light_error, intensity_error), report_progress)
+        end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
+        found = summarise(*end)
+        of_lights = stated_errors(found.scene, light_error, intensity_error)
+        for judge in (withdraw_unstable, check_outlines, check_priors, partial(widen_by_lights, errors=of_lights)):
+            found = judge(found, report_progress)
+        return found
 
 
 def own_devices(mesh: Mesh) -> list[Any]:

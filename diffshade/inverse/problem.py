@@ -1,8 +1,8 @@
 """Problem: what a fit minimises: the unknowns, the samples, and the model that predicts them.
 
-A fit goes on in stages that each add something and change nothing. A `Start`, found by `starting.find_start` on a part
-of the pixels, has the first values, the scale of the residuals and the steps of the files. A `LaidOut` has all pixels
-with their weights, and is minimised. A `Solved` is the problem and its minimum: what a `Fit` holds.
+A fit goes on in stages that each add something and change nothing. A `LaidOut` has the pixels with their weights, and
+is minimised: `solving.solve` searches for a start and settles the scale of the residuals on a part of them, and goes on
+with all. A `Solved` is the problem and its minimum: what a `Fit` holds.
 """
 
 from __future__ import annotations
@@ -25,19 +25,17 @@ from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
-from .forward.layout import place, points_of, weigh, with_weights, without_clipped
+from .forward.layout import points_of, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
 from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import Rounding
 from .forward.sums import sum_of_squares, weights_of_views
 from .pixels.blocks import (
     Block,
-    Observed,
     Piece,
     block_size,
     chunks,
     observed,
-    padded_length,
     pieces,
     shares,
     views_of,
@@ -120,25 +118,14 @@ class FitProblem:
         """
         found = chunks(parts)
         points = points_of(found, self.data, self.model, self.over_pixels, size)
+        most = 1 if self.data.grey else len(self.scene.channels)
 
         def chunk(of: tuple[list[Piece], Any]) -> Block:
             of_chunk, shown = of
-            laid = Block(views_of(of_chunk), shown, self.observed(of_chunk, size))
-            return with_weights(self.model, laid, noise_known=self.data.noise_known)
+            seen = observed(of_chunk, size, most, clipping=self.data.counts.clipped > 0)
+            return with_weights(self.model, Block(views_of(of_chunk), shown, seen), noise_known=self.data.noise_known)
 
         return on_all_cores(chunk, zip(found, points, strict=True))
-
-    def observed(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Observed:
-        """Return the samples of a chunk as NumPy arrays."""
-        most = 1 if self.data.grey else len(self.scene.channels)
-        return observed(parts, size, most, clipping=self.data.counts.clipped > 0, length=length)
-
-    def gather(self, size: int) -> Block:
-        """Return all pixels as one chunk of NumPy arrays, with their places instead of the points that they show."""
-        parts = pieces(self.data.samples, size)
-        length = padded_length(len(parts))
-        where = place(parts, size, self.over_pixels, length)
-        return Block(views_of(parts, length), where, self.observed(parts, size, length))
 
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
@@ -154,10 +141,6 @@ class FitProblem:
     def sum_of_squares(self, chunks: Sequence[Block]) -> float:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
         return sum(sum_of_squares(self._weights, chunk) for chunk in chunks) or 1.0
-
-    def squares_of_values(self, values: Sequence[Float[np.ndarray, " _"]]) -> float:
-        """Return the weighted sum of squares of the samples of each view, whose noise is the same at every level."""
-        return float(self._weights @ [of @ of for of in values]) or 1.0
 
     @cached_property
     def _weights(self) -> Float[np.ndarray, " views"]:

@@ -50,13 +50,12 @@ class _Values:
     """The unknowns that are a unit vector together."""
 
 
-def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, forecast: bool = False) -> Fit:
+def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     """Return what is known at the minimum of a fit: values, errors, bounds, and what is not determined.
 
     Args:
         laid: The problem that was minimised.
         end: Its minimum.
-        step_variance: Mean square of the weighted residuals that rounding alone makes.
         forecast: Whether nothing was measured, so that no view can disagree with another.
 
     Raises:
@@ -65,7 +64,7 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
     problem = laid.problem
     scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
     found, spread = _values_at(end, unknowns), laid.spread(end)
-    rounded = laid.rounded(end, spread, step_variance)
+    rounded = None if forecast else laid.rounded(end, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
     evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
     everything, regular = evidence.total, evidence.regular

@@ -11,7 +11,7 @@ from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.solve.light_search import at_better_places
 from diffshade.inverse.solve.solvers import evaluate
-from diffshade.inverse.solve.start_search import candidates
+from diffshade.inverse.solve.start_search import groups_to_try
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
 from diffshade.inverse.unknowns.visibility import arrow_of, places_apart
@@ -107,9 +107,8 @@ def test_a_search_does_not_go_from_light_to_light_where_each_has_its_own_views()
     unknowns = find_unknowns(scene, views, FREE)
     data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
     problem = fit_problem(scene, data, unknowns, "squares")
-    theta = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
-    assert len(candidates(unknowns, scene, theta)) == 13
-    assert len(candidates(unknowns, scene, theta, problem.box.arrow)) == 1
+    assert len(groups_to_try(unknowns, scene)) == 13
+    assert len(groups_to_try(unknowns, scene, problem.box.arrow)) == 1
 
 
 def test_spots_with_two_places_and_lights_that_are_on_together_are_searched_one_by_one():

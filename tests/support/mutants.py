@@ -34,7 +34,7 @@ GROUPS = {
         "inverse/laid_out inverse/solving inverse/solved inverse/data/samples "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/start_search inverse/unknowns/constraints "
         "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
-        "inverse/starting inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
+        "inverse/solving inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
         "texels/region_exponents texels/geometry"
     ),
     "statistics": (

@@ -37,7 +37,7 @@ LAYERS = (
     "inverse.solve",
     "inverse.statistics",
     "inverse.problem inverse.laid_out inverse.solved",
-    "inverse.starting inverse.solving",
+    "inverse.solving",
     "inverse.result inverse.summary",
     "inverse.own_views",
     "inverse.verdicts",

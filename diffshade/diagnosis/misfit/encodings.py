@@ -64,7 +64,7 @@ def _refitted(fit: Fit, curve: Curve) -> Fit:
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
     data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
-    _, end, _ = solve(fit_problem(fit.scene, data, start, loss))
+    _, end = solve(fit_problem(fit.scene, data, start, loss))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
     return dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
 

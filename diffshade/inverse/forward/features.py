@@ -102,7 +102,7 @@ class FeatureModel(AbstractForwardModel):
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
         if any(self.placed) or not is_concrete(view):
-            return self.lit(self.seen(pixels, view, counts), view)
+            return super().fields(pixels, view, counts)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:

@@ -82,9 +82,9 @@ class AbstractForwardModel(eqx.Module):
     def lit(self, seen: Any, view: Int[Array, " blocks"]) -> Any:
         """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
 
-    @abstractmethod
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return what `predict` needs to know of a chunk's pixels: `lit` of `seen`."""
+        """Return what `predict` needs to know of a chunk's pixels."""
+        return self.lit(self.seen(pixels, view, counts), view)
 
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:

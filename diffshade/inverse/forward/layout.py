@@ -101,13 +101,6 @@ def _repeats(key: Sequence[tuple]) -> bool:
     return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
 
 
-def lay_plain(model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out: the points that its pixels show, and equal weights for all samples."""
-    seen = gathered.observed
-    points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
-    return with_weights(model, Block(gathered.view, jax.device_put(points), seen), noise_known=False)
-
-
 def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:
     """Replace which samples of a chunk count by weights: by the noise at the photograph's level where it is known."""
     weight = None if model.projects else jnp.asarray(chunk.observed.weight, float)

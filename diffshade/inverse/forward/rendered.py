@@ -67,10 +67,6 @@ class RenderedModel(AbstractForwardModel):
         """Return the pixels again."""
         return seen
 
-    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
-        """Return the pixels of a chunk themselves."""
-        return pixels
-
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
         setting, view = self.setting, block.view

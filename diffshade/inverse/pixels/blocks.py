@@ -147,13 +147,11 @@ def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarra
     return view
 
 
-def observed(
-    parts: Sequence[Piece], size: int, channels: int, *, clipping: bool, length: int | None = None
-) -> Observed:
+def observed(parts: Sequence[Piece], size: int, channels: int, *, clipping: bool) -> Observed:
     """Lay a chunk's samples out in blocks."""
-    length = length or len(parts)
-    target, counts = aligned_zeros((length, channels, size)), np.zeros((length, channels, size), bool)
-    clipped = np.zeros((length, channels, size), np.int8) if clipping else None
+    shape = (len(parts), channels, size)
+    target, counts = aligned_zeros(shape), np.zeros(shape, bool)
+    clipped = np.zeros(shape, np.int8) if clipping else None
     b = 0
     for _, of_view in itertools.groupby(parts, key=lambda part: id(part.samples)):
         run = [part.pixels for part in of_view]

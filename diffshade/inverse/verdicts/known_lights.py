@@ -26,7 +26,7 @@ LARGE = 0.5  # share of an error's square that makes a value one of those that d
 SHIFTED = 1.0  # errors of independent noise by which a mean change is named
 
 
-def widen_by_lights(fit: Fit, errors: Mapping[Place, float], report_progress: ReportProgress) -> Fit:
+def widen_by_lights(fit: Fit, report_progress: ReportProgress, *, errors: Mapping[Place, float]) -> Fit:
     """Return a fit whose errors are at least those that the errors of its known lights give. In float64."""
     free = free_places(fit.unknowns)
     known = {place: error for place, error in errors.items() if place not in free}

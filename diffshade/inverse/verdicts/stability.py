@@ -97,18 +97,9 @@ def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
     scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
     black = np.zeros(len(scene.channels))
-
-    def without(scene: Scene, *names: str) -> Scene:
-        of = lambda s: [getattr(item.material, name) for item in s.objects for name in names]  # noqa: E731
-        return eqx.tree_at(of, scene, [black for _ in of(scene)])
-
-    if scene.atmosphere is None and all(item.material.k_t is None for item in scene.objects):
-        materials = [replace(item.material, highlights=()) for item in scene.objects]
-        scene = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, materials)
-        alone = replace(without(scene, "k_a", "k_d", "k_e"), background=0.0)
-        return np.asarray(render(alone, view.camera)).mean(-1)
-    with_it, dull = (np.asarray(render(s, view.camera)) for s in (scene, without(scene, "k_s")))
-    return (with_it - dull).mean(-1)
+    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [black] * len(scene.objects))
+    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
+    return (with_it - without).mean(-1)
 
 
 def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
@@ -164,9 +155,8 @@ def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
         replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
         for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
     ]
-    again = fit_problem(fit.scene, fit.solved.problem.data.keeping(keep), unknowns, fit.likelihood.loss)
-    laid, end, begun = solve(again)
-    return summarise(laid, end, begun.step_variance)
+    kept = fit.solved.problem.data.keeping(keep)
+    return summarise(*solve(fit_problem(fit.scene, kept, unknowns, fit.likelihood.loss)))
 
 
 def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
