@@ -249,7 +249,7 @@ def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams(
     grams = whole(compact.clusters, p)
     H = grams.hessian
     assert compact.clusters.hessian.shape[1] < p
-    dense = dataclasses.replace(compact, clusters=by_view(H, grams.gradient))
+    dense = dataclasses.replace(compact, clusters=by_view(H, np.asarray(grams.gradient)))
     some = np.arange(p) % 5 > 0
     pairs: list[tuple[Evidence, Evidence]] = [
         (compact, dense),
