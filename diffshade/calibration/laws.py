@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from ..core.robust_scale import robust_scale
 from ..inverse.forward.losses import CAUCHY
+from ..inverse.solve.elimination import eliminate
 
 Table = Float[np.ndarray, "photographs pixels"]
 Vectors = Float[np.ndarray, "photographs 3"]
@@ -188,13 +189,8 @@ def _minus(whole: Normal, part: Normal) -> Normal:
 
 def _solve(normal: Normal, damping: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the steps of each photograph's own and of the shared parameters."""
-    k = normal.own.shape[-1]
-    own = normal.own + damping * normal.own * np.eye(k) + 1e-300 * np.eye(k)
-    shared = normal.shared + damping * normal.shared * np.eye(len(normal.shared))
-    from_shared, from_own = (
-        np.linalg.solve(own, normal.coupling),
-        np.linalg.solve(own, normal.own_gradient[..., None])[..., 0],
-    )
-    left = shared - np.einsum("ikm,ikn->mn", normal.coupling, from_shared)
-    s = -np.linalg.solve(left, normal.shared_gradient - np.einsum("ikm,ik->m", normal.coupling, from_own))
-    return -from_own - from_shared @ s, s
+    own, shared = (of + damping * of * np.eye(of.shape[-1]) for of in (normal.own, normal.shared))
+    inverses = np.linalg.inv(own + 1e-300 * np.eye(own.shape[-1]))
+    by_shared, alone, of_matrix, of_right = eliminate(inverses, normal.coupling, normal.own_gradient[..., None])
+    s = -np.linalg.solve(shared - of_matrix, normal.shared_gradient - of_right[..., 0].sum(0))
+    return -alone[..., 0] - by_shared @ s, s

@@ -17,7 +17,6 @@ from ..inverse.laid_out import LaidOut
 from ..inverse.pixels.blocks import Block
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
-from ..inverse.statistics.uncertainty import single_views
 from .patches import Parts, cut_in_patches, keep_only, patch_width, residual_images
 
 MIN_VIEWS = 3  # with fewer views, patches are held out
@@ -77,7 +76,7 @@ def cross_validate(laid: LaidOut, folds: Parts, scale: float, report_progress: C
     weighed = [problem.reweigh(laid.theta, of) for of in chunks]
     # Without its view, a view's own exposure is unknown.
     point = evaluate(laid.theta, laid.task, [chunk for of in weighed for chunk in of])
-    single_view = single_views(point.views.seen(len(laid.theta)))
+    single_view = point.views.single_view(len(laid.theta))
     single_view = single_view if folds.by_view else np.full(len(single_view), -1)
     squares, samples, signal, converged = np.zeros(len(folds)), np.zeros(len(folds)), 0.0, True
     for k, part in enumerate(folds.samples):

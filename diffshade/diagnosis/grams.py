@@ -11,16 +11,16 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array
-from ..inverse.forward.gram import Gram
+from ..inverse.forward.gram import ByView
 from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.sums import sum_over
 from ..inverse.pixels.blocks import Block
 
 
-def gram_of(theta: Float[np.ndarray, " p"], model: AbstractForwardModel, chunks: Sequence[Block]) -> Gram:
-    """Return the Gram of the samples of chunks, as NumPy arrays, in the solver's coordinates."""
-    gram = _gram(jnp.asarray(theta), model, sum_over(chunks, _summary, jnp.asarray(theta), model))
-    return jax.tree.map(np.asarray, gram)
+def gram_of(theta: Float[np.ndarray, " p"], model: AbstractForwardModel, chunks: Sequence[Block]) -> ByView:
+    """Return what the samples of chunks say, as that of one view, in the solver's coordinates."""
+    views = _gram(jnp.asarray(theta), model, sum_over(chunks, _summary, jnp.asarray(theta), model))
+    return views.together([range(len(views.cost))], len(theta))
 
 
 def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
@@ -28,5 +28,5 @@ def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
 
 
 @jax.jit
-def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> Gram:
-    return model.gram(theta, summary).total(len(theta))
+def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> ByView:
+    return model.gram(theta, summary)

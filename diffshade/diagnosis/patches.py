@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from ..core.masks import Mask
 from ..inverse.data.samples import Samples
 from ..inverse.data.view_sets import ViewSet
+from ..inverse.forward.gram import ByView
 from ..inverse.forward.sums import sum_over, waves
 from ..inverse.pixels.blocks import Block, block_size, pieces
 from ..inverse.problem import FitProblem
@@ -49,7 +50,7 @@ class Parts:
 
 def find_clusters(fit: Fit) -> Clusters:
     """Return the views if there are three or more, else patches wider than the correlation length of the residuals."""
-    if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
+    if fit.evidence.count >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
     patches = cut_in_patches(fit.solved.problem.data, patch_width(*residual_images(fit)))
     if len(patches) < MIN_PATCHES:
@@ -58,8 +59,9 @@ def find_clusters(fit: Fit) -> Clusters:
     chunks = [laid.problem.reweigh(laid.theta, of) for of in patches.lay_out(laid.problem)]
     slope = coordinate_slopes(fit.values, fit.unknowns)
     grams = [gram_of(laid.theta, laid.model, of) for of in chunks]
-    H, g = (np.array([getattr(gram, name) for gram in grams]) for name in ("hessian", "gradient"))
-    evidence = dataclasses.replace(fit.evidence, hessian=H * np.outer(slope, slope), gradient=g * slope, shown=None)
+    every = np.ones(len(slope), bool)
+    clusters = ByView.of([next(of.parts(every)) for of in grams], np.zeros(len(grams)), len(slope))
+    evidence = dataclasses.replace(fit.evidence, clusters=clusters.scaled(slope))
     if fit.evidence.waves is not None:
         theta = jnp.asarray(laid.theta)
         of_patches = np.array([sum_over(of, waves, theta, laid.model).sum(0) for of in chunks])

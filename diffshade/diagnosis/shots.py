@@ -93,7 +93,7 @@ def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]
     slope = coordinate_slopes(fit.values, unknowns)
     # A robust loss gives the shot's samples the mean weight of the views' samples.
     count, _, _, _, weight = fit.evidence.spread
-    return gram.hessian * np.outer(slope, slope) * weight / count, 1.0 - float(measured.mean())
+    return gram.scaled(slope).total(len(slope)) * weight / count, 1.0 - float(measured.mean())
 
 
 def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> tuple[Scene, list[Unknown], View]:

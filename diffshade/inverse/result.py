@@ -23,7 +23,7 @@ from .problem import moves_surface
 from .solved import Solved
 from .statistics.clusters import Clusters
 from .statistics.evidence import Evidence
-from .statistics.intensities import taken_as_exact
+from .statistics.gauges import taken_as_exact
 from .unknowns.slots import values_in
 from .unknowns.unknown import Unknown
 

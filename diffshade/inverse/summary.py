@@ -151,17 +151,15 @@ def _evidence(
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
     problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end.theta), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
-    zero, directions = null_directions(np.asarray(point.views.total(p).hessian) * np.outer(slope, slope) + H_0)
+    shows = point.views.seen(p) > 0.0
+    groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]
+    clusters = point.views.together(groups, p).scaled(slope)
+    zero, directions = null_directions(clusters.total(p) + H_0)
     regular = ~zero & ~directions.any(0)
     known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
     sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
-    shows = point.views.seen(p) > 0.0
-    groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]
-    H, g, shown = point.views.together(groups, p)
-    unit = np.broadcast_to(slope, g.shape) if shown is None else np.append(slope, 0.0)[shown]
-    H, g = H * unit[:, :, None] * unit[:, None, :], g * unit
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
-    evidence = Evidence(H, g, *of, shown=shown)
+    evidence = Evidence(clusters, *of)
     if rounded is not None:
         waves = slope[:, None] * rounded.waves
         waves = np.array([waves[group].sum(0) for group in groups])
@@ -182,10 +180,7 @@ def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[n
 
 def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
     """Return the plain covariance of the unknowns that are known and not at a bound; 0 elsewhere."""
-    free = ~evidence.at_bound
-    covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(known, known)] = evidence.covariance(free)[np.ix_(known[free], known[free])]
-    return covariance
+    return np.where(np.outer(known, known), evidence.covariance(~evidence.at_bound), 0.0)
 
 
 def _not_converged(end: Minimum) -> list[Note]:

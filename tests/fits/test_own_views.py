@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.core.fields import Parameter
 from diffshade.diagnosis import intervals as module
 from diffshade.diagnosis.intervals import Profile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.own_views import OwnViews
-from diffshade.inverse.unknowns.places import Place
-from diffshade.inverse.unknowns.unknown import Product, Unknown
-from diffshade.inverse.unknowns.visibility import part_of
 from tests.support.textured import lights_about
 
 CAMERA = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(20, 20), height=2.2, local_viewer=False)
@@ -59,10 +55,10 @@ def scaled(name: str, *more: str, count: int = 16, k_s: float = 0.3, noise: floa
 
 
 def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, Profile]:
-    with jax.enable_x64(True):
-        profile = Profile(fit, find_clusters(fit))
+    with jax.enable_x64(True), pytest.MonkeyPatch.context() as patch:
         if not alone:
-            profile.others = None
+            patch.setattr(module, "blocks", lambda *_: [])
+        profile = Profile(fit, find_clusters(fit))
         return intervals(profile, LEVELS), profile
 
 
@@ -76,7 +72,6 @@ def test_intervals_by_own_views_are_those_by_all_views(loss, monkeypatch):
     reach = np.abs(by_all - fit.values[:, None]).max((0, 2))
     assert np.all(np.abs(by_own - by_all).max((0, 2)) < 1e-4 * reach)
     np.testing.assert_allclose(by_own, by_all, rtol=1e-6 if loss == "squares" else 3e-6)
-    assert profile.others is not None
     assert all(len(points) >= 4 for points in profile.evaluated)
 
 
@@ -168,25 +163,3 @@ def test_where_own_views_say_something_else_all_views_are_asked(monkeypatch):
     np.testing.assert_allclose(found(fit)[0], by_all, rtol=1e-12)
     monkeypatch.setattr(module, "ALIKE", 0)
     assert np.abs(found(fit)[0] - by_all).max() > 1e-4
-
-
-def test_a_part_of_a_scene_has_its_unknowns_at_their_places():
-    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((k, 0.0, -1.0)) for k in range(3)])
-    image = np.ones((20, 20, 3))
-    views = [ds.View(image, CAMERA, lit=(0, 1)), ds.View(image, CAMERA, lit=2), ds.View(image, CAMERA, lit=(2, 1))]
-
-    def of(quantity: str, *places: Place, products: tuple[Product, ...] = ()) -> Unknown:
-        return Unknown(quantity, "", places, Parameter(), 0.0, 1.0, 0.5, products)
-
-    k_d = Place("objects", 0, ("material", "k_d"), 0)
-    directions = [Place("lights", i, ("direction",), c) for i, c in ((0, 0), (2, 1))]
-    exposures = [Place("views", i, ("exposure",), 0) for i in (0, 2)]
-    intensities = [Place("lights", i, ("intensity",), 0) for i in (1, 0)]
-    products = (Product(intensities[0], 2.0, k_d, 1), Product(intensities[1], 3.0, k_d))
-    unknowns = [of("k_d", k_d), of("x", *directions), of("shared", *exposures), of("y", products=products)]
-    part, taken, found = part_of(scene, views, unknowns, [2], [1, 2, 3])
-    assert [scene.lights.index(light) for light in part.lights] == [1, 2]
-    assert [view.lit for view in taken] == [(1, 0)]
-    assert [[str(place) for place in u.places] for u in found] == [["lights.1.direction"], ["views.0.exposure"], []]
-    assert found[2].products == (Product(Place("lights", 0, ("intensity",), 0), 2.0, k_d, 0),)
-    assert unknowns[1].places == tuple(directions)

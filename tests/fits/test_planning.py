@@ -8,6 +8,7 @@ import numpy as np
 import own_parts
 import pytest
 from changed_fits import with_problem
+from grams import by_view
 from scenarios import noisy_fit
 from synthetic import ATTENUATION, CAMERA, FREE, TIED, photograph, seen_by
 
@@ -98,7 +99,7 @@ def test_the_table_has_the_shots_from_the_best_on():
 
 def test_a_shot_as_the_first_view_was_counts_as_that_did():
     fit = noisy_fit()
-    first = fit.evidence.hessian[0]
+    first = next(fit.evidence.clusters.parts(np.ones(12, bool)))[1]
     plan = ds.plan(fit, AGAIN)
     expected = np.sqrt(np.diag(fit.evidence.sigma2 * np.linalg.inv(fit.evidence.total + first)))
     np.testing.assert_allclose(plan.errors[0], expected, rtol=1e-6)
@@ -216,14 +217,14 @@ def test_information_is_of_relative_errors_and_its_rank_of_what_is_determined():
     H = np.diag(1.0 / fit.values**2)  # of each number its own error, but of the first
     H[0, 0] = 0.0
     blind = dataclasses.replace(
-        fit.evidence, hessian=H[None], gradient=np.zeros((1, p)), known_hessian=0 * H, sigma2=4.0,
+        fit.evidence, clusters=by_view(H[None], np.zeros((1, p))), known_hessian=0 * H, sigma2=4.0,
         regular=np.arange(p) > 0,
     )  # fmt: skip
     assert information(blind, fit.values) == (p - 1, pytest.approx(-(p - 1) * np.log(4.0)))
     more = add_shot(blind, np.diag(np.arange(p) == 0) / fit.values[0] ** 2)
     assert more.regular.all()
     assert information(more, fit.values) == (p, pytest.approx(-p * np.log(4.0)))
-    assert len(more.hessian) == len(more.gradient) == 2
+    assert more.count == 2
     held = dataclasses.replace(more, at_bound=np.arange(p) == 1)
     assert information(held, fit.values)[0] == p - 1
 

@@ -10,7 +10,7 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from synthetic import CAMERA, noisy, photograph
 
 import diffshade as ds
-from diffshade.inverse.statistics.intensities import taken_as_exact
+from diffshade.inverse.statistics.gauges import taken_as_exact
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.contradictions import check_priors

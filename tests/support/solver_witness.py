@@ -104,7 +104,7 @@ def assert_is_a_minimum_within_bounds(theta, gram: Gram, solver: Solver) -> None
 
     The slope is measured in the lengths of the Jacobian's columns and of the residual: it is their cosine.
     """
-    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian)
+    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian.as_matrix())
     lengths = np.sqrt(np.diag(H) * 2.0 * float(gram.cost))
     slope = np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
     low, high = at_ends(theta, solver)
@@ -119,8 +119,9 @@ def assert_gram_is_that_of_a_dense_jacobian(point: Point, solver: Solver) -> Non
     theta = np.asarray(point.theta)
     r, J = (np.asarray(f(theta, solver.witness)) for f in (dense_residuals, dense_jacobian))
     np.testing.assert_allclose(float(point.total.cost), cost(theta, solver.witness), rtol=1e-10)
-    np.testing.assert_allclose(whole(point.views, len(theta)).hessian.sum(0), point.total.hessian, rtol=1e-12)
-    np.testing.assert_allclose(point.total.hessian, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
+    H = point.total.hessian.as_matrix()
+    np.testing.assert_allclose(whole(point.views, len(theta)).hessian.sum(0), H, rtol=1e-12)
+    np.testing.assert_allclose(H, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
     np.testing.assert_allclose(point.total.gradient, J.T @ r, atol=1e-8 * np.abs(J).sum() * np.abs(r).max())
 
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from grams import by_view
 
 import diffshade as ds
 from diffshade.inverse.forward.interface import AbstractForwardModel
@@ -182,7 +183,7 @@ def flat_views(views: int, seed: int, *, rounds: bool = True) -> tuple[Evidence,
     r = J @ values - y
     count, squares = float(r.size), float(np.sum(r**2))
     evidence = Evidence(
-        np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, r), np.zeros((2, 2)), np.zeros(2), values,
+        by_view(np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, r)), np.zeros((2, 2)), np.zeros(2), values,
         np.zeros(2, bool), np.ones(2, bool), np.zeros((0, 3), int), squares / (count - 2),
         np.array([count, squares, squares, count, count]),
     )  # fmt: skip

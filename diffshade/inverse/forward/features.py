@@ -31,7 +31,7 @@ from ...model.vectors import Vec3, dot, normalize, tangents_of
 from ..data.views import View, lights_on
 from ..pixels.blocks import Block
 from ..unknowns.unknown import Unknown
-from .gram import Gram, ViewGrams
+from .gram import ByView
 from .interface import AbstractForwardModel, Pixels, Setting
 from .lighting import (
     Fields,
@@ -255,7 +255,7 @@ class FeatureModel(AbstractForwardModel):
         S = jnp.take_along_axis(along, of_view[:, None, None, :], -1)
         return jnp.where((self.setting.shown < len(theta))[:, None, None, :], S, 0.0)
 
-    def gram(self, theta: Float[Array, " p"], summary: Any) -> ViewGrams:
+    def gram(self, theta: Float[Array, " p"], summary: Any) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries.
 
         Where it is shared, theta may have other linear unknowns than those the pass was made with.
@@ -264,24 +264,20 @@ class FeatureModel(AbstractForwardModel):
         S, shown = self._slopes(theta), self.setting.shown
         if not self.shared:
             cost, slope, curvature = summary
-            of_view = Gram(
-                cost,
-                jnp.einsum("vcfp,vcf->vp", S, slope),
-                jnp.einsum("vcfp,vcfg,vcgq->vpq", S, curvature, S),
-            )
-            return ViewGrams(of_view, shown)
+            gradient = jnp.einsum("vcfp,vcf->vp", S, slope)
+            return ByView(cost, gradient, jnp.einsum("vcfp,vcfg,vcgq->vpq", S, curvature, S), shown)
         features = predicted.shape[2]
         FF, Fy = summary[:, :features, :features], summary[:, :features, features:].transpose(0, 2, 1)
         yy = jnp.trace(summary[:, features:, features:], axis1=1, axis2=2)
         scale = self.view_weights()
         slope = jnp.einsum("vfg,vcg->vcf", FF, predicted) - Fy
         cost = 0.5 * (jnp.einsum("vcf,vcf->v", predicted, slope - Fy) + yy)
-        of_view = Gram(
+        return ByView(
             scale * cost,
             scale[:, None] * jnp.einsum("vcfp,vcf->vp", S, slope),
             scale[:, None, None] * jnp.einsum("vcfp,vfg,vcgq->vpq", S, FF, S),
+            shown,
         )
-        return ViewGrams(of_view, shown)
 
 
 def axes_of(name: str, place: Vec3) -> Sequence[Vec3]:

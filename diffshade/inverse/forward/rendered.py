@@ -24,7 +24,7 @@ from ..pixels.blocks import Block, Observed
 from ..unknowns.slots import Setup, apart, slots_of
 from ..unknowns.unknown import Unknown, free_places
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
-from .gram import Gram, ViewGrams, directions_of
+from .gram import ByView, Gram, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
@@ -164,9 +164,9 @@ class RenderedModel(AbstractForwardModel):
         weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
         return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
 
-    def gram(self, theta: Float[Array, " p"], summary: Gram) -> ViewGrams:
+    def gram(self, theta: Float[Array, " p"], summary: Gram) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries."""
-        return ViewGrams(summary, self.setting.shown)
+        return ByView(summary.cost, summary.gradient, summary.hessian, self.setting.shown)
 
 
 def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[Any]:

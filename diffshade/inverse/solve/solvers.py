@@ -16,12 +16,12 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
-from ..forward.gram import Gram, Point, ViewGrams
+from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
-from .elimination import Arrowhead, Dense, Symmetric, nothing
+from .elimination import Arrowhead, Dense, nothing
 
 PATIENCE = 6  # steps, rejected ones too
 # The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
@@ -91,19 +91,12 @@ def point_of(
     def at(theta: Any) -> Point:
         views = model.gram(theta, summary)
         known = priors.gram(theta, box.arrow)
-        gradient = known.gradient + views.gradient(len(theta))
-        return Point(theta, Gram(views.cost.sum() + known.cost, gradient, _with_views(known.hessian, views)), views)
+        gradient = known.gradient + views.slope(len(theta))
+        hessian = known.hessian.added(views.shown, views.hessian)
+        return Point(theta, Gram(views.cost.sum() + known.cost, gradient, hessian), views)
 
     point = at(theta)
     return at(theta + linear_step(point, box)) if model.projects else point
-
-
-def _with_views(hessian: Symmetric, views: ViewGrams) -> Symmetric:
-    """Return a Hessian with those of all views added."""
-    if views.shown is not None:
-        return hessian.added(jnp.asarray(views.shown), views.of.hessian)
-    every = jnp.arange(views.of.hessian.shape[-1])[None]
-    return hessian.added(every, views.of.hessian.sum(0)[None])
 
 
 def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:

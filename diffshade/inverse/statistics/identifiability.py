@@ -14,9 +14,8 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, free_places, logarithms
-from .arrowheads import regular_inverse
 from .gauges import of_attenuation, quantities, sentence
-from .uncertainty import SINGULAR, Matrix, Vector, scaled
+from .uncertainty import SINGULAR, Matrix, Vector, regular_inverse, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
 VAGUE = 0.3  # error relative to the value, above which a number says little

@@ -6,7 +6,6 @@ views then have the shape of an arrow: a border that all views share, and a smal
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -112,44 +111,6 @@ def _apart(shows: Bool[np.ndarray, "rows p"]) -> Int[np.ndarray, " p"]:
         taken = set(found[:j][others[:j]].tolist())
         found[j] = next(k for k in range(j + 1) if k not in taken)
     return found
-
-
-def part_of(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], some: Sequence[int], members: Sequence[int]
-) -> tuple[Scene, tuple[View, ...], list[Unknown]]:
-    """Return some of the views with the lights alone that are on in them, and some unknowns at their places there.
-
-    Args:
-        scene: The scene.
-        views: All views.
-        unknowns: All unknowns.
-        some: The indices of the views.
-        members: Those of the unknowns; all that these views show are among them.
-    """
-    on = sorted({i for v in some for i in lights_on(scene, views[v])})
-    number = {"lights": {i: k for k, i in enumerate(on)}, "views": {v: k for k, v in enumerate(some)}}
-
-    def there(place: Place) -> list[Place]:
-        if place.owner not in number:
-            return [place]
-        k = number[place.owner].get(place.item or 0)
-        return [] if k is None else [dataclasses.replace(place, item=k)]
-
-    def of(unknown: Unknown) -> Unknown:
-        places = tuple(new for old in unknown.places for new in there(old))
-        products = tuple(
-            dataclasses.replace(x, place=new, other=None if x.other is None else list(members).index(x.other))
-            for x in unknown.products
-            for new in there(x.place)
-        )
-        return dataclasses.replace(unknown, places=places, products=products)
-
-    lit = [tuple(number["lights"][i] for i in lights_on(scene, views[v])) for v in some]
-    return (
-        dataclasses.replace(scene, lights=[scene.lights[i] for i in on]),
-        tuple(dataclasses.replace(views[v], lit=of_view) for v, of_view in zip(some, lit, strict=True)),
-        [of(unknowns[j]) for j in members],
-    )
 
 
 def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Arrow | None:

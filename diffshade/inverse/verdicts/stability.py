@@ -19,7 +19,7 @@ from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
 from ..laid_out import LaidOut
-from ..own_views import OthersAsQuadratics
+from ..own_views import OwnViews, blocks
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
@@ -51,7 +51,7 @@ class FitWithout:
 
 def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
     """Yield what an examination leaves out each time, and the pixels that are kept."""
-    if len(fit.evidence.hessian) >= 4:
+    if fit.evidence.count >= 4:
         for half, name in ((0, "the odd views"), (1, "the even views")):
             yield name, [None if i % 2 == half else np.zeros(v.camera.shape, bool) for i, v in enumerate(fit.views)]
     yield from without_saturated(fit, (1, 3))
@@ -242,13 +242,8 @@ def _contradicted_by_own_views(
         least: By how much twice the cost must rise for each unknown.
     """
     found: dict[int, bool] = {}
-    if laid.problem.box.arrow is None:
-        return found
-    if not np.isin(suspects, np.asarray(laid.problem.box.arrow.blocks)).any():
-        return found
-    others = OthersAsQuadratics(fit, laid, best, held)
-    for b, members in others.blocks(suspects).items():
-        own = others.of(b)
+    for members in blocks(laid, suspects):
+        own = OwnViews(fit, laid, best, members, held)
         for j in members:
             begins, exact = (laid.theta, there), 1e-3 * float(least[j])
             rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))

@@ -4,7 +4,7 @@ Each observation depends on its texel (two tilts of the normal, k_d, k_s) and on
 the logarithm of its intensity): normal equations of the shape of an arrow, as in bundle adjustment (Triggs et al.
 2000). With H_t of a texel, C_t its coupling to the lights and A that of the lights,
 
-$$ S = A - \sum_t C_t H_t^{-1} C_t^T $$
+$$ S = A - \sum_t C_t^T H_t^{-1} C_t $$
 
 is small, three numbers a light.
 """
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
+from ...inverse.solve.elimination import eliminate
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
@@ -124,14 +125,12 @@ def light_equations(
         H = np.einsum("ivt,jvt->tij", weighted, of.by_texel, optimize=True)
         H[:, range(4), range(4)] += of.curvature.T
         g = np.einsum("ivt,vt->ti", weighted, of.residual) + of.pull.T
-        C = np.einsum("vl,avt,ivt->tlai", on, of.by_light, weighted, optimize=True)
-        C = C.reshape(len(H), lights * 3, 4)
-        solved = np.linalg.solve(H, C.swapaxes(1, 2))  # H^-1 C^T
-        S -= np.tensordot(C, solved, ((0, 2), (0, 1))).reshape(S.shape)
+        side = np.einsum("vl,avt,ivt->tila", on, of.by_light, weighted, optimize=True).reshape(len(H), 4, 3 * lights)
+        _, _, of_matrix, of_right = eliminate(np.linalg.inv(H), side, g[..., None])
+        S -= of_matrix.reshape(S.shape)
         A = np.einsum("vl,avt,bvt,vt->lab", on, of.by_light, of.by_light, of.weight, optimize=True)
         S[range(lights), :, range(lights)] += A
         own = np.einsum("vl,avt,vt,vt->tla", on, of.by_light, of.weight, of.residual, optimize=True)
-        own -= np.einsum("tik,ti->tk", solved, g).reshape(own.shape)
-        np.add.at(gradient, cell[start : start + BLOCK], own)
+        np.add.at(gradient, cell[start : start + BLOCK], own - of_right.reshape(own.shape))
     S = S.reshape(3 * lights, 3 * lights)
     return LightEquations(0.5 * (S + S.T), gradient.reshape(cells, -1))
