@@ -19,7 +19,7 @@ from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_erro
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
-from .intervals import Profile, intervals
+from .intervals import LikelihoodProfile, intervals
 from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
@@ -89,7 +89,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
         clusters, inflation = inflate_errors(own, find_clusters(own))
-        profile = Profile(own, clusters)
+        profile = LikelihoodProfile(own, clusters)
         found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         refitted, unstable = refits(own, clusters, left_out(own), report_progress)

@@ -26,7 +26,7 @@ ALIKE = 4  # consecutive agreements, after which the other unknowns are not comp
 FAR = 1e6  # errors; beyond this an interval has no end
 
 
-class Profile:
+class LikelihoodProfile:
     """The cost of a fit as a function of one unknown, minimised over the others.
 
     2 (C(t) - C_min) / (sigma^2 phi) is the square of the number of errors between t and the minimum. phi is the
@@ -138,7 +138,7 @@ class Profile:
 
 
 def intervals(
-    profile: Profile, levels: Sequence[float], report_progress: ReportProgress = silent
+    profile: LikelihoodProfile, levels: Sequence[float], report_progress: ReportProgress = silent
 ) -> Float[np.ndarray, "levels p 2"]:
     """Return the two-sided intervals at each level; they end at the bounds.
 

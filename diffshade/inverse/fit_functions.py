@@ -24,7 +24,7 @@ from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .pixels.blocks import Block
 from .problem import MAX_STEPS, FitProblem, fit_problem, with_samples_for
-from .solve.solvers import Box, PriorResiduals, minimum_in_jax, point_of
+from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
 from .unknowns.parameters import find_unknowns
 from .unknowns.unknown import coordinates, natural
@@ -61,7 +61,7 @@ class FitFunction(eqx.Module):
     model: AbstractForwardModel
     """Of which all samples weigh alike."""
     priors: PriorResiduals
-    box: Box
+    box: BoxConstraints
     chunk: Block
     index: Int[fields.Array, "blocks channels pixels"]
     """Where each sample is in the images, one after another; -1 for padding."""

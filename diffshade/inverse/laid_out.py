@@ -24,7 +24,7 @@ from .forward.sums import spread, sum_over, variance_of_steps, waves
 from .pixels.blocks import Block, Piece
 from .pixels.blocks import chunks as in_chunks
 from .problem import MAX_STEPS, PART, FitProblem, Theta
-from .solve.solvers import FAR, Box, Minimum, PriorResiduals, Task, minimise
+from .solve.solvers import FAR, BoxConstraints, Minimum, PriorResiduals, Task, minimise
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | No
 
 
 def hold(
-    box: Box, theta: Theta, held: Mapping[int, float]
+    box: BoxConstraints, theta: Theta, held: Mapping[int, float]
 ) -> tuple[Theta, Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """Return theta within a box, and the box's lower and upper ends, all with some unknowns held at a value."""
     which, at = np.array(list(held), int), np.array(list(held.values()), float)

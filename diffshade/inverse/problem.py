@@ -40,7 +40,7 @@ from .pixels.blocks import (
     shares,
     views_of,
 )
-from .solve.solvers import Box, PriorResiduals, Task
+from .solve.solvers import BoxConstraints, PriorResiduals, Task
 from .solve.start_search import steepest
 from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
@@ -64,7 +64,7 @@ class FitProblem:
     loss: str
     model: AbstractForwardModel
     """It begins with squares, scale 1 and no steps of the files; later stages replace these."""
-    box: Box
+    box: BoxConstraints
     block_size: int
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
@@ -182,7 +182,7 @@ def fit_problem(
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
     linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
-    box = Box(lower, upper, linear, arrow, bool(in_border))
+    box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
     return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)

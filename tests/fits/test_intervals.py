@@ -13,7 +13,7 @@ from synthetic import forget, noisy, one_light_each, standard_scene
 
 import diffshade as ds
 from diffshade.core.fields import Parameter
-from diffshade.diagnosis.intervals import FAR, Profile, intervals
+from diffshade.diagnosis.intervals import FAR, LikelihoodProfile, intervals
 from diffshade.diagnosis.patches import (
     MAX_PATCHES,
     correlation_length,
@@ -31,7 +31,7 @@ LEVELS = (0.68, 0.95)
 # --- the search for an end
 
 
-class Curve(Profile):
+class Curve(LikelihoodProfile):
     """A profile of one unknown, the best at 2, whose cost is said to be a power of the distance away."""
 
     def __init__(self, power: float = 1.0, bounds: tuple[float, float] = (-np.inf, np.inf), error: float = 0.1):
@@ -89,7 +89,7 @@ def test_of_a_linear_problem_they_are_the_textbooks():
     fit = ds.fit(standard_scene(), one_light_each(images), free=("k_a", "k_d"))
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
-        profile = Profile(fit, clusters)
+        profile = LikelihoodProfile(fit, clusters)
         interval_68, interval_95 = intervals(profile, LEVELS)
     errors = clusters.standard_errors()
     reach = np.abs(interval_95 - fit.values[:, None]) / errors[:, None]
@@ -106,7 +106,7 @@ def test_an_end_is_where_a_fit_that_is_bounded_there_costs_so_much_more():
     fit = noisy_fit()
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
-        interval_95 = intervals(Profile(fit, clusters), (0.95,))[0]
+        interval_95 = intervals(LikelihoodProfile(fit, clusters), (0.95,))[0]
     assert np.all((interval_95[:, 0] < fit.values) & (interval_95[:, 1] > fit.values))
     for name, side in (("n_s", 1), ("quadratic", -1)):
         j = fit.names.index(name)
@@ -122,7 +122,7 @@ def test_they_end_at_bounds_and_are_one_sided_there():
     n_s = fit.names.index("n_s")
     assert fit.at_lower[n_s]
     with jax.enable_x64(True):
-        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][n_s]
+        low, high = intervals(LikelihoodProfile(fit, find_clusters(fit)), (0.95,))[0][n_s]
     assert low == 55.0
     assert 55.0 < high < 60.0
 

@@ -10,7 +10,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis import intervals as module
-from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.intervals import LikelihoodProfile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.own_views import OwnViews
@@ -54,11 +54,11 @@ def scaled(name: str, *more: str, count: int = 16, k_s: float = 0.3, noise: floa
     return ds.fit(ds.Scene(ball, stated), views, free=("k_d", "k_s", *more, name), tied=tied, **SCALES[name])
 
 
-def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, Profile]:
+def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, LikelihoodProfile]:
     with jax.enable_x64(True), pytest.MonkeyPatch.context() as patch:
         if not alone:
             patch.setattr(module, "blocks", lambda *_: [])
-        profile = Profile(fit, find_clusters(fit))
+        profile = LikelihoodProfile(fit, find_clusters(fit))
         return intervals(profile, LEVELS), profile
 
 

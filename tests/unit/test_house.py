@@ -81,9 +81,7 @@ ONLY_IN = {
 
 MAX_LINES = 400  # of a module
 MAX_LINES_OF_A_FUNCTION = 60
-LONG_STILL = {"diagnosis/model_choice.py: compare"}
-TWICE_STILL = {"Box", "Encoding", "Profile", "Seen", "State"}  # of inverse.solve, diagnosis and the model
-MAX_CONSTANTS, MAX_NUMBERS = 547, 787  # tuned, with a name; and within functions, where they must not hide
+MAX_CONSTANTS, MAX_NUMBERS = 536, 760  # tuned, with a name; and within functions, where they must not hide
 
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 
@@ -156,12 +154,12 @@ def test_a_file_is_short_and_says_its_one_idea_first():
 
 def test_no_function_is_long():
     found = [name for file in FILES for name in count_code.long_functions(file, MAX_LINES_OF_A_FUNCTION)]
-    assert set(found) <= LONG_STILL
+    assert found == []
 
 
 def test_no_two_classes_have_one_name():
     names = [name for file in FILES for name in count_code.classes(file)]
-    assert {name for name in names if names.count(name) > 1} <= TWICE_STILL
+    assert {name for name in names if names.count(name) > 1} == set()
 
 
 def test_tuned_constants_stay_few():

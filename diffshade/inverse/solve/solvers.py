@@ -55,7 +55,7 @@ class PriorResiduals(eqx.Module):
         )
 
 
-class Box(eqx.Module):
+class BoxConstraints(eqx.Module):
     """The range of the unknowns, which of them the prediction is linear in, and how they divide into blocks."""
 
     lower: Float[fields.Array, " p"]
@@ -72,14 +72,18 @@ class Task:
     Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
     """
 
-    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: Box):
+    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints):
         self.model, self.priors, self.box = model, priors, box
         self.model_leaves, self.model_structure = jax.tree.flatten(model)
         self.leaves, self.structure = jax.tree.flatten((model, priors, box))
 
 
 def point_of(
-    theta: Float[fields.Array, " p"], model: AbstractForwardModel, priors: PriorResiduals, box: Box, summary: Any
+    theta: Float[fields.Array, " p"],
+    model: AbstractForwardModel,
+    priors: PriorResiduals,
+    box: BoxConstraints,
+    summary: Any,
 ) -> Point:
     """Return the point at theta, from a pass over the pixels there.
 
@@ -99,7 +103,7 @@ def point_of(
     return at(theta + linear_step(point, box)) if model.projects else point
 
 
-def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
+def linear_step(point: Point, box: BoxConstraints) -> Float[fields.Array, " p"]:
     """Return the step of the linear unknowns alone to their optimum within bounds."""
     H, g = point.total.hessian, point.total.gradient
     low = jnp.where(box.linear, box.lower - point.theta, 0.0)
@@ -170,7 +174,9 @@ def _advance(
     return theta, state, done | failed, failed
 
 
-def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
+def _solver(
+    box: BoxConstraints, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR
+) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
@@ -185,7 +191,7 @@ def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float
 def minimum_in_jax(
     theta: Array,
     evaluate_at: Callable[[Array], Point],
-    box: Box,
+    box: BoxConstraints,
     squares: Array,
     *,
     projects: bool,

@@ -27,7 +27,7 @@ from ..unknowns.places import Place
 from ..unknowns.unknown import Unknown, coordinates, free_places
 from ..unknowns.visibility import Arrow, places_apart
 from .descent import box_step
-from .solvers import Box, Task, evaluate, linear_step, minimise
+from .solvers import BoxConstraints, Task, evaluate, linear_step, minimise
 
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
@@ -169,7 +169,7 @@ _MOVES: dict[str, Moves] = {
 }
 
 
-def best_linear(point: Point, box: Box) -> tuple[Array, Array]:
+def best_linear(point: Point, box: BoxConstraints) -> tuple[Array, Array]:
     """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
     step = linear_step(point, box)
     cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian.times(step)
@@ -212,7 +212,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
 
 
 @jit_quickly
-def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
+def _gauss_newton(point: Point, box: BoxConstraints, most: Array) -> Array:
     """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
     theta, of = point.theta, point.total
     low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
