@@ -13,7 +13,7 @@ import numpy as np
 DIGITS = np.finfo(np.float32).precision  # 6: of a number at most, and as many decimals
 
 
-def rounded(value: float, error: float) -> str:
+def rounded(value: float | np.floating, error: float | np.floating) -> str:
     """Return a number to the second digit of its error, a number without an error to 6 digits, and NaN as a dash."""
     if not math.isfinite(value):
         return "-"
@@ -26,7 +26,7 @@ def rounded(value: float, error: float) -> str:
     return f"{value:.{min(digits, DIGITS)}g}"
 
 
-def with_error(value: float, error: float) -> str:
+def with_error(value: float | np.floating, error: float | np.floating) -> str:
     """Return a number and its error."""
     return f"{rounded(value, error)} +- {rounded(error, error)}"
 

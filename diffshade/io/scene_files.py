@@ -290,7 +290,7 @@ def _types_of(key: str) -> dict[str, type[eqx.Module]]:
 
 def _bases(key: str) -> list[type[eqx.Module]]:
     """Return the abstract classes of what stands at a key, the most general last; none where users derive no own."""
-    return [base for base in _TYPES[key][0].__mro__ if inspect.isabstract(base)]
+    return [base for base in _TYPES[key][0].__mro__ if inspect.isabstract(base) and issubclass(base, eqx.Module)]
 
 
 def _own_classes(base: type[eqx.Module]) -> Iterator[type[eqx.Module]]:

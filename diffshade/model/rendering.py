@@ -242,7 +242,9 @@ def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.n
 
 
 @partial(jit_quickly, static_argnums=2, options=SOONER)
-def _silhouette_of_rows(objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: float) -> Array:
+def _silhouette_of_rows(
+    objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: Float[Array, ""] | float
+) -> Bool[Array, "count w"]:
     return _inside(objects, pixel_rays(camera.projection(), (count, camera.shape[1]), first))
 
 

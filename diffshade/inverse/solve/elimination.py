@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...core import fields
 from ..unknowns.visibility import Arrow
 
 Shared = TypeVar("Shared", Array, np.ndarray)
@@ -33,9 +34,9 @@ def eliminate(inverses: Shared, side: Shared, right: Shared) -> tuple[Shared, Sh
 class Dense(eqx.Module):
     """A symmetric matrix."""
 
-    whole: Float[Array, "p p"]
+    whole: Float[fields.Array, "p p"]
 
-    def as_matrix(self) -> Float[Array, "p p"]:
+    def as_matrix(self) -> Float[fields.Array, "p p"]:
         """Return all numbers."""
         return self.whole
 
@@ -50,7 +51,7 @@ class Dense(eqx.Module):
         """
         if index is None:
             return Dense(self.whole + parts.sum(0))
-        return Dense(self.whole.at[index[:, :, None], index[:, None, :]].add(parts, mode="drop"))
+        return Dense(jnp.asarray(self.whole).at[index[:, :, None], index[:, None, :]].add(parts, mode="drop"))
 
     def plus(self, diagonal: Float[Array, " p"]) -> Dense:
         """Return the matrix with numbers added to its diagonal."""
@@ -60,7 +61,7 @@ class Dense(eqx.Module):
         """Return the matrix with rows and columns multiplied."""
         return Dense(self.whole * jnp.outer(by, by))
 
-    def times(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
+    def times(self, z: Float[Array, " p"]) -> Float[fields.Array, " p"]:
         """Return the product with a vector."""
         return self.whole @ z
 

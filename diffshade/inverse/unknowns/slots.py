@@ -85,7 +85,7 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     )
 
 
-def _put(scene: Scene, views: Sequence[View], numbers: Mapping[Place, float]) -> tuple[Scene, tuple[View, ...]]:
+def _put(scene: Scene, views: Sequence[View], numbers: Mapping[Place, float | int]) -> tuple[Scene, tuple[View, ...]]:
     """Return a scene and its views with these numbers at these places, in NumPy float64."""
     leaves: dict[Place, np.ndarray] = {}
     for place, number in numbers.items():
