@@ -19,7 +19,6 @@ from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
 from .views import Image, View, camera_key, colours, find_repeats, has_alpha, has_mask
 
-Outline = Bool[np.ndarray, "h w"]
 Masks = Sequence[Mask | None]
 """For each view the pixels to keep; None keeps all."""
 
@@ -115,10 +114,10 @@ def collect_samples(
     """
     samples, again = [], {} if forecast else find_repeats(scene, views)
     left_out = 0
-    outlines: dict[Any, Outline] = {}
+    outlines: dict[Any, Mask] = {}
     shown: dict[Any, Int[np.ndarray, " n"]] = {}
 
-    def outline(camera: AbstractCamera) -> Outline:  # rendered once for the views of one camera
+    def outline(camera: AbstractCamera) -> Mask:  # rendered once for the views of one camera
         key = camera_key(camera)
         if key not in outlines:
             outlines[key] = outline_of(scene, camera)
@@ -184,13 +183,13 @@ def check_enough(counts: Counts, unknowns: int, brightest: Sequence[float]) -> N
         raise ValueError("the images are black: no pixel that shows an object is above 0. Check the files and masks.")
 
 
-def outline_of(scene: Scene, camera: AbstractCamera) -> Outline:
+def outline_of(scene: Scene, camera: AbstractCamera) -> Mask:
     """Return the pixels that show an object of the scene."""
     return np.asarray(silhouette(scene.objects, camera))
 
 
 def find_samples(
-    scene: Scene, view: View, *, moving: bool = False, outline: Callable[[AbstractCamera], Outline] | None = None
+    scene: Scene, view: View, *, moving: bool = False, outline: Callable[[AbstractCamera], Mask] | None = None
 ) -> Samples:
     """Find the samples of a view that count.
 
