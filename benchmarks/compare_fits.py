@@ -12,6 +12,7 @@ makes.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import time
 from collections.abc import Callable
@@ -138,25 +139,21 @@ def _solve(made) -> Callable:
     """Lay the pixels out, as the peers' fields are, and return what solves."""
     from problem import FREE, TIED
 
-    from diffshade.inverse.laid_out import LaidOut
-    from diffshade.inverse.problem import PART, fit_problem, samples_for
-    from diffshade.inverse.starting import find_start
+    from diffshade.inverse.data.view_sets import ViewSet
+    from diffshade.inverse.problem import PART, fit_problem, with_samples_for
+    from diffshade.inverse.solving import find_start, lay_out_part
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     unknowns = find_unknowns(made.scene, made.views, FREE, TIED)
-    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
+    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
 
-    fit = fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
-    parts = fit.pieces(PART, fit.size_for(PART))
-    part, everything = fit.lay_out(parts, fit.size_for(PART)), fit.chunks()
-
-    def report_progress(words: str, share: float | None = None) -> None:
-        pass
+    fit = fit_problem(made.scene, data, unknowns, "squares")
+    part, everything = lay_out_part(fit), fit.chunks()
 
     def solve() -> np.ndarray:
-        start = find_start(fit, parts, part, from_scene=False, report_progress=report_progress)
-        squares = start.squares * max(counts.pixels / PART, 1.0)
-        return LaidOut(fit, start.theta, squares, parts, everything).minimise(damping=start.damping).theta
+        start, damping = find_start(part)
+        squares = start.squares * max(data.counts.pixels / PART, 1.0)
+        return dataclasses.replace(start, squares=squares, chunks=everything).minimise(damping=damping).theta
 
     return solve
 

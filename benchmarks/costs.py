@@ -73,7 +73,7 @@ def time_of_a_pass() -> tuple[float, int]:
 
     with jax.enable_x64(True):
         fit = problem_of(1024)
-        laid, end, _ = solve(fit)
+        laid, end = solve(fit)
         task = laid.task
         look = {"pass": lambda: solvers.evaluate(end.theta, task, laid.chunks)}
         seconds = medians(take_turns(look, 15, clock=time.process_time))["pass"]
@@ -84,13 +84,14 @@ def problem_of(size: int) -> Any:
     """Return the fit of the other benchmarks."""
     import problem
 
-    from diffshade.inverse.problem import fit_problem, samples_for
+    from diffshade.inverse.data.view_sets import ViewSet
+    from diffshade.inverse.problem import fit_problem, with_samples_for
     from diffshade.inverse.unknowns.parameters import find_unknowns
 
     made = problem.make(size, 1)
     unknowns = find_unknowns(made.scene, made.views, problem.FREE, problem.TIED)
-    samples, counts = samples_for(made.scene, made.views, unknowns, "hinge")
-    return fit_problem(made.scene, made.views, unknowns, samples, counts, "squares", "hinge")
+    data = with_samples_for(made.scene, ViewSet.of(made.scene, made.views), unknowns, "hinge")
+    return fit_problem(made.scene, data, unknowns, "squares")
 
 
 if __name__ == "__main__":

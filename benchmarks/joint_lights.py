@@ -159,11 +159,10 @@ def ceres(scene: ds.Scene, views: list[ds.View], of_view: Callable = of_view) ->
 def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[], float]) -> float:
     """Return the seconds of `ds.fit` from its samples to the minimum, from the start that Ceres is given.
 
-    Reading, checks and error bars, which Ceres does not have, are left out; so are the steps of the files, which only
-    error bars need, and the places where lights are tried once more.
+    Reading, checks and error bars, which Ceres does not have, are left out, and so are the places
+    where lights are tried once more.
     """
-    from diffshade.inverse import fitting, solving, starting
-    from diffshade.inverse.forward.rounding import no_rounding
+    from diffshade.inverse import fitting, solving
 
     def begun(s: ds.Scene) -> tuple:
         material = s.objects[0].material
@@ -171,7 +170,7 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
 
     given = eqx.tree_at(begun, scene, (START[:3], START[3:6], np.exp(START[6])))
     stated = [dataclasses.replace(view, noise=NOISE) for view in views]  # which Ceres is given too
-    whole, rounding, elsewhere, taken = solving.solve, starting.find_rounding, solving._with_lights_elsewhere, []
+    whole, elsewhere, taken = solving.solve, solving._with_lights_elsewhere, []
 
     def timed(*of: Any, **options: Any) -> Any:
         began = clock()
@@ -180,13 +179,12 @@ def seconds_of_solver(scene: ds.Scene, views: list[ds.View], clock: Callable[[],
         return found
 
     fitting.solve = timed  # pyright: ignore[reportPrivateImportUsage]
-    starting.find_rounding = lambda values, levels: no_rounding(len(levels))
     solving._with_lights_elsewhere = lambda laid, end, report_progress: end
     try:
         ds.fit(given, stated, free=(*MATERIAL, "direction"), light_error=DEGREES, start="scene")
     finally:
         fitting.solve = whole  # pyright: ignore[reportPrivateImportUsage]
-        starting.find_rounding, solving._with_lights_elsewhere = rounding, elsewhere
+        solving._with_lights_elsewhere = elsewhere
     (seconds,) = taken
     return seconds
 

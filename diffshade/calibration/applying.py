@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core.tables import as_text, cells
 from ..core.words import Note, count
 from ..inverse.data.exposures import exposures_of
+from ..inverse.data.folder_lights import write_photographs
 from ..inverse.data.folders import list_folder
 from ..inverse.data.masks import find_mask
 from ..inverse.data.photograph_files import PhotographFiles, photograph_files
-from ..inverse.data.photographs import as_given, mask_file, write_photographs
+from ..inverse.data.photographs import as_given
 from ..io.images import without_alpha
 from ..texels.lights.encoding import judge_encoding
 from .object_lights import ObjectLights, lights_at
 from .object_width import Width, find_width, picture_points, sample_of
 from .result import Calibration, check_folder
-from .two_balls import Lamps
+from .two_balls import LampPlaces
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
@@ -30,10 +32,10 @@ Vectors = Float[np.ndarray, "photographs 3"]
 class AppliedLights:
     """Photographs of an object with the lights of balls; `print` it for what was assumed."""
 
-    photographs: PhotographFiles
+    photographs: PhotographFiles = field(repr=False)
     """The files of the object, and how they are read."""
-    mask: Bool[np.ndarray, "h w"]
-    lights: ObjectLights
+    mask: Bool[np.ndarray, "h w"] = field(repr=False)
+    lights: ObjectLights = field(repr=False)
     """Directions and distances of the lights at the object, with errors."""
     intensities: Vectors
     """R, G, B of each, with the photograph's exposure where its EXIF states it."""
@@ -107,17 +109,16 @@ class AppliedLights:
 
     def __str__(self) -> str:
         """Return what was applied to what, and the notes below it."""
-        lines = [
+        title = (
             f"{count(len(self.names), 'photograph')} of an object, {self.mask.mean():.0%} of the picture; its lights "
             f"are known to {np.median(self.errors):.2g} degrees in the median, {self.errors.max():.2g} at most"
-        ]
+        )
+        columns = {}
         if self.lights.picture_height:
-            width = max(len("photograph"), *map(len, self.names))
-            lines.append(f"{'photograph':<{width}} {'position of its lamp':>26} {'error':>22}")
-            for name, x, error in zip(self.names, self.positions, self.position_errors, strict=True):
-                place = "".join(f" {c:>8.4g}" for c in x) if np.isfinite(x).all() else f" {'far away':>26}"
-                lines.append(f"{name:<{width}}{place}" + "".join(f" {e:>7.2g}" for e in error if np.isfinite(e)))
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            columns["photograph"] = self.names
+            columns["position"] = cells(self.positions, self.position_errors)
+            columns["error"] = cells(self.position_errors, self.position_errors)
+        return as_text(title, columns, notes=self.notes)
 
 
 def apply_lights(
@@ -183,9 +184,8 @@ def apply_lights(
                 f"{listed.names[0]} to {listed.names[-1]}, and {ball.names[0]} to {ball.names[-1]}. Give one of each "
                 "light, in one order."
             )
-    files = tuple(folder / name for name in listed.names)
-    given = as_given(mask_file(folder) if mask is None else mask) if mask is not None or listed.masks else None
-    read = photograph_files(files, srgb=srgb, shape=None if given is None else given.shape)
+    given = as_given(listed.mask_file() if mask is None else mask) if mask is not None or listed.masks else None
+    read = photograph_files(listed.files, srgb=srgb, shape=None if given is None else given.shape)
     shapes = {image.shape[:2] for image in read.images()}
     if len(shapes) > 1:
         raise ValueError(f"{folder} has photographs of sizes {sorted(shapes)}. Give photographs of one size.")
@@ -203,13 +203,13 @@ def apply_lights(
     if known:
         intensities = np.mean(known, 0)
     else:
-        exposures, exposed = exposures_of(files) if exif else (np.ones(len(files)), [])
+        exposures, exposed = exposures_of(listed.files) if exif else (np.ones(len(listed.files)), [])
         intensities = exposures[:, None] * np.ones(3)
         notes += ["all lights are taken to have the intensity 1, which a mirror ball does not show.", *exposed]
     if (folder / "light_directions.txt").is_file() or listed.directions is not None:
         notes.append("the list of lights in the folder is not used.")
 
-    def width_for(lamps: Lamps) -> Width | None:
+    def width_for(lamps: LampPlaces) -> Width | None:
         rows, columns = sample_of(given)
         shown = np.stack([without_alpha(image[:])[rows, columns].mean(-1) for image in read.images()], -1)
         return find_width(shown, picture_points(given)[rows, columns], lamps, intensities.mean(-1))

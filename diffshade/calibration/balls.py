@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from ..core.backend import in_float64, jit_quickly
 from ..core.masks import Mask
+from ..core.robust_scale import UNIFORM, jackknife_error
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera, Projection
 from ..model.surfaces import Sphere
 
@@ -20,10 +21,10 @@ Numbers = Float[np.ndarray, " n"]
 Points = Float[np.ndarray, "n 3"]
 
 SECTORS = 12  # number of sectors of an outline, left out one at a time to find its errors
-SHORTEST = 24  # points of an outline
-TRIES = 300  # circles through three points of an edge
-ROUNDING = 12.0**-0.5  # pixels: the standard deviation of an edge that is rounded to whole pixels
-LEAST = 0.4  # the least fraction of an edge on a circle, and of the circle that the edge covers
+MIN_POINTS = 2 * SECTORS  # of an outline: two in each sector
+TRIES = 300  # circles through three points of an edge: all miss a circle with 40 % of the points once in 4e8 times
+MIN_FRACTION = 0.4  # of an edge on a circle, and of the circle that the edge covers
+MIN_N_V = 0.2  # n.v below which pixels of a ball are left out: there the outline matters most
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,7 @@ def largest(mask: Mask) -> Mask:
 def roundness(mask: Mask) -> float:
     """Return the fraction of a mask's edge that lies on one circle."""
     row, column = outline(mask)
-    if len(row) < SHORTEST:
+    if len(row) < MIN_POINTS:
         return 0.0
     return float(_near(np.column_stack([column, row, np.zeros(len(row))]), circle, 1.0).mean())
 
@@ -230,7 +231,7 @@ def find_ball(
         ValueError: If the mask shows no ball.
     """
     row, column = outline(mask) if edge is None else edge
-    if len(row) < SHORTEST:
+    if len(row) < MIN_POINTS:
         what = "covers the whole picture" if mask.all() else f"shows no ball: its edge has {len(row)} points"
         raise ValueError(f"the mask {what}. Give True (or white) on the ball alone.")
     camera = _far_camera(row, column, mask.shape, radius) if camera is None else camera
@@ -247,8 +248,7 @@ def find_ball(
     sector = (around * SECTORS).astype(int) % SECTORS
     _check_round(sector[weight > 0])
     others = [find(points, weight * (sector != k)) for k in range(SECTORS) if weight[sector == k].any()]
-    spread = np.array([[*c[:2], w] for c, w, _ in others])
-    errors = np.sqrt((len(others) - 1) / len(others) * np.square(spread - spread.mean(0)).sum(0))
+    errors = jackknife_error(np.array([[*c[:2], w] for c, w, _ in others]))
     if near:
         distance = radius / np.sin(width)
         sphere = Sphere(vector(projection.eye) + distance * center @ frame, radius)
@@ -258,7 +258,7 @@ def find_ball(
         depth = float(np.asarray(camera.target) @ frame[2])
         sphere = Sphere(np.array([*center[:2], depth]) @ frame, width)
         pixel = step
-    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, ROUNDING * pixel), pixel)
+    ball = Ball(camera, projection, sphere, mask, np.maximum(errors, UNIFORM * pixel), pixel)
     return dataclasses.replace(ball, mask=_disc(ball) if whole else mask & _disc(ball))
 
 
@@ -286,7 +286,7 @@ def _disc(ball: Ball) -> Mask:
 
 def _check_some(weight: Numbers) -> None:
     """Refuse an edge with too few points on any one circle."""
-    if np.mean(weight) < LEAST:
+    if np.mean(weight) < MIN_FRACTION:
         raise ValueError(
             f"the mask shows no ball: {100 * np.mean(weight):.0f} % of its edge lies on a circle. Give a mask of the "
             "ball alone."
@@ -296,7 +296,7 @@ def _check_some(weight: Numbers) -> None:
 def _check_round(sector: np.ndarray) -> None:
     """Refuse an outline that covers too little of a circle."""
     arc = len(set(sector.tolist())) / SECTORS
-    if arc < LEAST:
+    if arc < MIN_FRACTION:
         raise ValueError(
             f"the mask shows too little of a ball: its outline covers {100 * arc:.0f} % of a circle. Give a mask of "
             "the whole ball."

@@ -19,14 +19,13 @@ Picture = Float[np.ndarray, "h w"]
 Points = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 SMALL = 400  # pixels of the longer side of the picture in which circles are proposed
-PROPOSED, FOLLOWED = 8, 4  # circles by each threshold, and those that are refined
-SMALLEST, LARGEST = 0.08, 0.75  # radius over the longer side
-ANGLES = 720
+CIRCLES = 8  # that each threshold proposes, and that are refined
+RADII = (0.08, 0.75)  # of a ball, over the longer side
+ANGLES = 720  # radii on which the edge is searched for: a point each pixel of a ball 230 pixels wide
 REACHES = (0.06, 0.03, 0.015)  # of the radius, within which the edge is searched for, from coarse to fine
-NEAREST = 4.0  # pixels, within which it is searched for at least
-ALIKE = 0.05  # of the radius
-SLOPE = 1.5  # pixels: standard deviation of the Gaussian whose derivative is the slope
-FAINTEST = 0.4  # root of the slope, over that of most angles, below which an angle shows no edge
+MIN_REACH = 4.0  # pixels
+SIGMA = 1.5  # pixels: standard deviation of the Gaussian whose derivative is the slope
+MIN_STRENGTH = 0.4  # root of the slope, over that of most angles, below which an angle shows no edge
 
 
 def find_edge(pictures: Sequence[Picture]) -> Points | None:
@@ -34,7 +33,7 @@ def find_edge(pictures: Sequence[Picture]) -> Points | None:
     mean = np.mean([np.nan_to_num(picture, posinf=0.0) for picture in pictures], 0)
     shown = np.sqrt(np.clip(mean / max(float(np.quantile(mean, 0.99)), 1e-12), 0.0, 1.0))  # a dark edge counts too
     proposed = sorted(_proposed(shown), key=lambda one: _slopes(shown, one, REACHES[0])[1].sum(), reverse=True)
-    found = [_refined(shown, one) for one in proposed[:FOLLOWED]]
+    found = [_refined(shown, one) for one in proposed[:CIRCLES]]
     best = max((one for one in found if one is not None), key=lambda one: one[0], default=None)
     return None if best is None else best[1]
 
@@ -48,9 +47,9 @@ def _proposed(shown: Picture) -> list[Float[np.ndarray, "3"]]:
     circles = []
     for edge in (60, 30, 15):
         found = cv2.HoughCircles(
-            small, cv2.HOUGH_GRADIENT, 1.5, 10.0, None, edge, 20.0, int(SMALLEST * SMALL), int(LARGEST * SMALL)
+            small, cv2.HOUGH_GRADIENT, 1.5, 10.0, None, edge, 20.0, *(int(radius * SMALL) for radius in RADII)
         )  # pyright: ignore[reportCallIssue, reportArgumentType]
-        circles += [] if found is None else list(found[0, :PROPOSED] / scale)
+        circles += [] if found is None else list(found[0, :CIRCLES] / scale)
     return circles
 
 
@@ -63,12 +62,12 @@ def _slopes(
     """
     column, row, radius = (float(number) for number in near)
     angle = np.linspace(0.0, 2.0 * np.pi, ANGLES, endpoint=False)
-    half = max(reach * radius, NEAREST)
+    half = max(reach * radius, MIN_REACH)
     radii = np.arange(radius - half, radius + half, 0.5)
     rows, columns = (at + np.outer(of(angle), radii) - 0.5 for at, of in ((row, np.sin), (column, np.cos)))
     along = ndimage.map_coordinates(shown, [rows, columns], order=1, mode="constant", cval=np.nan)
     inside = np.asarray(np.isfinite(along).all(1))
-    slope = np.abs(ndimage.gaussian_filter1d(np.where(inside[:, None], along, 0.0), 2.0 * SLOPE, axis=1, order=1))
+    slope = np.abs(ndimage.gaussian_filter1d(np.where(inside[:, None], along, 0.0), 2.0 * SIGMA, axis=1, order=1))
     at = slope.argmax(1)
     strength = np.where(inside & (at > 0) & (at < len(radii) - 1), slope[np.arange(ANGLES), at], 0.0)
     points = np.stack([column + np.cos(angle) * radii[at], row + np.sin(angle) * radii[at]], -1)
@@ -83,7 +82,7 @@ def _refined(shown: Picture, proposed: Float[np.ndarray, "3"]) -> tuple[float, P
         shows = strength > 0.0
         if shows.sum() < ANGLES / 4:
             return None
-        shows = shows & (strength > FAINTEST * np.median(strength[shows]))
+        shows = shows & (strength > MIN_STRENGTH * np.median(strength[shows]))
         padded = np.column_stack([points, np.zeros(ANGLES)])[shows]
         weight = near_one_circle(padded)
         if weight.sum() < ANGLES / 8:
@@ -105,7 +104,7 @@ def alike(one: Points, other: Points) -> bool:
     """Whether two edges are of about the same circle."""
     this, that = _circle_of(one), _circle_of(other)
     apart = this - that
-    return bool(max(np.hypot(apart[0], apart[1]), abs(apart[2])) < ALIKE * this[2])
+    return bool(max(np.hypot(apart[0], apart[1]), abs(apart[2])) < REACHES[0] * this[2])
 
 
 def disc(edge: Points, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:

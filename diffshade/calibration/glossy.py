@@ -27,9 +27,9 @@ from .photographs import Photographs
 from .result import Calibration, degrees, views_of
 
 FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
-MUCH_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
+MAX_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
 HELD = 1e-3  # the width of a prior, over the pose's error, that holds the pose
-CUT_OFF = 0.01  # the fraction of samples at 0 from which a note is due
+MIN_CUT_OFF = 0.01  # the fraction of samples at 0 from which a note is due
 
 Priors: TypeAlias = Mapping[str, tuple[float, float]]
 """The value and the standard deviation of each number."""
@@ -54,8 +54,8 @@ class BallFit:
     @property
     def direction_errors(self) -> Float[np.ndarray, " views"]:
         """The root mean square error of each light's direction, degrees."""
-        paths = np.array([unknown.places[0][0] for unknown in self.fit.unknowns])
-        turns = [self.printed_errors[paths == f"lights.{i}.direction"] for i in range(len(self.fit.views))]
+        errors = self.printed_errors
+        turns = np.reshape(errors[[unknown.kind == "direction" for unknown in self.fit.unknowns]], (-1, 3))
         return np.hypot(np.rad2deg(np.sqrt(np.square(turns).sum(-1))), self.model_error)
 
 
@@ -107,7 +107,7 @@ def _fit_ball(scene: Scene, views: Sequence[View], priors: Priors, *, start: str
 
 def _model_fails(clusters: Clusters) -> bool:
     """Whether the patches of the ball disagree more than noise explains."""
-    return bool(clusters.by_jackknife.any()) and clusters.scatter > MUCH_SCATTER
+    return bool(clusters.by_jackknife.any()) and clusters.scatter > MAX_SCATTER
 
 
 def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: Priors, shaded: Vectors) -> BallFit:
@@ -163,7 +163,10 @@ def _as_calibration(taken: Photographs, ball: Ball, found: BallFit) -> Calibrati
 
 def _notes_of_fit(found: Fit) -> list[str]:
     """Return the fit's notes but those on the pose, which comes from the outline."""
-    return [note for note in found.notes if not any(name.startswith("center") for name in note.names)]
+    center = {
+        name for unknown in found.unknowns if unknown.kind == "center" for name in (unknown.quantity, unknown.name)
+    }
+    return [note for note in found.notes if center.isdisjoint(note.names)]
 
 
 def _directions(scene: Scene) -> Vectors:
@@ -183,7 +186,7 @@ def _of_model_error(model_error: Float[np.ndarray, " views"]) -> list[str]:
 def _of_cut_off_shadows(taken: Photographs, ball: Ball) -> list[str]:
     """Warn of shadows that are cut off at 0, where noise can only brighten them."""
     share = np.mean([np.mean(np.asarray(image[:])[ball.mask] <= 0.0) for image in taken.images])
-    if share < CUT_OFF:
+    if share < MIN_CUT_OFF:
         return []
     return [
         f"{100 * share:.0f} % of the ball's samples are 0: noise cut off at 0 makes k_a too large, by up to the "

@@ -9,18 +9,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from .balls import Ball
+from .balls import MIN_N_V, Ball
 
 Vector = Float[np.ndarray, "3"]
 Picture = Float[np.ndarray, "h w"]
 
 LEVELS = (0.25, 0.5, 0.75)  # thresholds of the highlight's pixels, over the brightest pixel
-LARGEST = 0.05  # the largest highlight, over the ball's pixels
-STEPS = 50
-PARALLEL = 1e10  # condition number beyond which rays do not meet
+MAX_SHARE = 0.05  # the largest highlight, over the ball's pixels
+STEPS = 50  # by which the point has settled to rounding: each moves it far less than the one before
 CORE = 0.6  # radius of the discs that a highlight without streaks is made of, over its largest disc's
-FINEST = 4.0  # pixels: largest disc in a highlight below which the rounding of its edge counts for more than streaks
-RIM = 0.15  # n.v below which pixels are excluded: there the ball shows its rim, and what lies behind it
+MIN_DISC = 4.0  # pixels: largest disc in a highlight below which the rounding of its edge counts for more than streaks
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,22 +55,22 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     row, column = np.nonzero(ball.mask)
     _, n, v = ball.seen(row + 0.5, column + 0.5)
     inside = np.zeros_like(ball.mask)
-    inside[row, column] = (n * v).sum(-1) > RIM
+    inside[row, column] = (n * v).sum(-1) > MIN_N_V
     light = np.where(inside, picture, 0.0)
     if not light.any():
         raise ValueError("the whole ball is black. Check the photograph and the mask.")
     half, second = _brightest_piece(light)
     covered = half.sum() / max(inside.sum(), 1)
-    if covered > LARGEST:
+    if covered > MAX_SHARE:
         raise ValueError(
             f"the ball shows no highlight: {100 * covered:.2g} % of it is at least half as bright as its brightest "
             "pixel. Give photographs of a mirror ball in the dark, or ball='matte'."
         )
 
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
-    cleaned = without_streaks if largest_disc(half) >= FINEST else lambda piece: piece
+    cleaned = without_streaks if largest_disc(half) >= MIN_DISC else lambda piece: piece
     highlights = [cleaned(_piece_about(light, level, peak)) for level in LEVELS]
-    highlights = [piece for piece in highlights if piece.sum() <= LARGEST * inside.sum()]
+    highlights = [piece for piece in highlights if piece.sum() <= MAX_SHARE * inside.sum()]
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
         row, column = np.nonzero(highlight)
@@ -141,7 +139,7 @@ def find_position(glints: Sequence[Glint]) -> tuple[Vector, Float[np.ndarray, "3
     for _ in range(STEPS):
         weight = (1.0 / (sigma * distance) ** 2)[:, None, None]
         H = (weight * across).sum(0)
-        if not np.linalg.cond(H) < PARALLEL:
+        if not np.linalg.cond(H) * np.finfo(float).eps < 1.0:  # parallel
             return np.full(3, np.nan), np.full(3, np.inf)
         x = np.linalg.solve(H, (weight * across @ p[:, :, None]).sum(0)[:, 0])
         distance = np.maximum(np.linalg.norm(x - p, axis=-1), 1e-9)

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.robust_scale import robust_scale
+from ..inverse.forward.losses import CAUCHY
+from ..inverse.solve.elimination import eliminate
 
 Table = Float[np.ndarray, "photographs pixels"]
 Vectors = Float[np.ndarray, "photographs 3"]
 
-CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
 LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many parameters the photographs share
 PRIOR = 0.3  # standard deviation of the shared parameters: it decides what one photograph leaves open
 STEPS, SETTLED = 60, 8  # the most steps; the step after which the scale of the loss is fixed
@@ -33,7 +34,7 @@ class Shading:
 
 
 @dataclass(frozen=True, eq=False)
-class Lamps:
+class PhotographLights:
     """The light of each photograph: b = k_d I l, with l towards the light."""
 
     b: Vectors
@@ -77,7 +78,7 @@ class Normal(NamedTuple):
     shared_gradient: np.ndarray
 
 
-def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> Lamps:
+def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) -> PhotographLights:
     """Find the light of each photograph of a matte ball, by least squares with a Cauchy loss.
 
     I = a + |b| F(n.l, n.v) where n.l > 0, else a; l = b/|b|. The law "E4" is Lambert's, F = n.l and a = 0 (Woodham
@@ -130,7 +131,7 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     t2 = (at.residuals / (CAUCHY * scale)) ** 2
     moved = (moved - moved.mean(0)) * weights.sum() / ((1.0 - t2) * weights**2).sum()
     covariance = (len(moved) - 1) / len(moved) * np.einsum("pij,pik->ijk", moved, moved)
-    return Lamps(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
+    return PhotographLights(b, covariance, s, np.where(known, at.residuals, np.nan), weights, at.lit)
 
 
 def _lambert(shading: Shading) -> Vectors:
@@ -188,13 +189,8 @@ def _minus(whole: Normal, part: Normal) -> Normal:
 
 def _solve(normal: Normal, damping: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the steps of each photograph's own and of the shared parameters."""
-    k = normal.own.shape[-1]
-    own = normal.own + damping * normal.own * np.eye(k) + 1e-300 * np.eye(k)
-    shared = normal.shared + damping * normal.shared * np.eye(len(normal.shared))
-    from_shared, from_own = (
-        np.linalg.solve(own, normal.coupling),
-        np.linalg.solve(own, normal.own_gradient[..., None])[..., 0],
-    )
-    left = shared - np.einsum("ikm,ikn->mn", normal.coupling, from_shared)
-    s = -np.linalg.solve(left, normal.shared_gradient - np.einsum("ikm,ik->m", normal.coupling, from_own))
-    return -from_own - from_shared @ s, s
+    own, shared = (of + damping * of * np.eye(of.shape[-1]) for of in (normal.own, normal.shared))
+    inverses = np.linalg.inv(own + 1e-300 * np.eye(own.shape[-1]))
+    by_shared, alone, of_matrix, of_right = eliminate(inverses, normal.coupling, normal.own_gradient[..., None])
+    s = -np.linalg.solve(shared - of_matrix, normal.shared_gradient - of_right[..., 0].sum(0))
+    return -alone[..., 0] - by_shared @ s, s

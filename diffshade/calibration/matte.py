@@ -6,25 +6,24 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
-from ..inverse.data.samples import erode
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
-from .balls import Ball
-from .laws import LAWS, Lamps, Shading, find_lamps
+from .balls import MIN_N_V, Ball
+from .laws import LAWS, PhotographLights, Shading, find_lamps
 from .photographs import Photographs
 from .result import Calibration, degrees, views_of
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
-RIM = 0.2  # n.v below which pixels are excluded: there the outline matters most
 PATCHES = 6  # across a ball; the errors of the pixels in one patch are correlated
-MOST_PIXELS = 8_000
-AS_GOOD = 1.5  # times the residuals of the most flexible law: up to this Lambert's law without ambient light counts too
-LEAST_LIGHT = 0.05  # the weakest light, over a photograph's median
-OUTLIER = 2.0  # times the median photograph's residuals: above it a photograph is reported
+MAX_PIXELS = 8_000  # more make no error smaller: those of neighbours are one
+MAX_SCATTER_RATIO = 1.5  # to the most flexible law's residuals: up to it Lambert's law without ambient light counts too
+MIN_LIGHT = 0.05  # the weakest light, over a photograph's median
+MAX_RESIDUALS = 2.0  # times the median photograph's residuals: above it a photograph is reported
 
 
 def by_shading(
@@ -40,13 +39,13 @@ def by_shading(
     lamps = laws[-1]
     shown = np.nanmedian(shading.values, -1)
     for name, level, intensity in zip(taken.names, shown, lamps.intensity, strict=True):
-        if intensity < LEAST_LIGHT * level:
+        if intensity < MIN_LIGHT * level:
             raise ValueError(
                 f"{name} shows no light on the ball, which is equally bright everywhere. Give photographs under one "
                 "light each."
             )
     # E1 and E4 are the model's own law. They always count: a ball may differ from them in ways that no law here covers.
-    others = [laws[1], *(one for one in laws[:1] if _scatter(one) <= AS_GOOD * _scatter(lamps))]
+    others = [laws[1], *(one for one in laws[:1] if _scatter(one) <= MAX_SCATTER_RATIO * _scatter(lamps))]
     between = np.mean([degrees(of.direction, lamps.direction) ** 2 for of in others], 0)
     pose = np.rad2deg(np.linalg.norm(ball.errors) / float(ball.sphere.radius))
     errors = np.sqrt(_direction_errors(lamps) ** 2 + between + pose**2) if known is None else known[1]
@@ -84,11 +83,11 @@ def by_shading(
 
 def sample_ball(taken: Photographs, ball: Ball) -> tuple[np.ndarray, np.ndarray, Shading]:
     """Return rows and columns on the ball away from its rim, and what the photographs show there."""
-    row, column = np.nonzero(erode(ball.mask))
+    row, column = np.nonzero(ndimage.binary_erosion(ball.mask))
     _, n, v = ball.seen(row + 0.5, column + 0.5)
-    inside = np.flatnonzero((n * v).sum(-1) > RIM)
-    if len(inside) > MOST_PIXELS:
-        inside = np.random.default_rng(0).choice(inside, MOST_PIXELS, replace=False)
+    inside = np.flatnonzero((n * v).sum(-1) > MIN_N_V)
+    if len(inside) > MAX_PIXELS:
+        inside = np.random.default_rng(0).choice(inside, MAX_PIXELS, replace=False)
     across, up = (_cells(of[inside]) for of in (column, row))
     cell = PATCHES * up + across
     order = np.argsort(cell, kind="stable")
@@ -107,7 +106,7 @@ def _cells(index: np.ndarray) -> np.ndarray:
     return ((index - index.min()) * PATCHES // (np.ptp(index) + 1)).astype(int)
 
 
-def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
+def _colours(samples: Sequence[np.ndarray], lamps: PhotographLights) -> Vectors:
     """Return R, G, B of each light: its intensity times the share of each channel.
 
     Each channel is S = a + s L. L is what the light alone adds to the mean of the channels, s is fitted for each
@@ -120,18 +119,18 @@ def _colours(samples: Sequence[np.ndarray], lamps: Lamps) -> Vectors:
     return lamps.intensity[:, None] * shares / shares.mean(-1, keepdims=True) * np.ones(3)
 
 
-def _scatter(lamps: Lamps) -> float:
+def _scatter(lamps: PhotographLights) -> float:
     return robust_scale(lamps.residuals[np.isfinite(lamps.residuals)])
 
 
-def _direction_errors(lamps: Lamps) -> Float[np.ndarray, " photographs"]:
+def _direction_errors(lamps: PhotographLights) -> Float[np.ndarray, " photographs"]:
     """Return the root mean square error of each direction by the patches, degrees."""
     l, covariance = lamps.direction, lamps.covariance
     across = np.trace(covariance, axis1=1, axis2=2) - np.einsum("ij,ijk,ik->i", l, covariance, l)
     return np.rad2deg(np.sqrt(np.maximum(across, 0.0)) / lamps.intensity)
 
 
-def _outliers(taken: Photographs, lamps: Lamps) -> list[str]:
+def _outliers(taken: Photographs, lamps: PhotographLights) -> list[str]:
     """Name the photographs that one far light explains much worse than the others; shared texture does not count."""
     if len(taken.names) < 4:
         return []
@@ -142,11 +141,11 @@ def _outliers(taken: Photographs, lamps: Lamps) -> list[str]:
         f"{name} is not lit by one far light as the others are (its residuals are {s / usual:.1f} times theirs): look "
         "for a second light, or a bright wall."
         for name, s in zip(taken.names, scatter, strict=True)
-        if s > OUTLIER * usual
+        if s > MAX_RESIDUALS * usual
     ]
 
 
-def _not_lambert(lamps: Lamps) -> list[str]:
+def _not_lambert(lamps: PhotographLights) -> list[str]:
     """Report how far the ball's shading differs from Lambert's law, if it does."""
     a, s_1, s_2, s_3, s_4 = lamps.shared
     half = 0.5 * (1.0 + 0.5 * s_1 + 0.25 * s_2 + 0.5 * s_3 + 0.25 * s_4)

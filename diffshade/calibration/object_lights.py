@@ -8,20 +8,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..core.robust_scale import UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
 from .balls import axes
 from .object_width import Width
 from .result import Calibration, degrees
-from .two_balls import FEWEST, Lamps, find_lamps
+from .two_balls import MIN_LAMPS, LampPlaces, find_lamps
 
 Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
 
 APART = 4.0  # ball radii between the balls, where that is not known
-SAME_FRAME = 1.0  # radii by which two balls must lie apart in pictures that are not cropped
-AGREE = 3.0  # errors within which the direction from ball to ball must agree with their places in the pictures
-UNIFORM = 12.0**-0.5  # standard deviation of a place between the balls, over the distance between them
+MAX_ERRORS = 3.0  # errors within which the direction from ball to ball must agree with their places in the pictures
 ASIDE = 0.25  # of the distance between the balls: a place whose effect is said
 
 
@@ -39,7 +38,7 @@ class ObjectLights(NamedTuple):
     notes: list[str]
 
 
-FindWidth = Callable[[Lamps], Width | None]
+FindWidth = Callable[[LampPlaces], Width | None]
 
 
 def lights_at(
@@ -60,7 +59,7 @@ def lights_at(
     """
     if len(balls) != 2 or not all(isinstance(ball.camera, OrthographicCamera) for ball in balls):
         return _far(*between(balls))
-    if len(balls[0].names) < FEWEST:
+    if len(balls[0].names) < MIN_LAMPS:
         return _far(*between(balls))
     one, other = balls
     l = np.stack([_seen(ball) for ball in balls])
@@ -70,7 +69,7 @@ def lights_at(
     columns = np.flatnonzero(mask.any(0))
     wide = int(columns[-1] - columns[0] + 1)
 
-    def lamps_for(apart: float, baseline: np.ndarray | None = None) -> Lamps:
+    def lamps_for(apart: float, baseline: np.ndarray | None = None) -> LampPlaces:
         on_ball = radius / apart if one.ball == "mirror" else 0.0
         return find_lamps(l, errors, on_ball, baseline)
 
@@ -90,7 +89,7 @@ def lights_at(
     else:
         notes += [] if apart is not None else [_on_apart(lamps_for, APART * radius)]
         apart = APART * radius if apart is None else apart
-        lamps, stood = lamps_for(apart), UNIFORM
+        lamps, stood = lamps_for(apart), UNIFORM  # anywhere between the balls
         wide_apart, said = _width(lamps, find_width, apart, width)
         notes += [said] if lamps.near.any() else []
     if not lamps.near.any():
@@ -123,8 +122,8 @@ def _seen(ball: Calibration) -> Vectors:
 
 
 def _in_one_frame(
-    one: Calibration, other: Calibration, lamps_for: Callable[..., Lamps]
-) -> tuple[float, Lamps, np.ndarray] | None:
+    one: Calibration, other: Calibration, lamps_for: Callable[..., LampPlaces]
+) -> tuple[float, LampPlaces, np.ndarray] | None:
     """Return the distance of two balls in pixels, the lamps, and where the picture's middle is beside the balls.
 
     None where the pictures must be cropped: the balls would overlap, or the highlights show another way from one ball
@@ -133,19 +132,19 @@ def _in_one_frame(
     (x1, y1), (x2, y2) = one.balls[0].middle, other.balls[0].middle
     step = np.array([x2 - x1, y1 - y2, 0.0])
     pixels = float(np.linalg.norm(step))
-    if pixels < SAME_FRAME * one.balls[0].radius:
+    if pixels < one.balls[0].radius:
         return None
     apart = pixels * float(one.balls[0].sphere.radius) / one.balls[0].radius
     free, step = lamps_for(apart), step / pixels
     off = np.rad2deg(np.arccos(np.clip(free.baseline @ step, -1.0, 1.0)))
-    if free.near.any() and off > AGREE * max(free.baseline_error, 1.0):
+    if free.near.any() and off > MAX_ERRORS * max(free.baseline_error, 1.0):
         return None
     height, width = one.balls[0].mask.shape
     place = np.array([width / 2 - (x1 + x2) / 2, (y1 + y2) / 2 - height / 2, 0.0]) / pixels
     return pixels, lamps_for(apart, step), place
 
 
-def _width(lamps: Lamps, find_width: FindWidth, apart: float, width: float | None) -> tuple[float, str]:
+def _width(lamps: LampPlaces, find_width: FindWidth, apart: float, width: float | None) -> tuple[float, str]:
     """Return the object's width in distances between the balls, and where it is from."""
     if width is not None:
         return width / apart, f"the object is {width:.3g} wide, as given."
@@ -164,7 +163,7 @@ def _width(lamps: Lamps, find_width: FindWidth, apart: float, width: float | Non
     )
 
 
-def _on_apart(lamps_for: Callable[..., Lamps], apart: float) -> str:
+def _on_apart(lamps_for: Callable[..., LampPlaces], apart: float) -> str:
     """Say what the distance between the balls was taken to be, and what another one would change."""
     here = lamps_for(apart).directions
     turned = max(float(degrees(lamps_for(apart * factor).directions, here).mean()) for factor in (0.5, 2.0))
@@ -175,7 +174,7 @@ def _on_apart(lamps_for: Callable[..., Lamps], apart: float) -> str:
     )
 
 
-def _on_place(lamps: Lamps, *, framed: bool) -> str:
+def _on_place(lamps: LampPlaces, *, framed: bool) -> str:
     """Say where the object is taken to stand, and what another place would change."""
     deeper = lamps.seen_from(np.array([0.0, 0.0, ASIDE]))
     turned = degrees(deeper.directions, lamps.directions).mean()
@@ -191,7 +190,7 @@ def _on_place(lamps: Lamps, *, framed: bool) -> str:
     )
 
 
-def _on_distances(lamps: Lamps, names: Sequence[str], apart: float, wide: float) -> list[str]:
+def _on_distances(lamps: LampPlaces, names: Sequence[str], apart: float, wide: float) -> list[str]:
     """Say how far away the lamps are, how that shows over the object, and which distances are not determined."""
     near, n = lamps.near, len(lamps.near)
     w = float(np.median(lamps.nearness[near]))

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.robust_scale import MAD
-from .two_balls import Lamps
+from .two_balls import LampPlaces
 
 Samples = Float[np.ndarray, "texels photographs"]
 
@@ -67,7 +67,10 @@ def sample_of(mask: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_width(
-    shown: Samples, points: Float[np.ndarray, "texels 3"], lamps: Lamps, intensities: Float[np.ndarray, " photographs"]
+    shown: Samples,
+    points: Float[np.ndarray, "texels 3"],
+    lamps: LampPlaces,
+    intensities: Float[np.ndarray, " photographs"],
 ) -> Width | None:
     """Return the width of the object, or None where there are too few photographs.
 

@@ -15,15 +15,15 @@ from ..core.masks import Mask
 from ..inverse.data.folders import list_folder
 from ..inverse.data.photograph_files import photograph_files
 from ..inverse.data.photographs import as_given
+from ..inverse.data.samples import top_of
 from ..inverse.data.views import as_image, check_floats
 from ..io.images import read_image, without_alpha
-from .balls import largest, roundness
+from .balls import MIN_FRACTION, largest, roundness
 from .edges import Points, alike, disc, find_edge
 
 _LOGGER = logging.getLogger("diffshade")
 
 LEVELS = (0.02, 0.04, 0.08, 0.15, 0.25, 0.4)  # thresholds between background and ball, over the 99th percentile
-ROUND = 0.5  # the least fraction of a ball's edge on one circle
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Photographs:
     def clipped(self, i: int) -> Mask:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
-        return np.asarray((image >= 1.0).any(-1)) if image.max() == 1.0 else np.zeros(image.shape[:2], bool)
+        return np.asarray((image >= top_of(float(image.max()))).any(-1))
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False) -> Photographs:
@@ -139,7 +139,7 @@ def _read(
         found = list_folder(folder)
         for note in found.notes:
             _LOGGER.warning("%s: %s", folder, note)
-        files, masks, extras = [folder / name for name in found.names], list(found.masks), found.extras
+        files, masks, extras = list(found.files), list(found.masks), found.extras
     elif isinstance(photographs, str | Path) or (hasattr(photographs, "shape") and len(photographs.shape) < 4):
         files = [photographs]
     elif isinstance(photographs, Sequence) or hasattr(photographs, "shape"):
@@ -189,7 +189,7 @@ def _round_piece(images: Sequence[Any]) -> Mask:
     most = np.max([np.nan_to_num(np.asarray(image[:], np.float64).mean(-1), posinf=0.0) for image in images], 0)
     pieces = [largest(most > level * float(np.quantile(most, 0.99))) for level in LEVELS]
     best = max(pieces, key=roundness)
-    if roundness(best) < ROUND:
+    if roundness(best) < MIN_FRACTION:
         raise ValueError(
             f"no ball stands out from the background in these photographs: only {100 * roundness(best):.0f} % of the "
             "roundest bright region's edge lies on a circle. Give the ball's mask: mask='mask.png' (--mask)."

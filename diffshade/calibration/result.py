@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..core.robust_scale import GAUSS_95
+from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
-from ..inverse.data.photographs import clear_folder, write_lights, write_photograph
+from ..inverse.data.folder_lights import clear_folder, write_lights, write_photograph
 from ..inverse.data.views import View
 from ..inverse.result import Fit
 from ..io.files import replacing
@@ -23,8 +25,6 @@ from .photographs import Photographs
 
 Vectors = Float[np.ndarray, "photographs 3"]
 
-DISAGREE = 2.0  # standard errors, above which two directions disagree
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -36,11 +36,11 @@ class Calibration:
     ball: str
     names: tuple[str, ...]
     """The names of the photographs."""
-    balls: tuple[Ball, ...]
+    balls: tuple[Ball, ...] = field(repr=False)
     """The ball, or the balls, as found in the photographs."""
-    scene: Scene
+    scene: Scene = field(repr=False)
     """The ball, with k_d 1 or as fitted, and a light for each photograph."""
-    views: tuple[View, ...]
+    views: tuple[View, ...] = field(repr=False)
     """The photographs; only light i is on in photograph i."""
     directions: Vectors
     """Unit vectors *towards* the light of each photograph."""
@@ -57,7 +57,7 @@ class Calibration:
     """The positions of the lights, scene units, from two mirror balls or more; NaN for a light that is far away."""
     position_errors: Vectors | None = None
     """Standard errors of the positions."""
-    fit: Fit | None = None
+    fit: Fit | None = field(default=None, repr=False)
     """The fit of pose, lights and material, for a glossy ball."""
     fit_errors: Float[np.ndarray, " p"] | None = None
     """Standard errors of its values, by patches of the ball if these disagree more than noise explains; infinite where
@@ -146,35 +146,24 @@ class Calibration:
     def __str__(self) -> str:
         """Return the table of the lights, and the notes below it."""
         where = [f"column {b.middle[0]:.2f}, row {b.middle[1]:.2f}, radius {b.radius:.2f} pixels" for b in self.balls]
-        width = max(len("photograph"), *map(len, self.names))
-        lines = [
-            f"{self.ball} ball in {count(len(self.names), 'photograph')}: {'; '.join(where)}",
-            f"{'photograph':<{width}} {'x':>8} {'y':>8} {'z':>8}  {'error':>10}",
-        ]
+        title = f"{self.ball} ball in {count(len(self.names), 'photograph')}: {'; '.join(where)}"
+        columns: dict[str, Any] = {
+            "photograph": self.names,
+            "x y z": cells(self.directions, np.deg2rad(self.errors)[:, None]),
+            "error (deg)": cells(self.errors, self.errors),
+        }
         if self.intensities is not None and self.intensity_errors is not None:
-            lines[1] += f" {'R':>8} {'G':>8} {'B':>8} {'error':>7}"
-        elif self.positions is not None:
-            lines[1] += f" {'position':>26} {'error':>7}"
-        for i, name in enumerate(self.names):
-            x, y, z = self.directions[i]
-            line = f"{name:<{width}} {x:>8.4f} {y:>8.4f} {z:>8.4f}  {self.errors[i]:>6.2f} deg"
-            if self.intensities is not None and self.intensity_errors is not None:
-                r, g, b = self.intensities[i]
-                line += f" {r:>8.4g} {g:>8.4g} {b:>8.4g} {100 * self.intensity_errors[i]:>5.2g} %"
-            elif self.positions is not None and self.position_errors is not None:
-                p, error = self.positions[i], float(np.linalg.norm(self.position_errors[i]))
-                line += f" {p[0]:>8.4g} {p[1]:>8.4g} {p[2]:>8.4g} {error:>7.2g}"
-            lines.append(line)
+            percent = 100.0 * self.intensity_errors
+            columns["R G B"] = cells(self.intensities, self.intensities * self.intensity_errors[:, None])
+            columns["error (%)"] = cells(percent, percent)
+        elif self.positions is not None and self.position_errors is not None:
+            errors = np.linalg.norm(self.position_errors, axis=-1)
+            columns["position"] = cells(self.positions, errors[:, None])
+            columns["error"] = cells(errors, errors)
+        fitted = {}
         if self.fit is not None and self.fit_errors is not None:
-            width = max(len("parameter"), *map(len, self.fit.names))
-            lines.append(f"{'parameter':<{width}} {'value':>12} {'error':>11}")
-            lines += [
-                f"{name:<{width}} {value:>12.6g} {error:>11.2g}" if known else f"{name:<{width}} {'not determined':>12}"
-                for name, value, error, known in zip(
-                    self.fit.names, self.fit.values, self.fit_errors, np.isfinite(self.fit_errors), strict=True
-                )
-            ]
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            fitted = parameters(self.fit.names, self.fit.values, self.fit_errors, np.isfinite(self.fit_errors))
+        return as_text(title, columns, fitted, notes=self.notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +180,7 @@ class Comparison:
     @property
     def disagrees(self) -> list[int]:
         """The photographs in which the two differ by more than two errors."""
-        return np.flatnonzero(self.angles > DISAGREE * self.errors).tolist()
+        return np.flatnonzero(self.angles > GAUSS_95 * self.errors).tolist()
 
     def __str__(self) -> str:
         mean = f"they differ by {self.angles.mean():.2f} degrees on average, and by at most {self.angles.max():.2f}"

@@ -18,20 +18,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
+from ..core.robust_scale import GAUSS_95
 from ..texels.lights.refining import tangents_to
 
 Vector = Float[np.ndarray, "3"]
 Vectors = Float[np.ndarray, "lamps 3"]
 Numbers = Float[np.ndarray, " lamps"]
 
-FEWEST = 4  # lamps that determine the direction from ball to ball with something left over
-ALIKE = 0.1  # least relative scatter of the lamps' nearness: no frame for lamps is rounder
-NEAR = 2.0  # errors by which a nearness must be above 0
-TURNED = 30.0  # degrees, above which the error of the direction from ball to ball leaves all distances open
-BACKWARD = np.array([0.0, 0.0, 1.0])
+MIN_LAMPS = 4  # lamps that determine the direction from ball to ball with something left over
+MIN_SCATTER = 0.1  # relative, of the lamps' nearness: no frame for lamps is rounder
+MAX_TURNED = 30.0  # degrees, above which the error of the direction from ball to ball leaves all distances open
 
 
-class Lamps(NamedTuple):
+class LampPlaces(NamedTuple):
     """Lamps around a place, in the camera's axes: right, up, backward."""
 
     directions: Vectors
@@ -51,9 +50,9 @@ class Lamps(NamedTuple):
     @property
     def near(self) -> Bool[np.ndarray, " lamps"]:
         """Whether a lamp's distance is known, rather than that it is far away."""
-        return (self.nearness > NEAR * self.nearness_errors) & (self.baseline_error < TURNED)
+        return (self.nearness > GAUSS_95 * self.nearness_errors) & (self.baseline_error < MAX_TURNED)
 
-    def seen_from(self, place: Vector) -> Lamps:
+    def seen_from(self, place: Vector) -> LampPlaces:
         """Return the same lamps around another place."""
         towards = self.directions - self.nearness[:, None] * place
         length = np.linalg.norm(towards, axis=-1)
@@ -65,7 +64,7 @@ class Lamps(NamedTuple):
             nearness_errors=self.nearness_errors / length,
         )
 
-    def in_units(self, length: float) -> Lamps:
+    def in_units(self, length: float) -> LampPlaces:
         """Return the lamps with lengths divided by this one."""
         return self._replace(nearness=self.nearness * length, nearness_errors=self.nearness_errors * length)
 
@@ -75,11 +74,12 @@ def find_lamps(
     errors: Float[np.ndarray, "2 lamps"],
     radius: float,
     baseline: Vector | None = None,
-) -> Lamps:
+) -> LampPlaces:
     """Return the lamps around the middle between two balls; lengths in units of the distance between the balls.
 
-    The lamps' nearness is taken to scatter about its mean by what the highlights show, and by ALIKE at least, so that a
-    lamp whose highlights say little of it is as near as the others (a hierarchical model; DerSimonian and Laird 1986).
+    The lamps' nearness is taken to scatter about its mean by what the highlights show, and by MIN_SCATTER at least, so
+    that a lamp whose highlights say little of it is as near as the others (a hierarchical model; DerSimonian and Laird
+    1986).
 
     Args:
         directions: Unit vectors to the lamps from their highlights on each ball, in the camera's axes.
@@ -104,7 +104,7 @@ def find_lamps(
     turned = variance[problem.of_directions].reshape(-1, 2).sum(-1)
     own = variance[problem.of_nearness]
     tilted = 0.0 if baseline is not None else float(variance[:2].sum())
-    return Lamps(
+    return LampPlaces(
         m,
         np.rad2deg(np.sqrt(turned)),
         np.maximum(w, 0.0),
@@ -120,7 +120,7 @@ class _Problem:
 
     def __init__(self, l: np.ndarray, sigma: np.ndarray, radius: float, baseline: Vector | None):
         self.l, self.sigma, self.known = l, sigma, baseline
-        half = l + BACKWARD
+        half = l + np.array([0.0, 0.0, 1.0])  # the viewer is backward
         self.on_ball = radius * half / np.linalg.norm(half, axis=-1, keepdims=True)
         mean = l.sum(0)
         self.mean = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
@@ -192,4 +192,4 @@ def _scatter(w: Numbers, error: Numbers) -> tuple[float, float, float]:
     scatter2 = max(excess, 0.0) / float(weight.sum() - (weight**2).sum() / weight.sum())
     weight = 1.0 / (error**2 + scatter2)
     mean = float(weight @ w / weight.sum())
-    return mean, float(max(np.sqrt(scatter2), ALIKE * abs(mean), 1e-9)), float(weight.sum() ** -0.5)
+    return mean, float(max(np.sqrt(scatter2), MIN_SCATTER * abs(mean), 1e-9)), float(weight.sum() ** -0.5)

@@ -9,7 +9,7 @@ import click
 
 from .maps import integrated
 from .materials import check_out, put_materials, word_of
-from .terminal import FILE, SETTINGS, OneOf, answer, as_json
+from .terminal import FILE, SETTINGS, OneOf, answer, with_json
 
 PATH = click.Path(path_type=Path)
 
@@ -19,8 +19,8 @@ PATH = click.Path(path_type=Path)
 @click.argument("wanted", metavar="TO...", nargs=-1, required=True, type=PATH)
 @click.option("--name", metavar="NAME", help="One material of FROM  [default: all]")
 @click.option("--tolerance", type=float, help="Of a mesh: merge triangles within so many scene units")
-@as_json
-def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: float | None, as_json: bool) -> None:
+@with_json
+def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: float | None) -> None:
     """Write materials, or maps, for other programs.
 
     .mtl Wavefront, .c OpenGL, .json and .js three.js, .py VTK and PyVista, .inc POV-Ray, .gltf (and .glb, only read)
@@ -34,15 +34,13 @@ def convert(given: Path, wanted: tuple[Path, ...], name: str | None, tolerance: 
         if name is not None:
             raise ValueError(f"--name is for files of materials; {given} is a folder of maps. Leave it out.")
         written: list[Any] = _of_maps(given, wanted, tolerance)
-        answer("\n".join(map(str, written)), {"written": written}, as_json=as_json)
+        answer(written, {"written": written})
         return
     if tolerance is not None:
         raise ValueError(f"--tolerance is for meshes; {given} is no folder of maps. Leave it out.")
     found, written = _of_materials(given, wanted, name)
-    lines = [str(one) for one in written]
-    if len(found) > 1:
-        lines += [f"{path}: {len(found)} materials" for path in wanted]
-    answer("\n".join(lines), {"materials": list(found), "written": written}, as_json=as_json)
+    several = [f"{path}: {len(found)} materials" for path in wanted if len(found) > 1]
+    answer([*written, *several], {"materials": list(found), "written": written})
 
 
 def _of_materials(given: Path, wanted: tuple[Path, ...], name: str | None) -> tuple[dict[str, Any], list[Any]]:
@@ -84,8 +82,8 @@ def _of_maps(folder: Path, wanted: tuple[Path, ...], tolerance: float | None) ->
 @click.option("--distance", type=float, default=3.0, help="From the lamp to a plane, metres  [default: 3]")
 @click.option("--lamp-set", type=OneOf(("0", "1", "2", "3", "all")), help="The lit lamps of an LDT  [default: 0]")
 @click.option("--tilt", type=FILE, help="The file that TILT names in an IES file")
-@as_json
-def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, tilt: Path | None, as_json: bool) -> None:
+@with_json
+def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, tilt: Path | None) -> None:
     """Show a lamp (.ies or .ldt): flux, beam and light on a plane.
 
     The picture has a polar diagram of the intensity, and the lux on a plane across the lamp's axis.
@@ -104,7 +102,7 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
     unit = "lux" if found.label.unit == "cd" else f"{found.label.unit.removesuffix('/sr')} per unit of area"
     rows = ["".join(f"{value:10.4g}" for value in row) for row in plane.light]
     ends = f"{plane.across[0]:g} to {plane.across[-1]:g}"
-    lines = [f"{found}", f"{unit} on a plane at {distance:g}, from {ends} along C0 and across:", *rows, f"{out}"]
+    lines = [found, f"{unit} on a plane at {distance:g}, from {ends} along C0 and across:", *rows, out]
     data = {
         "summary": str(found).splitlines(),
         "label": found.label,
@@ -113,4 +111,4 @@ def lamp(file: Path, out: Path | None, distance: float, lamp_set: str | None, ti
         "light": plane.light,
         "picture": out,
     }
-    answer("\n".join(lines), data, as_json=as_json)
+    answer(lines, data)

@@ -11,10 +11,10 @@ import click
 
 from .domes import dome, place_of
 from .map_uses import is_maps, report_maps
-from .maps import bands_data, divided, on_bands
+from .maps import divided, on_bands
 from .materials import check_out, put_material
 from .sources import LIGHT_ERRORS, LOBE, MODEL, ROOM, VIEWS, Options, Source, by_name, swap_lobe, with_options
-from .terminal import FILE, SETTINGS, Names, answer, as_json
+from .terminal import FILE, SETTINGS, Names, answer, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -26,8 +26,8 @@ MODELS = ("phong", "blinn", "matte")
 @with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE, ROOM)
 @click.option("-o", "--out", type=FILE, multiple=True, help="Result: .toml, or a material (see convert)")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo by the others, with bands")
-@as_json
-def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, as_json: bool) -> None:
+@with_json
+def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     """Fit parameters, with errors. SOURCE: a folder, or a .toml with PHOTOS."""
     check_out(out, [typed.source, *typed.photos])
     source = typed.read()
@@ -38,21 +38,15 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None, as_json: bo
     else:
         bands = _bands(typed, source)
         found = cast("ds.Fit", bands.result)
-    coverage = None if bands is None else bands.coverage(held.views)
-    names = list(held.names)
+    inside, data_of_bands = on_bands(bands, held.views, held.names)
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
     doubt = f"- for each undetermined parameter, {files} holds one of many values that fit equally well."
-    lines = [
-        f"{source.encodings}",
-        f"{found}",
-        *([] if bands is None or coverage is None else [on_bands(bands, coverage, names)]),
-        *([doubt] if out and not found.determined.all() else []),
-        *map(str, written),
-    ]
-    data = {**_fit_data(found, source), "written": written}
-    data["bands"] = None if bands is None or coverage is None else bands_data(bands, coverage, names)
-    answer("\n".join(lines), data, as_json=as_json)
+    answer(
+        [source.encodings, found, inside, doubt if out and not found.determined.all() else None, *written],
+        _fit_data(found, source),
+        {"written": written, "bands": data_of_bands},
+    )
 
 
 def _bands(typed: Options, source: Source) -> ds.PredictionBands:
@@ -71,8 +65,8 @@ def _bands(typed: Options, source: Source) -> ds.PredictionBands:
 @click.option("-o", "--out", type=FILE, default=Path("report.html"), help="HTML file  [default: report.html]")
 @click.option("--quick", is_flag=True, help="Skip intervals, model choice and the plan")
 @click.option("--hold-out", type=int, metavar="N", help="Predict every N-th photo; of maps: it was left out")
-@as_json
-def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json: bool) -> None:
+@with_json
+def report(typed: Options, out: Path, quick: bool, hold_out: int | None) -> None:
     """Fit, and write a report as an HTML page. SOURCE: a folder of photographs, or a scene or maps with PHOTOS."""
     import diffshade as ds
 
@@ -80,7 +74,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
 
     check_page(out)
     if is_maps(typed.source):
-        report_maps(typed, out, hold_out, quick=quick, as_json=as_json)
+        report_maps(typed, out, hold_out, quick=quick)
         return
     every = typed.read()
     seen, left_out = divided(len(every.views), hold_out)
@@ -95,23 +89,21 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None, as_json
         more |= {"plan": ds.plan(found, shots, progress=True)} if shots else {}
     titles = [Path(name).name for name in (*source.names, *held.names)]
     ds.write_report(out, bands or found, held_out=held.views, titles=titles, progress=True, **more)
-    coverage = None if bands is None else bands.coverage(held.views)
-    data = {**_fit_data(found, source, more.get("examination")), "page": out}
-    data["bands"] = None if bands is None or coverage is None else bands_data(bands, coverage, list(held.names))
-    lines = [
-        source.encodings,
-        more.get("examination", found),
-        *([] if bands is None or coverage is None else [on_bands(bands, coverage, list(held.names))]),
-        f"{out}: open it in a browser",
-    ]
-    answer("\n".join(map(str, lines)), data, as_json=as_json)
+    inside, data_of_bands = on_bands(bands, held.views, held.names)
+    examination = more.get("examination")
+    answer(
+        [source.encodings, examination or found, inside, f"{out}: open it in a browser"],
+        _fit_data(found, source, examination),
+        more,
+        {"page": out, "bands": data_of_bands},
+    )
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade compare photographs --model phong,blinn,matte")
 @with_options(*VIEWS, *MODEL, *LIGHT_ERRORS)
 @click.option("--model", type=Names(), default=("phong", "blinn"), help="Of phong,blinn,matte  [default: phong,blinn]")
-@as_json
-def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
+@with_json
+def compare(typed: Options, model: tuple[str, ...]) -> None:
     """Choose the model that predicts photographs best.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
@@ -127,20 +119,21 @@ def compare(typed: Options, model: tuple[str, ...], as_json: bool) -> None:
         )
     source = typed.read()
     choice = _models(typed, source, model)
-    data = {**_photographs(source), "best": choice and choice.best, "choice": choice}
-    answer(f"{source.encodings}\n{choice}", data, as_json=as_json)
+    answer([source.encodings, choice], _photographs(source), {"best": choice.best, "choice": choice})
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade plan ball.toml 0.png 1.png --aim n_s --lights lamps.toml")
 @with_options(*VIEWS, *MODEL, *LIGHT_ERRORS, LOBE)
 @click.option("--aim", type=Names(), default=(), help="Parameters to improve  [default: all]")
 @click.option("--lights", type=FILE, help="Scene with candidate lights  [default: a dome]")
-@as_json
-def plan(typed: Options, aim: tuple[str, ...], lights: Path | None, as_json: bool) -> None:
+@with_json
+def plan(typed: Options, aim: tuple[str, ...], lights: Path | None) -> None:
     """Rank the photographs to take next.
 
     SOURCE: a scene (.toml), with PHOTOS after it, or a folder of photographs.
     """
+    import numpy as np
+
     import diffshade as ds
 
     candidates = None if lights is None else ds.read_scene(lights).lights
@@ -152,16 +145,13 @@ def plan(typed: Options, aim: tuple[str, ...], lights: Path | None, as_json: boo
             "a dome of lights needs a directional or point light. Give a scene with candidate lights: --lights FILE."
         )
     ranked = ds.plan(found, shots, aim=aim or None, progress=True)
-    data = {
-        **_photographs(source),
-        "order": [ranked.names[i] for i in ranked.order],
-        "unknowns": [unknown.name for unknown in ranked.unknowns],
-        "now": ranked.now,
-        "errors": [ranked.errors[i] for i in ranked.order],
-        "gain": [ranked.gain[i] for i in ranked.order],
-        "notes": ranked.notes,
+    of_shots = {
+        name: np.asarray(getattr(ranked, name))[list(ranked.order)]
+        for name in ("names", "errors", "gain", "rank", "clipped")
     }
-    answer(f"{source.encodings}\n{ranked}", data, as_json=as_json)
+    unknowns = [unknown.name for unknown in ranked.unknowns]
+    data = {**of_shots, "order": of_shots["names"], "unknowns": unknowns}
+    answer([source.encodings, ranked], _photographs(source), ranked, data)
 
 
 def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fit | None = None) -> ds.ModelChoice:
@@ -192,12 +182,13 @@ def _models(typed: Options, source: Source, names: tuple[str, ...], known: ds.Fi
 
 def _without_highlight(typed: Options) -> Options:
     """Return the options without k_s and n_s."""
+    from ..inverse.unknowns.names import segments_of
 
     def glossy(name: str) -> bool:
-        return bool({"k_s", "n_s"} & set(name.split(".")))
+        return bool({"k_s", "n_s"} & set(segments_of(name)))
 
     for name in typed.free:
-        if not glossy(name) and name.split(".")[-1] in ("material", "objects", *map(str, range(100))):
+        if not glossy(name) and segments_of(name)[-1] in ("material", "objects", *map(str, range(100))):
             raise ValueError(
                 f"--model matte removes k_s and n_s from --free; got --free {name}. Name the parameters one by one."
             )
@@ -230,34 +221,28 @@ def _photographs(source: Source) -> dict[str, Any]:
 
 
 def _fit_data(found: ds.Fit, source: Source, examination: ds.Examination | None = None) -> dict[str, Any]:
-    """Return the results of a fit for JSON, or of its examination."""
-    determined = found.determined if examination is None else examination.determined
-    errors = found.errors if examination is None else examination.errors
-    intervals = [{}] * len(found.unknowns)
+    """Return the results of a fit for JSON, or of its examination: a parameter is null where it is not determined."""
+    import numpy as np
+
+    from ..core.tables import as_json
+
+    best = found if examination is None else examination
+    columns = {
+        "name": found.names,
+        "value": np.where(best.determined, found.values, np.nan),
+        "error": np.where(best.determined, best.errors, np.nan),
+        "plain_error": found.plain_errors,
+        "determined": best.determined,
+        "at_bound": found.at_bound,
+    }
     if examination is not None:
-        intervals = [
-            {"68%": a, "95%": b} for a, b in zip(examination.interval_68, examination.interval_95, strict=True)
-        ]
+        columns |= {"68%": examination.interval_68, "95%": examination.interval_95}
     return {
         **_photographs(source),
-        "parameters": [
-            {
-                "name": unknown.name,
-                "value": found.values[j] if determined[j] else None,
-                "error": errors[j] if determined[j] else None,
-                "plain_error": found.plain_errors[j],
-                **intervals[j],
-                "determined": bool(determined[j]),
-                "at_bound": bool(found.at_bound[j]),
-            }
-            for j, unknown in enumerate(found.unknowns)
-        ],
-        "rmse": found.rmse,
-        "steps": found.steps,
-        "converged": found.converged,
-        "condition": found.condition,
+        **as_json(found),
+        "parameters": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         "pixels": found.counts.pixels,
         "samples": found.counts.samples,
-        "errors": found.clusters.sentence([u.quantity for u in found.unknowns]),
-        "notes": (examination or found).notes,
+        "errors": found.clusters.sentence([unknown.quantity for unknown in found.unknowns]),
+        "notes": best.notes,
     }

@@ -5,11 +5,17 @@ from __future__ import annotations
 import logging
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from .sources import ENCODING, EXIF, Encodings, by_name, with_names
-from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, as_json
+from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, with_json
+
+if TYPE_CHECKING:
+    import diffshade as ds
+
+    from ..inverse.data.photographs import PhotographFolder
 
 _LOGGER = logging.getLogger("diffshade")
 BALLS = ("mirror", "matte", "glossy")
@@ -30,7 +36,7 @@ BALLS = ("mirror", "matte", "glossy")
 @click.option("--apart", type=float, help="Between two balls, units of --radius  [default: as shown, or 4 radii]")
 @click.option("--width", type=float, help="Of the object, the same units  [default: as its photos show]")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for fit, report, texels")
-@as_json
+@with_json
 def calibrate(
     photos: tuple[Path, ...],
     ball: str,
@@ -46,31 +52,21 @@ def calibrate(
     apart: float | None,
     width: float | None,
     out: Path | None,
-    as_json: bool,
 ) -> None:
     """Find the lights from photographs of a ball: files, or a folder for each."""
-    import numpy as np
-
     import diffshade as ds
 
     from ..calibration.result import check_folder, read_directions
-    from ..inverse.data.folders import list_folder
-    from ..io.images import read_as
+    from ..core.tables import as_json
 
     if out is not None:
         check_folder(out)
-    folders = len(photos) > 1 and all(path.is_dir() for path in photos)
-    if folders and thing is None:
-        raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
-    if folders and len(mask) not in (0, len(photos)):
-        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
     if thing is None and (apart is not None or width is not None):
         raise ValueError("--apart and --width are of two balls and an object beside them. Give --apply FOLDER.")
     if thing is not None and out is None:
         raise ValueError(f"--apply {thing} needs a folder to write. Give -o FOLDER.")
+    balls_and_masks = _balls_and_masks(photos, mask, beside=thing is not None)
     listed = None if against is None else read_directions(against)
-    masks = list(mask) or [None]
-    each = [(path, masks[i % len(masks)]) for i, path in enumerate(photos)] if folders else []
     balls = [
         ds.calibrate(
             path,
@@ -82,8 +78,7 @@ def calibrate(
             srgb=srgb,
             progress=True,
         )
-        for path, of in each
-        or [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+        for path, of in balls_and_masks
     ]
     found = balls[0]
     compared = None if listed is None or against is None else found.compare(listed, name=against.name)
@@ -95,44 +90,50 @@ def calibrate(
         (found if applied is None else applied).write(out)
         written = [f"{out}: photographs and lights", f"{out / 'lights-shown.png'}: look at the outline"]
         ds.draw_calibration(out / "lights-shown.png", balls)
-    files = [
-        file
-        for path in photos
-        for file in ([path / name for name in list_folder(path).names] if path.is_dir() else [path])
-    ]
-    encodings = Encodings.of([read_as(file, srgb=srgb) for file in files], srgb)
-    lines = [
-        f"{encodings}",
-        *(f"{one}" for one in balls),
-        *([f"{compared}"] if compared else []),
-        *([f"{applied}"] if applied else []),
-        *written,
-    ]
-    data = {
+    encodings = _encodings(photos, srgb)
+    more = {
         "photographs": found.names,
         "read_as": encodings.names,
-        "directions": found.directions,
-        "errors": found.errors,
-        "intensities": found.intensities,
-        "intensity_errors": found.intensity_errors,
-        "positions": found.positions,
-        "position_errors": found.position_errors,
-        "notes": found.notes,
-        "against": compared and {"degrees": compared.angles, "disagrees": compared.disagrees},
-        "balls": [{"photographs": one.names, "directions": one.directions, "errors": one.errors} for one in balls],
-        "applied": applied
-        and {
-            "read_as": applied.encodings,
-            "photographs": applied.names,
-            "directions": applied.directions,
-            "errors": applied.errors,
-            "positions": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.positions],
-            "position_errors": [[float(c) if np.isfinite(c) else None for c in x] for x in applied.position_errors],
-            "notes": applied.notes,
-        },
+        "against": compared and {**as_json(compared), "degrees": compared.angles, "disagrees": compared.disagrees},
+        "balls": [{"photographs": one.names, **as_json(one)} for one in balls],
+        "applied": applied and _applied_data(applied),
         "folder": out,
     }
-    answer("\n".join(lines), data, as_json=as_json)
+    answer([encodings, *balls, compared, applied, *written], found, more)
+
+
+def _applied_data(applied: ds.AppliedLights) -> dict[str, Any]:
+    """Return the lights of an object for JSON."""
+    from ..core.tables import as_json
+
+    return {
+        "read_as": applied.encodings,
+        "photographs": applied.names,
+        **applied.lights._asdict(),
+        "positions": applied.positions,
+        "position_errors": applied.position_errors,
+        **as_json(applied),
+    }
+
+
+def _balls_and_masks(photos: tuple[Path, ...], mask: tuple[Path, ...], *, beside: bool) -> list[tuple[Any, Any]]:
+    """Return the photographs and the mask, or masks, of each ball; `beside`: whether an object is beside them."""
+    if len(photos) == 1 or not all(path.is_dir() for path in photos):
+        return [(photos[0] if len(photos) == 1 else photos, mask if len(mask) > 1 else mask[0] if mask else None)]
+    if not beside:
+        raise ValueError("several folders are balls beside one object. Give its photographs with --apply FOLDER.")
+    if len(mask) not in (0, len(photos)):
+        raise ValueError(f"--mask must be given for each of the {len(photos)} folders, or for none; got {len(mask)}.")
+    return list(zip(photos, mask or [None] * len(photos), strict=True))
+
+
+def _encodings(photos: tuple[Path, ...], srgb: bool | None) -> Encodings:
+    """Return how the photographs of files and folders are encoded."""
+    from ..inverse.data.folders import list_folder
+    from ..io.images import read_as
+
+    folders = [list_folder(path).files if path.is_dir() else [path] for path in photos]
+    return Encodings.of([read_as(file, srgb=srgb) for files in folders for file in files], srgb)
 
 
 @click.command(
@@ -147,7 +148,7 @@ def calibrate(
 @click.option("--intensity-error", type=float, default=0.0, help="Relative error of the intensities  [default: 0]")
 @click.option("--unknown-intensities", is_flag=True, help="The listed intensities may be wrong")
 @click.option("-o", "--out", type=FOLDER, metavar="FOLDER", help="Write photos and lights, for texels, fit, report")
-@as_json
+@with_json
 def find_lights(
     photos: Path,
     mask: Path | None,
@@ -158,25 +159,15 @@ def find_lights(
     intensity_error: float,
     unknown_intensities: bool,
     out: Path | None,
-    as_json: bool,
 ) -> None:
     """Find the lights from all texels of an object.
 
     FOLDER: photographs with their lights, which may be wrong.
     """
-    import numpy as np
-
     import diffshade as ds
 
     from ..calibration.result import check_folder
-    from ..inverse.data.photographs import (
-        NORMALS,
-        light_distances,
-        light_errors,
-        photograph_names,
-        read_folder,
-        write_photographs,
-    )
+    from ..inverse.data.photographs import read_folder
 
     if not photos.is_dir():
         raise FileNotFoundError(f"there is no folder {photos}. Give a folder of photographs.")
@@ -184,58 +175,54 @@ def find_lights(
         raise ValueError(f"-o {out} is the folder of the photographs. Give the name of a new folder.")
     if out is not None:
         check_folder(out)
-    listed = light_errors(photos) if light_error is None and not unknown else None
-    if listed is None and light_error is None and not unknown:
+    read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
+    names, error = read.names, read.light_errors if light_error is None else light_error
+    if error is None and not unknown:
         raise ValueError(
             f"{photos} does not say how exact its directions are. Give --light-error DEGREES, or --unknown to find "
             "them without."
         )
-    read = read_folder(photos, normals=False, lights=not unknown, mask=mask, srgb=srgb, exif=not no_exif)
-    names = read.names
-    error = None if unknown else light_error if listed is None else listed[list(read.indices)]
     with by_name(names):
         found = ds.find_lights(
             read.scene,
             read.views,
-            light_error=error,
+            light_error=None if unknown else error,
             intensity_error=None if unknown_intensities else intensity_error,
             progress=True,
         )
     if out is not None:
-        intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
-        intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
-        errors = found.errors if np.isfinite(found.errors).all() else None
-        images = (np.asarray(view.image[:], np.float64) for view in read.views)
-        inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
-        distances = None if unknown else light_distances(photos, photograph_names(photos))[list(read.indices)]
-        distances = distances if distances is not None and np.isfinite(distances).any() else None
-        write_photographs(out, names, images, inside, found.directions, intensities, errors, distances)
-        for name in (name for name in NORMALS if (photos / name).is_file()):
-            shutil.copyfile(photos / name, out / name)
+        _write_found(out, found, read, photos)
     encodings = Encodings.of(read.read_as, srgb)
-    lines = [f"{encodings}", with_names(f"{found}", names), *([f"{out}: photographs and lights"] if out else [])]
-    data = {
-        "photographs": names,
-        "read_as": encodings.names,
-        "directions": found.directions,
-        "errors": [float(error) if np.isfinite(error) else None for error in found.errors],
-        "own_errors": found.own_errors,
-        "intensities": found.intensities,
-        "intensity_errors": found.intensity_errors,
-        "moved": found.moved,
-        "misfit": found.misfit,
-        "settled": found.settled,
-        "notes": found.notes,
-        "folder": out,
-    }
-    answer("\n".join(lines), data, as_json=as_json)
+    answer(
+        [encodings, with_names(f"{found}", names), f"{out}: photographs and lights" if out else None],
+        found,
+        {"photographs": names, "read_as": encodings.names, "folder": out},
+    )
+
+
+def _write_found(out: Path, found: ds.FoundLights, read: PhotographFolder, photos: Path) -> None:
+    """Write the photographs of a folder with the lights that were found."""
+    import numpy as np
+
+    from ..inverse.data.folder_lights import write_photographs
+    from ..inverse.data.folders import NORMALS
+
+    intensities = np.array([np.broadcast_to(light.intensity, 3) for light in found.scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
+    intensities *= [[float(view.exposure)] for view in read.views]  # a folder has no list of exposures
+    errors = found.errors if np.isfinite(found.errors).all() else None
+    images = (np.asarray(view.image[:], np.float64) for view in read.views)
+    inside = np.asarray(found.scene.objects[0].surface.mask)  # pyright: ignore[reportAttributeAccessIssue]
+    distances = read.distances if np.isfinite(read.distances).any() else None
+    write_photographs(out, read.names, images, inside, found.directions, intensities, errors, distances)
+    for name in (name for name in NORMALS if (photos / name).is_file()):
+        shutil.copyfile(photos / name, out / name)
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade mask photographs")
 @click.argument("photos", metavar="FOLDER", type=FOLDER)
 @click.option("-o", "--out", type=FILE, help="The mask  [default: mask.png in FOLDER]")
-@as_json
-def mask(photos: Path, out: Path | None, as_json: bool) -> None:
+@with_json
+def mask(photos: Path, out: Path | None) -> None:
     """Find the mask of an object before a darker background.
 
     FOLDER: photographs under one light each.
@@ -251,13 +238,12 @@ def mask(photos: Path, out: Path | None, as_json: bool) -> None:
     out = photos / "mask.png" if out is None else out
     if out.exists():
         raise FileExistsError(f"{out} exists already. Remove it, or give another file with -o.")
-    photographs = photograph_files((photos / name for name in list_folder(photos).names), srgb=None)
+    photographs = photograph_files(list_folder(photos).files, srgb=None)
     for note in photographs.notes:
         _LOGGER.warning("%s: %s", photos, note)
     found = find_mask(photographs.images())
     ds.write_image(out, found[..., None] * 1.0, srgb=False)
     answer(
-        f"{out}: the object has {found.mean():.0%} of the picture; look at it",
+        [f"{out}: the object has {found.mean():.0%} of the picture; look at it"],
         {"mask": out, "share": float(found.mean())},
-        as_json=as_json,
     )

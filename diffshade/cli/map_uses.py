@@ -11,7 +11,7 @@ import click
 from .maps import divided
 from .pictures import check_picture, put_picture
 from .sources import Options
-from .terminal import FILE, FOLDER, SETTINGS, answer, as_json
+from .terminal import FILE, FOLDER, SETTINGS, answer, with_json
 
 # options that maps do not use
 OF_FITS = ("free", "tied", "grey", "bounds", "loss", "noise", "light_error", "intensity_error", "lobe")
@@ -56,7 +56,7 @@ class TowardLight(click.ParamType):
 @click.option("-o", "--out", type=FILE, required=True, help=".png .jpg .tif .exr .npy .tga")
 @click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
-@as_json
+@with_json
 def relight(
     maps: Path,
     toward: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...],
@@ -64,7 +64,6 @@ def relight(
     out: Path,
     exposure: float,
     srgb: bool | None,
-    as_json: bool,
 ) -> None:
     """Draw the object of MAPS (see texels) under other lights.
 
@@ -84,7 +83,7 @@ def relight(
         raise ValueError("relight needs a light; got none. Give for example --light 1,1,2, the direction toward it.")
     with showing("relight"):
         image = ds.read_maps(maps).shade(on) * exposure
-    put_picture(out, image, srgb=srgb, as_json=as_json)
+    put_picture(out, image, srgb=srgb)
 
 
 def is_maps(source: Path) -> bool:
@@ -92,7 +91,7 @@ def is_maps(source: Path) -> bool:
     return any((source / name).is_file() for name in ("maps.toml", "run.json"))
 
 
-def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool, as_json: bool) -> None:
+def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool) -> None:
     """Write the page of the maps in a folder, with the folder of their photographs if one is given after it."""
     import diffshade as ds
 
@@ -121,6 +120,5 @@ def report_maps(typed: Options, out: Path, hold_out: int | None, *, quick: bool,
         titles=[names[i] for i in (*seen, *left_out)],
         progress=True,
     )
-    lines = [*([] if found is None else [f"{found.encodings}"]), f"{maps}", f"{out}: open it in a browser"]
     about = {"photographs": [names[i] for i in seen], "left_out": [names[i] for i in left_out], "notes": maps.notes}
-    answer("\n".join(lines), {**about, "page": out}, as_json=as_json)
+    answer([found and found.encodings, maps, f"{out}: open it in a browser"], {**about, "page": out})

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .sources import LOSSES, ROOM, VIEWS, Options, by_name, with_names, with_options
-from .terminal import SETTINGS, Names, OneOf, answer, as_json
+from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_names, with_options
+from .terminal import SETTINGS, Names, OneOf, answer, with_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +46,7 @@ _LOGGER = logging.getLogger("diffshade")
 @click.option("--bands", is_flag=True, help="Bands for those left out, by 8 fits; bands.html")
 @click.option("--heights", is_flag=True, help="Integrate the normals: heights and their errors")
 @click.option("--suffix", type=OneOf((".exr", ".png")), help="Also write .exr or .png, besides .npy")
-@as_json
+@with_json
 def texels(
     typed: Options,
     out: Path,
@@ -56,128 +56,162 @@ def texels(
     bands: bool,
     heights: bool,
     suffix: str | None,
-    as_json: bool,
 ) -> None:
     """Find maps: a material a pixel. SOURCE: a folder, or a .toml with PHOTOS."""
-    import numpy as np
-
     import diffshade as ds
 
-    from ..inverse.data.photographs import has_normals, light_errors
-    from ..texels.checks import UnsuitedLights
+    from ..core.tables import as_json
 
     found = typed.read(normals=None)
-    shaped = found.folder is None or has_normals(found.folder)
-    free = tuple(name for name in typed.free if name != "gamma") or (FREE if shaped else (*FREE, "normal"))
-    surface = found.scene.objects[0].surface
-    if heights and "normal" not in free and not isinstance(surface, ds.GBuffer):
-        raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
+    free = _free(typed, found, heights=heights)
     if bands and hold_out is None:
         raise ValueError("--bands needs photographs to predict; got no --hold-out. Give for example --hold-out 4.")
     seen, left_out = divided(len(found.views), hold_out)
     names, left_names = ([found.names[i] for i in which] for which in (seen, left_out))
-    error: Any = typed.light_error
-    if error is None and found.folder is not None and set(free) == {*FREE, "normal"} and typed.loss != "squares":
-        errors = light_errors(found.folder)
-        error = None if errors is None else errors[[found.indices[i] for i in seen]]
-    memory: dict[str, Any] = {} if typed.memory is None else {"memory": int(typed.memory * 1e9)}
-
-    def fit_some(views: Sequence[ds.View], error: Any) -> ds.TexelMaps:
-        which = [k for k, i in enumerate(seen) if any(found.views[i] is view for view in views)]
-        return ds.fit_texels(
-            found.scene,
-            views,
-            free=free,
-            loss=typed.loss,
-            regions=np.zeros(found.views[0].camera.shape, int) if shared else None,
-            neighbours=not alone,
-            light_error=error[which] if np.ndim(error) else error,
-            out=out if len(which) == len(seen) else None,
-            progress=True,
-            **memory,
-        )
-
-    def fitted(error: Any) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
-        views = [found.views[i] for i in seen]
-        if not bands:
-            return fit_some(views, error), None
-        made = ds.fit_bands(lambda some: fit_some(some, error), views)
-        return cast("ds.TexelMaps", made.result), made
-
+    response = None
     with by_name(tuple(names)):
-        response = None
         if "gamma" in typed.free:
-            response = ds.find_response(found.scene, [found.views[i] for i in seen], progress=True)
-            if not np.isfinite(response.error):
-                raise ValueError("these photographs do not determine gamma. Leave gamma out of --free.")
+            response = _response(found.scene, [found.views[i] for i in seen])
             sensor = response.views[0].sensor
             found = replace(found, views=tuple(replace(view, sensor=sensor) for view in found.views))
-        try:
-            maps, made = fitted(error)
-        except UnsuitedLights:
-            if typed.light_error is not None:  # asked for by hand
-                raise
-            _LOGGER.warning(
-                "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
-            )
-            maps, made = fitted(None)
+        fit = TexelFit(found, typed, free, seen, out, shared=shared, neighbours=not alone, bands=bands)
+        maps, made = fit.maps()
     maps = replace(maps, notes=tuple(with_names(note, names) for note in maps.notes))  # as its page names them, too
     maps.describe(out)
     made = None if made is None else replace(made, result=maps)
     held = [found.views[i] for i in left_out]
     relative = maps.relative_errors(held)
-    coverage = None if made is None else made.coverage(held)
+    inside, data_of_bands = on_bands(made, held, left_names)
     written = [] if suffix is None else maps.write(out, suffix=suffix)
     if made is not None:
-        ds.write_report(
-            out / BANDS,
-            made,
-            views=[found.views[i] for i in seen],
-            held_out=held,
-            titles=[*names, *left_names],
-            progress=True,
-        )
+        views, titles = [found.views[i] for i in seen], [*names, *left_names]
+        ds.write_report(out / BANDS, made, views=views, held_out=held, titles=titles, progress=True)
         written.append(out / BANDS)
     relief = integrated(maps) if heights else None
     if relief is not None:
         for ending in (".npy",) if suffix is None else (".npy", suffix):
             written += relief.write(out, suffix=ending)
-    status = {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)}
-    medians = {
-        name: np.median(value[maps.trusted(name)], axis=0) if maps.trusted(name).any() else None
-        for name, value in maps.values.items()
-    }
     answer(
-        "\n".join(
-            [
-                f"{found.encodings}",
-                f"{maps}",
-                *([] if response is None else [f"{response}"]),
-                *([] if relief is None else [f"{relief}"]),
-                *([] if hold_out is None else [_on_left_out(relative, left_names)]),
-                *([] if made is None or coverage is None else [on_bands(made, coverage, left_names)]),
-                f"{out}: the maps",
-                *([] if made is None else [f"{out / BANDS}: open it in a browser"]),
-            ]
-        ),
+        [
+            found.encodings,
+            maps,
+            response,
+            relief,
+            None if hold_out is None else _on_left_out(relative, left_names),
+            inside,
+            f"{out}: the maps",
+            None if made is None else f"{out / BANDS}: open it in a browser",
+        ],
         {
             "photographs": names,
-            "left_out": {
-                name: None if np.isnan(error) else float(error)
-                for name, error in zip(left_names, relative, strict=True)
-            },
-            "bands": None if made is None or coverage is None else bands_data(made, coverage, left_names),
+            "left_out": dict(zip(left_names, relative, strict=True)),
+            "bands": data_of_bands,
             "read_as": found.encodings.names,
-            "gamma": None if response is None else {"value": response.gamma, "error": response.error},
+            "gamma": response and {"value": response.gamma, **as_json(response)},
             "folder": out,
-            "status": status,
-            "medians": medians,
+            "status": {name: int((maps.status == kind).sum()) for kind, name in enumerate(maps.STATUS)},
+            "medians": _medians(maps),
             "notes": maps.notes,
-            "heights": None if relief is None else {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
+            "heights": relief and {"parts": int(relief.part.max()) + 1, "notes": relief.notes},
             "written": written,
         },
-        as_json=as_json,
     )
+
+
+def _free(typed: Options, found: Source, *, heights: bool) -> tuple[str, ...]:
+    """Return the maps that are fitted: as asked for, or with the normals where the folder has none."""
+    import diffshade as ds
+
+    free = tuple(name for name in typed.free if name != "gamma") or (FREE if found.has_normals else (*FREE, "normal"))
+    if heights and "normal" not in free and not isinstance(found.scene.objects[0].surface, ds.GBuffer):
+        raise ValueError(f"--heights needs a map of normals; got the maps {', '.join(free)}. Add normal to --free.")
+    return free
+
+
+def _medians(maps: ds.TexelMaps) -> dict[str, np.ndarray | None]:
+    """Return the median of the trusted texels of each map."""
+    import numpy as np
+
+    trusted = {name: value[maps.trusted(name)] for name, value in maps.values.items()}
+    return {name: np.median(value, axis=0) if len(value) else None for name, value in trusted.items()}
+
+
+def _response(scene: ds.Scene, views: list[ds.View]) -> ds.FoundResponse:
+    """Return the gamma of photographs, which these must determine."""
+    import numpy as np
+
+    import diffshade as ds
+
+    response = ds.find_response(scene, views, progress=True)
+    if not np.isfinite(response.error):
+        raise ValueError("these photographs do not determine gamma. Leave gamma out of --free.")
+    return response
+
+
+@dataclass(frozen=True)
+class TexelFit:
+    """The maps that a command asks for."""
+
+    found: Source
+    typed: Options
+    free: tuple[str, ...]
+    seen: list[int]
+    """The photographs that are fitted."""
+    out: Path
+    shared: bool
+    neighbours: bool
+    bands: bool
+
+    def maps(self) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
+        """Return the maps, and the bands; without the folder's errors of the lights where these cannot be used."""
+        from ..texels.checks import UnsuitedLights
+
+        try:
+            return self._fitted(self._light_error())
+        except UnsuitedLights:
+            if self.typed.light_error is not None:  # asked for by hand
+                raise
+            _LOGGER.warning(
+                "the errors in light_errors.txt are not used: under these lights texels do not share a highlight."
+            )
+            return self._fitted(None)
+
+    def _light_error(self) -> Any:
+        """Return the errors of the lights: as asked for, or the folder's where they can be used."""
+        errors, asked = self.found.light_errors, self.typed.light_error
+        if asked is not None or errors is None or set(self.free) != {*FREE, "normal"} or self.typed.loss == "squares":
+            return asked
+        return errors[list(self.seen)]
+
+    def _fitted(self, error: Any) -> tuple[ds.TexelMaps, ds.PredictionBands | None]:
+        import diffshade as ds
+
+        views = [self.found.views[i] for i in self.seen]
+        if not self.bands:
+            return self._fit_some(views, error), None
+        made = ds.fit_bands(lambda some: self._fit_some(some, error), views)
+        return cast("ds.TexelMaps", made.result), made
+
+    def _fit_some(self, views: Sequence[ds.View], error: Any) -> ds.TexelMaps:
+        import numpy as np
+
+        import diffshade as ds
+
+        every = self.found.views
+        which = [k for k, i in enumerate(self.seen) if any(every[i] is view for view in views)]
+        memory: dict[str, Any] = {} if self.typed.memory is None else {"memory": int(self.typed.memory * 1e9)}
+        return ds.fit_texels(
+            self.found.scene,
+            views,
+            free=self.free,
+            loss=self.typed.loss,
+            regions=np.zeros(every[0].camera.shape, int) if self.shared else None,
+            neighbours=self.neighbours,
+            light_error=error[which] if np.ndim(error) else error,
+            out=self.out if len(which) == len(self.seen) else None,
+            progress=True,
+            **memory,
+        )
 
 
 def divided(count: int, hold_out: int | None) -> tuple[list[int], list[int]]:
@@ -206,22 +240,24 @@ def _on_left_out(relative: np.ndarray, names: list[str]) -> str:
     )
 
 
-def on_bands(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> str:
-    """Say how many samples of the photographs that were left out lie inside their bands."""
+def on_bands(
+    bands: ds.PredictionBands | None, held: Sequence[ds.View], names: Sequence[str]
+) -> tuple[str | None, dict[str, Any] | None]:
+    """Return as text and for JSON how many samples of the photographs that were left out lie inside their bands."""
     import numpy as np
 
+    from ..core.tables import as_json
     from ..core.words import count
 
+    if bands is None:
+        return None, None
+    coverage = bands.coverage(held)
     worst = int(np.nanargmin(coverage))
-    return (
+    said = (
         f"{bands}: they hold {np.nanmean(coverage):.0%} of those of the {count(len(names), 'photograph')} held out, "
         f"{coverage[worst]:.0%} at least ({names[worst]})"
     )
-
-
-def bands_data(bands: ds.PredictionBands, coverage: np.ndarray, names: list[str]) -> dict[str, Any]:
-    """Return the same for JSON."""
-    return {"level": bands.level, "inside": dict(zip(names, map(float, coverage), strict=True))}
+    return said, {**as_json(bands), "inside": dict(zip(names, coverage, strict=True))}
 
 
 def integrated(maps: ds.TexelMaps) -> ds.HeightMap:

@@ -32,9 +32,7 @@ def check_holds_bands(out: Path, bands: int) -> None:
         raise ValueError(f"{out} cannot hold {bands} bands. Give a .tif or .npy: -o {out.with_suffix('.tif')}.")
 
 
-def put_picture(
-    out: Path, image: Float[np.ndarray, "h w c"], *, srgb: bool | None, bits: int | None = None, as_json: bool
-) -> None:
+def put_picture(out: Path, image: Float[np.ndarray, "h w c"], *, srgb: bool | None, bits: int | None = None) -> None:
     """Write a picture, and print its size and its range."""
     import diffshade as ds
 
@@ -42,7 +40,6 @@ def put_picture(
     height, width = image.shape[:2]
     least, most = float(image.min()), float(image.max())
     answer(
-        f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}",
+        [f"{out}: {width} x {height} pixels, radiance {least:.3g} to {most:.3g}"],
         {"picture": out, "shape": image.shape, "least": least, "most": most},
-        as_json=as_json,
     )

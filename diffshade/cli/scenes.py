@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 
 from .materials import find_material, find_materials, put_material
 from .pictures import check_holds_bands, check_picture, put_picture
-from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, as_json, completions
+from .terminal import FILE, FOLDER, SETTINGS, Names, Size, answer, completions, with_json
 
 if TYPE_CHECKING:
     import diffshade as ds
@@ -41,8 +41,8 @@ def _figures(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
     help="emerald, merl_brass ... (shell completion lists them), or a file",
 )
 @click.option("--force", is_flag=True, help="Overwrite SCENE if it exists")
-@as_json
-def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
+@with_json
+def new(scene: Path, material: str | None, force: bool) -> None:
     """Write a commented scene to start from: a ball under a lamp."""
     import diffshade as ds
 
@@ -55,7 +55,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
     )
     about = "a ball under a lamp." if material is None else f"a ball of {Path(material).name} under a lamp."
     put_material(scene, chosen, about=about)
-    answer(f"{scene}: render it with diffshade render {shlex.quote(str(scene))}", {"scene": scene}, as_json=as_json)
+    answer([f"{scene}: render it with diffshade render {shlex.quote(str(scene))}"], {"scene": scene})
 
 
 @click.command(**SETTINGS, epilog="Example: diffshade render ball.toml -o ball.exr --size 640x480 --lit 0")
@@ -67,7 +67,7 @@ def new(scene: Path, material: str | None, force: bool, as_json: bool) -> None:
 @click.option("--exposure", type=float, default=1.0, help="Factor from radiance to picture  [default: 1]")
 @click.option("--srgb/--linear", default=None, help="Write the sRGB curve or not  [default: by file type]")
 @click.option("--bits", type=int, help="Bits per sample  [default: 8 in .png, 32 in .exr]")
-@as_json
+@with_json
 def render(
     scene: Path,
     material: str | None,
@@ -77,7 +77,6 @@ def render(
     exposure: float,
     srgb: bool | None,
     bits: int | None,
-    as_json: bool,
 ) -> None:
     """Render SCENE (.toml), or a mesh (.obj .ply .glb), to a picture."""
     import dataclasses
@@ -102,7 +101,7 @@ def render(
         else:
             world, camera = _of_mesh(scene, material, size or (512, 512))
         image = np.asarray(ds.render(world, camera, lit=on), np.float64) * exposure
-    put_picture(out, image, srgb=srgb, bits=bits, as_json=as_json)
+    put_picture(out, image, srgb=srgb, bits=bits)
 
 
 def _of_mesh(mesh: Path, material: str | None, size: tuple[int, int]) -> tuple[ds.Scene, ds.Camera]:
@@ -141,10 +140,10 @@ def _index(word: str) -> int:
 @click.command(**SETTINGS, epilog="Example: diffshade figures lecture --only snell,lobes")
 @click.argument("folder", type=FOLDER)
 @click.option("--only", type=Names(), metavar="NAMES", shell_complete=_figures, help="Figures to draw  [default: all]")
-@as_json
-def figures(folder: Path, only: tuple[str, ...] | None, as_json: bool) -> None:
+@with_json
+def figures(folder: Path, only: tuple[str, ...] | None) -> None:
     """Write the figures of a lecture to FOLDER."""
     import diffshade as ds
 
     paths = ds.write_figures(folder, only=only, progress=True)
-    answer("\n".join(map(str, paths)), {"figures": paths}, as_json=as_json)
+    answer(paths, {"figures": paths})

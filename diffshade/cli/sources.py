@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .terminal import FILE, Bounds, Lit, Names, OneOf
+from .terminal import FILE, Bounds, LightsOn, Names, OneOf
 
 if TYPE_CHECKING:
+    import numpy as np
+
     import diffshade as ds
 
     from ..io.images import ReadAs
@@ -33,7 +35,7 @@ SOURCE = (
 ENCODING = click.option("--srgb/--linear", default=None, help="Encoding of photos  [default: by the file]")
 EXIF = click.option("--no-exif", is_flag=True, help="Ignore the exposures that a folder's files state")
 VIEWS = (
-    click.option("--lit", type=Lit(), help="each (default: one per photo), all, or 0,1,0+1"),
+    click.option("--lit", type=LightsOn(), help="each (default: one per photo), all, or 0,1,0+1"),
     click.option("--mask", type=FILE, help="Pixels to use  [default: mask.png, or the object]"),
     ENCODING,
     EXIF,
@@ -103,8 +105,10 @@ class Source:
     folder: Path | None
     """The folder of photographs; None for a scene file."""
     encodings: Encodings
-    indices: tuple[int, ...] = ()
-    """Which of the folder's photographs each light of the scene is of."""
+    light_errors: np.ndarray | None = None
+    """Of the direction of each light of the scene, degrees about each axis, where the folder says so."""
+    has_normals: bool = True
+    """Whether the scene says the normals of what the photographs show."""
 
     def only(self, which: Sequence[int]) -> Source:
         """Return the same with some of the views."""
@@ -146,18 +150,17 @@ class Options:
         """Fit the free parameters to the photographs; error messages use the photographs' names."""
         import diffshade as ds
 
-        from ..inverse.data.photographs import light_errors
+        from ..inverse.unknowns.names import segments_of
 
         if self.memory is not None:
             options["memory"] = self.memory * 1e9
         views, tied = source.views, self.tied
-        if any("sensor" in name.split(".") for name in self.free):  # one camera took all photographs
+        if any("sensor" in segments_of(name) for name in self.free):  # one camera took all photographs
             views = tuple(replace(view, sensor=ds.Sensor()) for view in views)
             tied = tied if "sensor" in tied else (*tied, "sensor")
         error: Any = self.light_error
-        errors = None if source.folder is None else light_errors(source.folder)
-        if error is None and errors is not None and (errors > 0.0).all():  # a calibrated folder
-            error = errors[list(source.indices)]
+        if error is None and source.light_errors is not None and (source.light_errors > 0.0).all():
+            error = source.light_errors  # of a calibrated folder
         with by_name(source.names):
             return ds.fit(
                 source.scene if scene is None else scene,
@@ -174,7 +177,8 @@ class Options:
             )
 
     def _of_folder(self, normals: bool | None) -> Source:
-        from ..inverse.data.photographs import has_normals, mask_file, photograph_names, read_folder
+        from ..inverse.data.folders import list_folder
+        from ..inverse.data.photographs import read_folder
 
         for name, given in (("PHOTOS", self.photos), ("--lit", self.lit)):
             if given:
@@ -183,14 +187,13 @@ class Options:
                 )
         if (near := self.source / "scene.toml").is_file() and not (self.source / "light_directions.txt").is_file():
             # calibrate writes such a folder for a pinhole camera
-            photos = tuple(self.source / name for name in photograph_names(self.source))
-            mask = self.mask or mask_file(self.source)
-            return replace(self, source=near, photos=photos, mask=mask)._of_scene()
-        shaped = has_normals(self.source) if normals is None else normals
-        read = read_folder(self.source, normals=shaped, mask=self.mask, srgb=self.srgb, exif=not self.no_exif)
+            listed = list_folder(self.source)
+            mask = self.mask or listed.mask_file()
+            return replace(self, source=near, photos=listed.files, mask=mask)._of_scene()
+        read = read_folder(self.source, normals=normals, mask=self.mask, srgb=self.srgb, exif=not self.no_exif)
         views = read.views if self.noise is None else tuple(replace(view, noise=self.noise) for view in read.views)
         encodings = Encodings.of(read.read_as, self.srgb)
-        return Source(read.scene, views, read.names, self.source, encodings, read.indices)
+        return Source(read.scene, views, read.names, self.source, encodings, read.light_errors, read.has_normals)
 
     def _of_scene(self) -> Source:
         import diffshade as ds

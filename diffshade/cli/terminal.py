@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
-import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +13,6 @@ from click.shell_completion import CompletionItem
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-
-as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON, for other programs")
-
 
 LINES = 24  # of a screen, which a command's help fits
 
@@ -101,7 +96,7 @@ class Bounds(click.ParamType):
         return name.strip(), [low, high]
 
 
-class Lit(click.ParamType):
+class LightsOn(click.ParamType):
     """The lights that were on: a word, or the lights of each photograph."""
 
     name = "lights"
@@ -145,21 +140,27 @@ def completions(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
     return [CompletionItem(word) for word in words if word.startswith(incomplete)]
 
 
-def answer(text: object, data: Mapping[str, Any], *, as_json: bool) -> None:
-    """Print the result as text, or as one JSON object."""
-    click.echo(json.dumps(plain(data), indent=2, allow_nan=False, ensure_ascii=False) if as_json else str(text))
+JSON = "diffshade.json"  # where click keeps, for `answer`, whether JSON is asked for
+with_json = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=lambda ctx, _, value: ctx.meta.update({JSON: value}),
+    help="Print JSON, for other programs",
+)
 
 
-def plain(value: Any) -> Any:
-    """Return a value for JSON: arrays become lists, dataclasses objects, and numbers that are not finite null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if (as_list := getattr(value, "tolist", None)) is not None:  # of NumPy
-        return plain(as_list())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+def answer(lines: Iterable[object], *data: Any) -> None:
+    """Print what a command found.
+
+    Args:
+        lines: What is shown as text, one below the other; None shows nothing.
+        data: What is shown as one JSON object instead: the fields of results, and the keys of mappings.
+    """
+    from ..core.tables import as_json
+
+    if click.get_current_context().meta[JSON]:
+        found = {key: value for of in data for key, value in as_json(of).items()}
+        click.echo(json.dumps(found, indent=2, allow_nan=False, ensure_ascii=False))
+    else:
+        click.echo("\n".join(str(line) for line in lines if line is not None))

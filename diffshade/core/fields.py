@@ -149,7 +149,8 @@ class Parameter:
 
     role: str = ""
     """"reflection", "transmission", "exponent", "attenuation", "amplitude" (of an attenuation, which the intensity
-    stands for), "light", "camera", "position", "direction", "edge", "index"; empty where only the number is known."""
+    stands for), "light", "camera", "position", "direction", "edge", "index", "factor" (of two numbers, no field);
+    empty where only the number is known."""
     linear: bool = False
     """Whether the image is linear in it together with all others of which this is said."""
     logarithmic: bool = False
@@ -177,13 +178,13 @@ def parameter(
     """Return the metadata of a field that can be free.
 
     Args:
-        role: What it is; see `Parameter`.
+        role: What it is; see `Parameter`. A direction must not be the zero vector.
         lower: The least value; None for no bound.
         upper: The largest value; None for no bound.
         of_fit: Other fields of `Parameter`.
     """
     ends = {name: end for name, end in (("lower", lower), ("upper", upper)) if end is not None}
-    return {**ends, "parameter": Parameter(role, **of_fit)}
+    return {**ends, "nonzero": role == "direction", "parameter": Parameter(role, **of_fit)}
 
 
 def parameter_of(field: dataclasses.Field) -> Parameter:
@@ -194,8 +195,8 @@ def parameter_of(field: dataclasses.Field) -> Parameter:
 class Checked(eqx.Module):
     """A module whose fields are checked when it is made, and again by `check`.
 
-    A field says its range in its metadata: `lower`, `upper`. Tracers pass: inside `jit` and `grad` there is nothing to
-    look at.
+    A field says its range in its metadata: `lower` and `upper`, or `above` and `below` where an end is not in it; and
+    `nonzero` for a vector other than zero. Tracers pass: inside `jit` and `grad` there is nothing to look at.
     """
 
     def __check_init__(self) -> None:
@@ -243,9 +244,12 @@ def _check_field(
     if shape not in shapes and not mapped:
         raise ValueError(f"{name} must be {noun}; got shape {shape}. {remedy}")
     numbers, where = _as_numpy(value), ""
-    lower, upper = metadata.get("lower", -np.inf), metadata.get("upper", np.inf)
-    wrong = ~(np.isfinite(numbers) & (numbers >= lower) & (numbers <= upper))
+    lower, above = (metadata.get(end, -np.inf) for end in ("lower", "above"))
+    upper, below = (metadata.get(end, np.inf) for end in ("upper", "below"))
+    wrong = ~((numbers >= lower) & (numbers <= upper) & (numbers > above) & (numbers < below))
     if not wrong.any():
+        if metadata.get("nonzero") and not np.any(numbers):
+            raise ValueError(f"{name} must not be the zero vector; got [0, 0, 0]. Give a direction of any length.")
         return
     if mapped:
         row, column, _ = first = np.unravel_index(np.argmax(wrong), shape)
@@ -253,6 +257,8 @@ def _check_field(
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite; got {_shown(numbers)}{where}. {remedy}")
     allowed = f"at least {lower:g}" if np.isinf(upper) else f"between {lower:g} and {upper:g}"
+    if above > -np.inf:
+        allowed = f"above {above:g}" + (f" and below {below:g}" if below < np.inf else "")
     raise ValueError(f"{name} must be {allowed}; got {_shown(numbers)}{where}. Give a value in that range.")
 
 
@@ -319,17 +325,19 @@ def _modules(tree: Any) -> Iterator[Checked]:
             yield from _modules(item)
 
 
-def quantities(tree: Any, path: str = "") -> Iterator[tuple[str, Array, dataclasses.Field]]:
-    """Yield every number, vector and colour of a tree of modules: its dotted path, its value and its field.
+def quantities(
+    tree: Any, keys: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], Array, dataclasses.Field]]:
+    """Yield every number, vector and colour of a tree of modules: the keys that lead to it, its value and its field.
 
-    `objects.0.material.k_d` is such a path; the arrays of a G-buffer are none, nor is what is left out (None).
+    ("objects", 0, "material", "k_d") are such keys; arrays of a G-buffer have none, nor has what is left out (None).
     """
     if isinstance(tree, tuple):
         for i, item in enumerate(tree):
-            yield from quantities(item, f"{path}.{i}")
+            yield from quantities(item, (*keys, i))
     elif isinstance(tree, Checked):
         for field in dataclasses.fields(tree):
-            inner, value = f"{path}.{field.name}".lstrip("."), getattr(tree, field.name)
+            inner, value = (*keys, field.name), getattr(tree, field.name)
             known = field.metadata.get("converter") in _KINDS and not is_over_pixels(value)
             if known and value is not None and not isinstance(value, Checked):
                 yield inner, value, field

@@ -6,6 +6,8 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 
+MAX_NAMED = 3  # things that a message names; of more it gives the number
+
 
 class Note(str):
     """A sentence of a result about what is not known, with what it is about.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
@@ -17,20 +19,20 @@ from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_erro
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
-from .intervals import Profile, intervals
+from .intervals import LikelihoodProfile, intervals
 from .misfit.residual_correlation import inflate_errors
 from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
 
 LEVELS = (0.68, 0.95)
-STRONG = 0.95  # a correlation above which two parameters are reported
+STRONG_CORRELATION = 0.95  # a correlation above which two parameters are reported
 
 
 @dataclass(frozen=True, eq=False)
 class Examination:
     """A fit with intervals and checks; `print` it for the table. Every array is NumPy float64."""
 
-    fit: Fit
+    fit: Fit = field(repr=False)
     errors: Vector
     """Standard errors: for independent noise if the views agree within it, else by clusters."""
     interval_68: Float[np.ndarray, "p 2"]
@@ -41,7 +43,7 @@ class Examination:
     """For each unknown: the values at which its profile was evaluated, and their distances in errors by the cost."""
     determined: Bool[np.ndarray, " p"]
     """Whether a value is determined: by the fit, whichever data are included, and within a finite interval."""
-    refits: tuple[FitWithout, ...]
+    refits: tuple[FitWithout, ...] = field(repr=False)
     suspicions: tuple[Suspicion, ...]
     """Where the residuals contradict the scene description."""
     notes: tuple[str, ...]
@@ -49,19 +51,13 @@ class Examination:
 
     def __str__(self) -> str:
         """Return the table of parameters with intervals, and the notes below it."""
-        fit, width = self.fit, max(len("parameter"), *map(len, self.fit.names))
-        counts = fit.counts
-        lines = [
-            f"examination of a fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels",
-            f"{'parameter':<{width}} {'value':>12} {'error':>9} {'68 %':>23} {'95 %':>23}",
-        ]
-        for j, name in enumerate(fit.names):
-            if not self.determined[j]:
-                lines.append(f"{name:<{width}} {'not determined':>12}")
-                continue
-            ranges = [f"{f'{low:.5g} to {high:.5g}':>23}" for low, high in (self.interval_68[j], self.interval_95[j])]
-            lines.append(f"{name:<{width}} {fit.values[j]:>12.6g} {self.errors[j]:>9.2g} {' '.join(ranges)}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        fit = self.fit
+        columns = parameters(fit.names, fit.values, self.errors, self.determined)
+        for level, interval in (("68 %", self.interval_68), ("95 %", self.interval_95)):
+            ends = np.where(self.determined[:, None], cells(interval, self.errors[:, None]), "")
+            columns[level] = [" to ".join(pair).removeprefix(" to ") for pair in ends]
+        title = f"examination of a fit of {count(fit.counts.views, 'view')}, {fit.counts.pixels:,} pixels"
+        return as_text(title, columns, notes=self.notes)
 
 
 def examine(fit: Fit, *, progress: bool = False) -> Examination:
@@ -93,7 +89,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
         clusters, inflation = inflate_errors(own, find_clusters(own))
-        profile = Profile(own, clusters)
+        profile = LikelihoodProfile(own, clusters)
         found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         refitted, unstable = refits(own, clusters, left_out(own), report_progress)
@@ -133,9 +129,7 @@ def summarise(
     determined = fit.determined & ~unconstrained & ~wide & ~unstable & ~affected
     notes = [
         *(suspicion.sentence for suspicion in suspected),
-        *_affected(fit, affected),
-        *_unconstrained(fit, unconstrained),
-        *_wide(fit, wide, interval_95),
+        *_not_determined(fit, affected, unconstrained, wide, interval_95),
         *dependence(fit, refitted, unstable),
         *_correlated(fit),
         *([inflation] if inflation else []),
@@ -148,38 +142,35 @@ def summarise(
     )
 
 
-def _affected(fit: Fit, affected: Bool[np.ndarray, " p"]) -> list[str]:
-    """Name what is not determined because of a suspected fault."""
-    if not affected.any():
-        return []
-    names = some_channels(affected, fit.unknowns)
-    return [f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."]
-
-
-def _unconstrained(fit: Fit, unconstrained: Bool[np.ndarray, " p"]) -> list[str]:
-    """Name what the views do not constrain."""
-    if not unconstrained.any():
-        return []
-    names = listing(some_channels(unconstrained, fit.unknowns))
-    return [f"the views do not constrain {names}: any value within the bounds fits."]
+def _not_determined(
+    fit: Fit,
+    affected: Bool[np.ndarray, " p"],
+    unconstrained: Bool[np.ndarray, " p"],
+    wide: Bool[np.ndarray, " p"],
+    interval_95: Float[np.ndarray, "p 2"],
+) -> Iterator[str]:
+    """Name what suspected faults move, what the views do not constrain, and what is lost in the noise."""
+    if affected.any():
+        names = some_channels(affected, fit.unknowns)
+        yield f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
+    if unconstrained.any():
+        names = listing(some_channels(unconstrained, fit.unknowns))
+        yield f"the views do not constrain {names}: any value within the bounds fits."
+    if wide.any():
+        lost = np.flatnonzero(wide)
+        ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in lost]
+        fix = remedy(list(dict.fromkeys(fit.unknowns[j].quantity for j in lost)), fit.unknowns)
+        yield f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {fix}"
 
 
 def _too_wide(fit: Fit, interval_95: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, " p"]:
     """Return what is lost in the noise by its interval, which covers cases that errors at a bound miss."""
     log = logarithms(fit.unknowns)
-    half = np.where(np.isfinite(interval_95).all(1), 0.5 * (interval_95[:, 1] - interval_95[:, 0]), np.inf) / 1.96
-    in_log = 0.5 * np.log(np.where(log, interval_95[:, 1], 1.0) / np.where(log, interval_95[:, 0], 1.0)) / 1.96
-    lost = np.where(log, in_log > VAGUE_LOG, relative_errors(fit.unknowns, fit.values, half, fit.scales) > VAGUE)
-    return lost & ~(~log & (interval_95[:, 1] <= VAGUE * fit.scales))
-
-
-def _wide(fit: Fit, wide: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
-    """Name the unknowns that are lost in the noise, with their intervals."""
-    ranges = [f"{fit.names[j]} in {interval_95[j, 0]:.3g} to {interval_95[j, 1]:.3g}" for j in np.flatnonzero(wide)]
-    quantities = list(dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(wide)))
-    if not ranges:
-        return []
-    return [f"lost in the noise, by the 95 % intervals: {listing(ranges)}. {remedy(quantities, fit.unknowns)}"]
+    lower, upper = interval_95.T
+    width = np.where(log, fit.values * np.log(np.where(log, upper, 1.0) / np.where(log, lower, 1.0)), upper - lower)
+    half = np.where(np.isfinite(interval_95).all(1), 0.5 * width, np.inf) / 1.96
+    lost = relative_errors(fit.unknowns, fit.values, half, fit.scales) > np.where(log, VAGUE_LOG, VAGUE)
+    return lost & ~(~log & (upper <= VAGUE * fit.scales))
 
 
 def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Float[np.ndarray, "p 2"]) -> list[str]:
@@ -193,7 +184,7 @@ def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Flo
 def _correlated(fit: Fit) -> list[str]:
     """Name the quantities that are strongly correlated."""
     correlation = fit.correlation
-    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG, 1))
+    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG_CORRELATION, 1))
     groups: dict[tuple[str, str], float] = {}
     for i, j in pairs:
         key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)

@@ -12,11 +12,13 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..core.backend import in_float64
+from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
-from ..inverse.data.views import Noise, View, has_alpha, in_channels_of, is_grey
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.data.views import Noise, View, has_alpha
 from ..inverse.fitting import check_choices, check_free
 from ..inverse.laid_out import lay_out
-from ..inverse.problem import fit_problem, samples_for
+from ..inverse.problem import fit_problem, with_samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.summary import summarise
@@ -43,12 +45,8 @@ class Forecast:
 
     def __str__(self) -> str:
         """Return the table of expected errors, and the notes below it."""
-        width = max(len("parameter"), *map(len, self.names))
-        lines = [f"{'parameter':<{width}} {'value':>12} {'expected error':>15}"]
-        for name, value, error, known in zip(self.names, self.values, self.errors, self.determined, strict=True):
-            cell = f"{error:>15.2g}" if known else f"{'not determined':>15}"
-            lines.append(f"{name:<{width}} {value:>12.6g} {cell}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        columns = parameters(self.names, self.values, self.errors, self.determined)
+        return as_text("forecast: the scene's values, and the errors to expect of a fit", columns, notes=self.notes)
 
 
 def forecast(
@@ -91,18 +89,19 @@ def forecast(
     views = (views,) if isinstance(views, View) else tuple(views)
     constraints = (constraints,) if isinstance(constraints, Grey | Proportional) else tuple(constraints)
     check_choices(scene, views, constraints, "squares", "hinge", "search")
-    views = in_channels_of(scene, views)
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
     with in_float64((scene, views)) as (scene, views), ONE_BLAS_THREAD:
         scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
-        views = tuple(_with_expected_image(scene, view, noise) for view in views)
+        data = ViewSet.of(scene, views)
+        views = tuple(_with_expected_image(scene, view, noise) for view in data.views)
         unknowns = find_unknowns(
-            scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=all(map(is_grey, views))
+            scene, views, free, tied, bounds, constraints, priors, from_scene=True, grey=bool(data.grey)
         )
         check_free(unknowns)
-        samples, counts = samples_for(scene, views, unknowns, "hinge", forecast=True)
-        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
+        data = dataclasses.replace(data, views=views)
+        data = with_samples_for(scene, data, unknowns, "hinge", forecast=True)
+        problem = fit_problem(scene, data, unknowns, "squares")
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         laid = lay_out(problem, theta, problem.sum_of_squares(problem.chunks()))
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.chunks), 0, ""), forecast=True)

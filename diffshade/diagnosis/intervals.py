@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
+from scipy import optimize
 
 from ..core.progress import ReportProgress, silent
-from ..inverse.own_views import OthersAsQuadratics, OwnViews
+from ..inverse.own_views import OwnViews, blocks
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.clusters import Clusters
@@ -24,7 +26,7 @@ ALIKE = 4  # consecutive agreements, after which the other unknowns are not comp
 FAR = 1e6  # errors; beyond this an interval has no end
 
 
-class Profile:
+class LikelihoodProfile:
     """The cost of a fit as a function of one unknown, minimised over the others.
 
     2 (C(t) - C_min) / (sigma^2 phi) is the square of the number of errors between t and the minimum. phi is the
@@ -38,10 +40,10 @@ class Profile:
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
         self.errors = clusters.standard_errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
-        end = evaluate(self.laid.theta, self.laid.task, self.laid.chunks)
-        self.best = float(end.total.cost)
-        self.others = None if self.laid.problem.box.arrow is None else OthersAsQuadratics(fit, self.laid, end)
-        self.alone: dict[int, OwnViews] = {}
+        self.minimum = evaluate(self.laid.theta, self.laid.task, self.laid.chunks)
+        self.best = float(self.minimum.total.cost)
+        self.by: dict[int, OwnViews] = {}
+        """The views by which some unknowns are searched; all others by all views."""
         self.of_others = np.zeros(len(fit.unknowns))
         # A difference of costs is known to within the rounding of the sum of squares.
         self.evaluated: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
@@ -50,14 +52,13 @@ class Profile:
     def errors_away(self, j: int, t: float) -> float:
         """Return the distance of t from the minimum in errors, by the cost; t in the solver's coordinates."""
         variance, start = float(self.variance[j]), self._start(j, t)
-        if j in self.alone:
-            rise, of_others = self.alone[j].rise(j, t, start, ACCURATE * variance)
+        if j in self.by:
+            rise, of_others = self.by[j].rise(j, t, start, ACCURATE * variance)
             self.of_others[j] = max(self.of_others[j], of_others / variance if np.isfinite(rise) else np.inf)
         else:
-            rtol = ACCURATE * variance / max(self.best, 1e-300)
-            end = self.laid.minimise({j: t}, start, rtol=min(rtol, 1e-6))
-            rise = float(end.point.total.cost) - self.best
-        away = float(np.sqrt(2.0 * max(rise, 0.0) / variance))
+            rtol = min(ACCURATE * variance / max(self.best, 1e-300), 1e-6)
+            rise = float(self.laid.minimise({j: t}, start, rtol=rtol).point.total.cost) - self.best
+        away = min(float(np.sqrt(2.0 * max(rise, 0.0) / variance)), FAR) if np.isfinite(rise) else FAR
         self.evaluated[j].append((t, away))
         return away
 
@@ -73,27 +74,11 @@ class Profile:
         fit = self.fit
         which = ~fit.at_bound
         which[j] = True
-        k = int(np.sum(which[:j]))
-        column = fit.evidence.covariance(which)[:, k] / (self.unit[which] * self.unit[j])
+        column = fit.evidence.covariance(which)[:, j] / (self.unit * self.unit[j])
         theta = self.laid.theta.copy()
-        if (own := column[k]) > 0:
-            theta[which] += (t - theta[j]) * column / own
+        if (own := column[j]) > 0:
+            theta[which] += (t - theta[j]) * column[which] / own
         return theta
-
-    def by_own_views(self, search: Callable[[int], None], report_progress: ReportProgress) -> list[int]:
-        """Search the unknowns that few views show, with all other views to second order; return these unknowns.
-
-        This takes a time linear in the views, where all views for each unknown would take one that is quadratic.
-        """
-        if self.others is None:
-            return []
-        blocks = self.others.blocks(range(len(self.fit.unknowns)))
-        for k, (b, members) in enumerate(blocks.items()):
-            report_progress("intervals of what few views show", k / len(blocks))
-            self.alone = dict.fromkeys(members, self.others.of(b))
-            on_all_cores(search, members)
-        self.alone = {}
-        return [j for members in blocks.values() for j in members]
 
     def unlike_all_views(self, searched: Sequence[int]) -> Iterator[int]:
         """Yield the unknowns whose profiles by their own views differ from those by all views.
@@ -133,28 +118,27 @@ class Profile:
 
     def _search(self, j: int, side: int, errors: float, to_bound: float) -> float:
         """Find the distance to the end: a first guess from the standard error, then along chords of the profile."""
-        inner, outer = (0.0, 0.0), (np.inf, np.inf)
-        reach = min(errors * self.errors[j], to_bound)
+        unit = self.errors[j]
+
+        def beyond(reach: float) -> float:  # in standard errors
+            away = self.errors_away(j, self.laid.theta[j] + side * reach * unit) / errors - 1.0 if reach else -1.0
+            return away if abs(away) >= CLOSE else 0.0
+
+        reach, away, known = min(errors, to_bound / unit), -1.0, cache(beyond)
         for _ in range(EVALUATIONS):
-            away = self.errors_away(j, self.laid.theta[j] + side * reach)
-            if abs(away / errors - 1.0) < CLOSE:
-                return reach
-            if away < errors:
-                inner = (reach, away)
-                if reach >= min(to_bound, FAR * self.errors[j]):
-                    return to_bound
-            else:
-                outer = (reach, away)
-            if np.isfinite(outer[0]):
-                share = (errors - inner[1]) / (outer[1] - inner[1])
-                reach = inner[0] + min(max(share, 0.1), 0.9) * (outer[0] - inner[0])
-            else:
-                reach = min(reach * min(max(errors / max(away, 1e-9), 1.1), 4.0), to_bound)
-        return reach
+            away = known(reach)
+            if away >= 0.0:
+                break
+            if reach >= min(to_bound / unit, FAR):
+                return to_bound
+            reach = min(reach * min(max(1.0 / max(1.0 + away, 1e-9), 1.1), 4.0), to_bound / unit)
+        if away > 0.0:
+            reach = optimize.root_scalar(known, bracket=(0.0, reach), method="brentq", rtol=CLOSE).root
+        return unit * reach
 
 
 def intervals(
-    profile: Profile, levels: Sequence[float], report_progress: ReportProgress = silent
+    profile: LikelihoodProfile, levels: Sequence[float], report_progress: ReportProgress = silent
 ) -> Float[np.ndarray, "levels p 2"]:
     """Return the two-sided intervals at each level; they end at the bounds.
 
@@ -166,12 +150,18 @@ def intervals(
     def search(j: int) -> None:
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
 
-    by_own_views = profile.by_own_views(search, report_progress)
-    remaining = np.setdiff1d(np.arange(p), by_own_views)
-    for k, j in enumerate(remaining.tolist()):
+    own = blocks(profile.laid, range(p))
+    for k, members in enumerate(own):
+        report_progress("intervals of what few views show", k / len(own))
+        views = OwnViews(profile.fit, profile.laid, profile.minimum, members, {})
+        profile.by = dict.fromkeys(members, views)
+        on_all_cores(search, members)
+    profile.by = {}
+    searched = [j for members in own for j in members]
+    for k, j in enumerate(remaining := np.setdiff1d(np.arange(p), searched).tolist()):
         report_progress(f"interval of {profile.fit.names[j]}", k / len(remaining))
         search(j)
-    for j in profile.unlike_all_views(by_own_views):
+    for j in profile.unlike_all_views(searched):
         report_progress(f"interval of {profile.fit.names[j]}")
         search(j)
     return found

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
+import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.tables import as_text, with_error
 from ..core.words import listing
-from ..inverse.data.views import is_grey
-from ..inverse.laid_out import LaidOut
 from ..inverse.result import Fit
-from .cross_validation import Folds, Scores, cross_validate, make_folds
+from .cross_validation import Scores, cross_validate, make_folds
+from .patches import Parts
 
-ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
-SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
-TIMES = 1.0 / SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
-GREY_LEVEL = 1.0 / 255.0  # half a grey level is the least visible difference in a file of 8 bits
+MIN_ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
+MIN_SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
+MIN_RATIO = 1.0 / MIN_SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
+HALF_LEVEL = 0.5 / 255.0  # half a grey level is the least visible difference in a file of 8 bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,20 +63,23 @@ class ModelChoice:
         """The name of the best fit; None if it is undecided."""
         return self.names[0] if len(self.undecided) == 1 else None
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads."""
+        return {
+            "model": self.names,
+            "unknowns": self.unknowns,
+            "held out": self.errors,
+            "fitted": self.rmse,
+            "difference of MSE": ["-", *map(with_error, self.differences[1:], self.difference_errors[1:])],
+            "verdict": ["", *np.where(self.worse[1:], "worse", "undecided")],
+            "BIC": [f"{bic:.1f}" for bic in self.bic],
+        }
+
     def __str__(self) -> str:
         """Return the table of fits, the best first, and the verdicts below it."""
-        wide = max(len("model"), *map(len, self.names))
-        lines = [
-            f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time",
-            f"{'model':<{wide}} {'unknowns':>8} {'held out':>10} {'fitted':>10} {'difference of MSE':>22} {'BIC':>10}",
-        ]
-        for i, name in enumerate(self.names):
-            difference = f"{self.differences[i]:.2e} +- {self.difference_errors[i]:.1e}" if i else "-"
-            lines.append(
-                f"{name:<{wide}} {self.unknowns[i]:>8d} {self.errors[i]:>10.4g} {self.rmse[i]:>10.4g} {difference:>22} "
-                f"{self.bic[i]:>10.1f}"
-            )
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        title = f"{len(self.names)} models by their held-out error: {self.held_out}, held out one at a time"
+        return as_text(title, self.columns, notes=self.notes)
 
 
 def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
@@ -116,92 +119,86 @@ def compare(fits: Mapping[str, Fit], *, progress: bool = False) -> ModelChoice:
             raise TypeError(f"fits must have strings as names; got {name!r}. Give for example 'Phong'.")
         check_kind(f"fits['{name}']", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     names = sorted(fits)  # independent of the order of the mapping
-    for name in names[1:]:
-        _check_same_photographs(names[0], fits[names[0]], name, fits[name])
     with (
         showing("compare", show=progress) as report_progress,
         in_float64(dict(fits)) as fits,
     ):
-        laid = {name: fits[name].solved.laid_out() for name in names}
         for name in names[1:]:
-            _check_same_pixels(names[0], laid[names[0]], name, laid[name])
-        tightest = min(names, key=lambda name: (fits[name].rmse, name))
-        folds = make_folds(fits[tightest])
+            _check_comparable(names[0], fits[names[0]], name, fits[name])
+        folds = make_folds(fits[min(names, key=lambda name: (fits[name].rmse, name))])
         scale = min(float(fits[name].likelihood.sigma) for name in names)
         scores = {
             name: cross_validate(
-                laid[name], folds, scale, lambda share, k=k: report_progress("holding out", (k + share) / len(names))
+                fits[name].solved.laid_out(),
+                folds,
+                scale,
+                lambda share, k=k: report_progress("holding out", (k + share) / len(names)),
             )
             for k, name in enumerate(names)
         }
-        errors = {name: float(s.squares.sum() / s.samples.sum()) for name, s in scores.items()}
-        names.sort(key=lambda name: (errors[name], name))
-        best = scores[names[0]]
-        image_differences = np.array([_image_difference(scores[name], best) for name in names])
-    pairs = [paired_difference(scores[name].squares - best.squares, best.samples) for name in names]
-    rmse = np.array([scores[name].rmse for name in names])
+    names.sort(key=lambda name: (scores[name].error, name))
+    return _choice({name: fits[name] for name in names}, [scores[name] for name in names], folds)
+
+
+def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> ModelChoice:
+    """Return the verdicts on fits, of which the first has the least error."""
+    best, n = scores[0], len(folds)
+    pairs = [paired_difference(of.squares - best.squares, best.samples) for of in scores]
     differences, their_errors = (np.array(column) for column in zip(*pairs, strict=True))
-    visible = image_differences >= max(SHARE * rmse[0], 0.5 * GREY_LEVEL)
-    ratios = np.array([least_ratio(scores[name], best) for name in names])
-    worse = ((differences > 0) & (differences >= ERRORS * their_errors) & visible) | (ratios >= TIMES)
-    number = np.array([count_determined(fits[name]) for name in names])
-    bic = folds.count * np.log(np.maximum(rmse**2, 1e-300)) + number * np.log(folds.count)
-    notes = [
-        *(
-            verdict(names, i, differences, their_errors, image_differences, rmse, worse, ratios)
-            for i in range(1, len(names))
-        ),
-        *_of_few_views(folds, worse),
-        *_of_single_views(names, scores),
-        *_of_convergence(names, scores, fits),
-        f"BIC = n log(fitted^2) + unknowns log n, with n = {folds.count} folds and not the samples, which are "
-        "correlated; the verdicts do not use it.",
-    ]
-    return ModelChoice(
-        tuple(names),
-        np.sqrt([errors[name] for name in names]),
-        rmse,
-        number,
-        differences,
-        their_errors,
-        image_differences,
-        worse,
-        bic,
-        folds.count,
-        folds.words,
-        tuple(notes),
+    rmse, apart = _residuals_and_differences([*fits.values()])
+    ratios = np.array([least_ratio(of, best) for of in scores])
+    visible = apart >= max(MIN_SHARE * rmse[0], HALF_LEVEL)
+    number = np.array([count_determined(fit) for fit in fits.values()])
+    found = ModelChoice(
+        names=tuple(fits),
+        errors=np.sqrt([of.error for of in scores]),
+        rmse=rmse,
+        unknowns=number,
+        differences=differences,
+        difference_errors=their_errors,
+        image_differences=apart,
+        worse=((differences > 0) & (differences >= MIN_ERRORS * their_errors) & visible) | (ratios >= MIN_RATIO),
+        bic=n * np.log(np.maximum(rmse**2, 1e-300)) + number * np.log(n),
+        folds=n,
+        held_out=folds.words,
+        notes=(),
     )
+    verdicts = [verdict(found, i, float(ratio)) for i, ratio in enumerate(ratios) if i]
+    return replace(found, notes=(*verdicts, *_remarks(found, fits, scores, by_view=folds.by_view)))
 
 
-def _check_same_photographs(one: str, a: Fit, other: str, b: Fit) -> None:
-    """Refuse fits of different photographs, or with different weights."""
+def _residuals_and_differences(fits: Sequence[Fit]) -> Float[np.ndarray, "2 fits"]:
+    """Return the root mean squares of each fit's residuals, and of how its images differ from the first one's."""
+    squares, number = np.zeros((2, len(fits))), 0
+    for i, samples in enumerate(fits[0].solved.problem.data.samples):
+        if len(samples.pixels):  # a view that repeats an earlier one has none
+            seen = [fit.predict(fit.views[i]) for fit in fits]
+            counts = seen[0].counts
+            squares[0] += [np.sum(of.difference**2) for of in seen]
+            squares[1] += [np.sum((of.image - seen[0].image)[counts] ** 2) for of in seen]
+            number += counts.sum()
+    return np.sqrt(squares / number)
+
+
+def _check_comparable(one: str, a: Fit, other: str, b: Fit) -> None:
+    """Refuse fits of different photographs or pixels, or with different weights. Runs in float64."""
     both = f"fits['{one}'] and fits['{other}']"
     if len(a.views) != len(b.views):
         raise ValueError(f"{both} must be of the same views; got {len(a.views)} and {len(b.views)}. Fit both to all.")
     for i, (v, w) in enumerate(zip(a.views, b.views, strict=True)):
-        fields = [(name, getattr(v, name), getattr(w, name)) for name in ("image", "mask", "saturation", "floor")]
-        fields += [("channels", is_grey(v), is_grey(w)), ("noise", *map(_numbers, (v.noise, w.noise)))]
-        for what, x, y in fields:
-            if (x is None) != (y is None) or not (x is None or np.array_equal(x, y)):
+        for what in ("image", "mask", "saturation", "floor", "noise"):
+            if not eqx.tree_equal(getattr(v, what), getattr(w, what)):
                 raise ValueError(
                     f"{both} must be of the same views; views[{i}] differs in its {what}. Fit both to the same views."
                 )
     for what, x, y in (("loss", a.likelihood.loss, b.likelihood.loss), ("clipped", a.clipped, b.clipped)):
         if x != y:
             raise ValueError(f"{both} must have the same {what}; got '{x}' and '{y}'. Fit both with one of them.")
-
-
-def _numbers(noise: Any) -> np.ndarray | None:
-    return None if noise is None else np.array(jax.tree.leaves(noise), float)
-
-
-def _check_same_pixels(one: str, a: LaidOut, other: str, b: LaidOut) -> None:
-    """Refuse fits that use different pixels, because of other surfaces, cameras or clipping."""
-    for i, (s, t) in enumerate(zip(a.problem.samples, b.problem.samples, strict=True)):
+    for i, (s, t) in enumerate(zip(a.solved.problem.data.samples, b.solved.problem.data.samples, strict=True)):
         if not np.array_equal(s.pixels, t.pixels):
             raise ValueError(
-                f"fits['{one}'] and fits['{other}'] must use the same pixels; in views[{i}] they use "
-                f"{len(s.pixels):,} and {len(t.pixels):,}. Give the view a mask inside both silhouettes."
+                f"{both} must use the same pixels; in views[{i}] they use {len(s.pixels):,} and {len(t.pixels):,}. "
+                "Give the view a mask inside both silhouettes."
             )
 
 
@@ -226,72 +223,47 @@ def paired_difference(
 def least_ratio(one: Scores, best: Scores) -> float:
     """Return the least ratio of the errors of a model to those of the best one, of all folds; 0 if all are rounding."""
     rounding = best.rounding * best.samples
-    told = one.squares >= TIMES**2 * rounding
+    told = one.squares >= MIN_RATIO**2 * rounding
     if not told.any():
         return 0.0
     return float(np.sqrt(np.min(one.squares[told] / np.maximum(best.squares, rounding)[told])))
 
 
-def _image_difference(one: Scores, other: Scores) -> float:
-    """Return the root mean square difference of two fitted images where samples count."""
-    squares = 0.0
-    for c in range(len(one.chunks)):
-        (a, weight), (b, _) = one.predicted(c), other.predicted(c)
-        squares += float(np.sum(((a - b) ** 2)[weight > 0]))
-    return float(np.sqrt(squares / one.samples.sum()))
-
-
-def verdict(
-    names: Sequence[str],
-    i: int,
-    differences: np.ndarray,
-    errors: np.ndarray,
-    image_differences: np.ndarray,
-    rmse: np.ndarray,
-    worse: np.ndarray,
-    ratios: np.ndarray,
-) -> str:
-    """Return whether a model is worse than the best, or why this is undecided."""
-    best, other, apart = names[0], names[i], image_differences[i]
-    times = differences[i] / errors[i] if errors[i] > 0 else np.inf if differences[i] > 0 else 0.0
-    if worse[i] and ratios[i] >= TIMES:
+def verdict(choice: ModelChoice, i: int, ratio: float) -> str:
+    """Return whether a model is worse than the best, or why this is undecided; `ratio` is that of `least_ratio`."""
+    best, other, rmse, apart = choice.names[0], choice.names[i], choice.rmse[0], choice.image_differences[i]
+    difference, error = choice.differences[i], choice.difference_errors[i]
+    times = difference / error if error > 0 else np.inf if difference > 0 else 0.0
+    if choice.worse[i] and ratio >= MIN_RATIO:
         return (
-            f"{best} predicts held-out samples better than {other}, whose errors are at least {ratios[i]:.2g} times as "
+            f"{best} predicts held-out samples better than {other}, whose errors are at least {ratio:.2g} times as "
             "large, whatever is held out."
         )
-    if worse[i]:
+    if choice.worse[i]:
         return (
             f"{best} predicts held-out samples better than {other}: the mean square errors differ by {times:.1f} "
-            f"standard errors, and the fitted images by {apart:.2g}, with residuals of {rmse[0]:.2g}."
+            f"standard errors, and the fitted images by {apart:.2g}, with residuals of {rmse:.2g}."
         )
     why = []
-    if not differences[i] >= ERRORS * errors[i] or differences[i] <= 0:
-        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {ERRORS:g}")
-    if apart < 0.5 * GREY_LEVEL:
-        why.append(f"their fitted images differ by {apart:.2g}, less than half a grey level, {0.5 * GREY_LEVEL:.2g}")
-    elif apart < SHARE * rmse[0]:
-        why.append(f"their fitted images differ by {apart:.2g}, less than {SHARE:.0%} of the residuals, {rmse[0]:.2g}")
+    if times < MIN_ERRORS:
+        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {MIN_ERRORS:g}")
+    if apart < HALF_LEVEL:
+        why.append(f"their fitted images differ by {apart:.2g}, less than half a grey level, {HALF_LEVEL:.2g}")
+    elif apart < MIN_SHARE * rmse:
+        why.append(f"their fitted images differ by {apart:.2g}, less than {MIN_SHARE:.0%} of the residuals, {rmse:.2g}")
     return f"undecided between {best} and {other}: {'; '.join(why)}."
 
 
-def _of_few_views(folds: Folds, worse: np.ndarray) -> list[str]:
-    """Return a remedy if patches leave the choice undecided."""
-    if folds.by_view or worse[1:].all():
-        return []
-    return ["patches of so few photographs do not decide between the models. Add photographs under other lights."]
-
-
-def _of_single_views(names: Sequence[str], scores: Mapping[str, Scores]) -> list[str]:
-    """Name what was held when the only view that determines it was held out."""
-    held = list(dict.fromkeys(quantity for name in sorted(names) for quantity in scores[name].held))
-    if not held:
-        return []
-    return [f"{listing(held)}, determined by one view only, kept the fitted value when that view was held out."]
-
-
-def _of_convergence(names: Sequence[str], scores: Mapping[str, Scores], fits: Mapping[str, Fit]) -> list[str]:
-    """Name the models with a fit that did not converge."""
-    failed = [name for name in sorted(names) if not (scores[name].converged and fits[name].converged)]
-    if not failed:
-        return []
-    return [f"a fit of {listing(failed)} did not converge, so its held-out error may be too large."]
+def _remarks(choice: ModelChoice, fits: Mapping[str, Fit], scores: Sequence[Scores], *, by_view: bool) -> Iterator[str]:
+    """Yield what limits the verdicts, and what BIC counts."""
+    if not (by_view or choice.worse[1:].all()):
+        yield "patches of so few photographs do not decide between the models. Add photographs under other lights."
+    of_fits = sorted(zip(choice.names, fits.values(), scores, strict=True), key=lambda of: of[0])
+    if held := dict.fromkeys(quantity for _, _, of in of_fits for quantity in of.held):
+        yield f"{listing(list(held))}, determined by one view only, kept the fitted value when that view was held out."
+    if failed := [name for name, fit, of in of_fits if not (of.converged and fit.converged)]:
+        yield f"a fit of {listing(failed)} did not converge, so its held-out error may be too large."
+    yield (
+        f"BIC = n log(fitted^2) + unknowns log n, with n = {choice.folds} folds and not the samples, which are "
+        "correlated; the verdicts do not use it."
+    )

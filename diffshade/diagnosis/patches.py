@@ -4,75 +4,71 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from ..core.fields import Array
+from ..core.masks import Mask
 from ..inverse.data.samples import Samples
-from ..inverse.data.views import setups
-from ..inverse.forward.gram import Gram
-from ..inverse.forward.interface import AbstractForwardModel
-from ..inverse.forward.sums import waves
-from ..inverse.pixels.blocks import Block, Piece
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.forward.gram import ByView
+from ..inverse.forward.sums import sum_over, waves
+from ..inverse.pixels.blocks import Block, block_size, pieces
+from ..inverse.problem import FitProblem
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
 from ..inverse.unknowns.unknown import coordinate_slopes
-from ..parallel.threads import on_all_cores
+from .grams import gram_of
+from .misfit.residual_correlation import neighbour_correlation
 
-FEWEST = 6  # patches that a jackknife needs
-MOST = 64
+MIN_PATCHES = 6  # patches that a jackknife needs
+MAX_PATCHES = 64
+MIN_CORRELATION = 0.02  # a correlation of neighbours below which patches of any width are independent
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The pixels that count, in parts (views or patches) that are held out or compared with each other."""
+
+    samples: list[list[Samples]]
+    """The samples of each view in each part."""
+    words: str
+    by_view: bool = False
+    """Whether the parts are views."""
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def lay_out(self, problem: FitProblem) -> list[list[Block]]:
+        """Return the chunks of each part, weighed by the photographs."""
+        of_views = [len(s.pixels) for part in self.samples for s in part if len(s.pixels)]
+        size = min(problem.block_size, block_size(of_views))
+        return [problem.lay_out(pieces(part, size), size) for part in self.samples]
 
 
 def find_clusters(fit: Fit) -> Clusters:
     """Return the views if there are three or more, else patches wider than the correlation length of the residuals."""
-    if len(fit.evidence.hessian) >= 3 and fit.evidence.deciding() is None:
+    if fit.evidence.count >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
-    differences, counts = residual_images(fit)
-    width = patch_width(differences, counts)
+    patches = cut_in_patches(fit.solved.problem.data, patch_width(*residual_images(fit)))
+    if len(patches) < MIN_PATCHES:
+        return independent(fit.evidence, patches.words)
     laid = fit.solved.laid_out()
-    parts, patch = cut_in_patches(fit, laid.problem.samples, width)
-    count = len(set(patch))
-    if count < FEWEST:
-        return independent(fit.evidence, f"{count} patches of {width} x {width} pixels")
-    size = max(64, 1 << int(np.ceil(np.log2(max(len(part.pixels) for part in parts)))))
-    laid_out = laid.lay_out(parts, size)
-    theta = jnp.asarray(laid.theta)
-    grams = on_all_cores(lambda chunk: _gram_of_each_block(theta, laid.model, chunk), laid_out)
-
-    def by_patch(found: Sequence[Array]) -> Float[np.ndarray, "patches ..."]:
-        blocks = np.concatenate([np.asarray(one) for one in found])[: len(parts)]
-        return np.array([blocks[patch == k].sum(0) for k in range(count)])
-
-    H, g = (by_patch([getattr(gram, name) for gram in grams]) for name in ("hessian", "gradient"))
+    chunks = [laid.problem.reweigh(laid.theta, of) for of in patches.lay_out(laid.problem)]
     slope = coordinate_slopes(fit.values, fit.unknowns)
-    H, g = H * np.outer(slope, slope), g * slope
-    evidence = dataclasses.replace(fit.evidence, hessian=H, gradient=g, shown=None)
+    grams = [gram_of(laid.theta, laid.model, of) for of in chunks]
+    every = np.ones(len(slope), bool)
+    clusters = ByView.of([next(of.parts(every)) for of in grams], np.zeros(len(grams)), len(slope))
+    evidence = dataclasses.replace(fit.evidence, clusters=clusters.scaled(slope))
     if fit.evidence.waves is not None:
-        waves = on_all_cores(lambda chunk: _waves_of_each_block(theta, laid.model, chunk), laid_out)
-        evidence = dataclasses.replace(evidence, waves=by_patch(waves) * slope[:, None])
+        theta = jnp.asarray(laid.theta)
+        of_patches = np.array([sum_over(of, waves, theta, laid.model).sum(0) for of in chunks])
+        evidence = dataclasses.replace(evidence, waves=of_patches * slope[:, None])
     if evidence.deciding() is not None:
-        return independent(fit.evidence, f"{count} patches, one of which decides,")
-    return compared(evidence, count, f"{count} patches of {width} x {width} pixels")
-
-
-@jax.jit
-def _gram_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block) -> Gram:
-    def of_block(block: Block) -> Gram:
-        one = jax.tree.map(lambda leaf: leaf[None], block)
-        return model.gram(theta, model.summary(theta, one)).total(len(theta))
-
-    return jax.lax.map(of_block, chunk)
-
-
-@jax.jit
-def _waves_of_each_block(theta: Array, model: AbstractForwardModel, chunk: Block) -> Array:
-    def of_block(block: Block) -> Array:
-        return waves(theta, model, jax.tree.map(lambda leaf: leaf[None], block)).sum(0)
-
-    return jax.lax.map(of_block, chunk)
+        return independent(fit.evidence, f"{len(patches)} patches, one of which decides,")
+    return compared(evidence, len(patches), patches.words)
 
 
 def residual_images(fit: Fit) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
@@ -89,44 +85,42 @@ def correlation_length(
     It is the lag along rows and columns at which the correlation has fallen to 1/e of that of neighbours. White noise
     on top of a smooth error lowers both by the same factor.
     """
-
-    def correlation(lag: int) -> tuple[float, int]:
-        products, pairs, power = 0.0, 0, 0.0
-        for d, c in zip(differences, counts, strict=True):
-            for a, b, both in (
-                (d[lag:], d[:-lag], c[lag:] & c[:-lag]),
-                (d[:, lag:], d[:, :-lag], c[:, lag:] & c[:, :-lag]),
-            ):
-                products += float(np.sum((a * b)[both]))
-                pairs += int(both.sum())
-                power += 0.5 * float(np.sum((a**2 + b**2)[both]))
-        return products / max(power, 1e-300), pairs
-
-    first, pairs = correlation(1)
-    if not pairs or first < max(0.02, 3.0 / np.sqrt(pairs)):
+    residuals = [d[..., None] for d in differences]
+    first = neighbour_correlation(residuals, counts)
+    if first.share < MIN_CORRELATION or not first.least > 0.0:
         return 0
     longest = min(min(d.shape) for d in differences) - 1
-    return next((lag for lag in range(2, longest) if correlation(lag)[0] < first / np.e), longest)
+    lags = range(2, longest)
+    shares = (neighbour_correlation(residuals, counts, lag).share for lag in lags)
+    return next((lag for lag, share in zip(lags, shares, strict=True) if share < first.share / np.e), longest)
 
 
 def patch_width(differences: Sequence[np.ndarray], counts: Sequence[np.ndarray]) -> int:
     """Return the width of patches: at least twice the correlation length, and at most 64 patches."""
     pixels = sum(int(c.sum()) for c in counts)
-    return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MOST))))
+    return max(2 * correlation_length(differences, counts) + 1, int(np.ceil(np.sqrt(pixels / MAX_PATCHES))))
 
 
-def cut_in_patches(fit: Fit, samples: Sequence[Samples], width: int) -> tuple[list[Piece], Int[np.ndarray, " n"]]:
-    """Cut the pixels into squares of a grid, and return the patch of each square.
+def cut_in_patches(data: ViewSet, width: int) -> Parts:
+    """Cut the pixels into squares of a grid.
 
     Views with the same camera and lights share their patches, since they share the errors there.
     """
-    setup = {view: k for k, group in enumerate(setups(fit.scene, fit.views)) for view in group}
-    parts, keys = [], []
-    for view, of_view in enumerate(samples):
-        row, column = np.divmod(of_view.pixels, of_view.inside.shape[1])
-        square = (row // width) * of_view.inside.shape[1] + column // width
-        for number in np.unique(square):
-            parts.append(Piece(view, of_view, of_view.pixels[square == number]))
-            keys.append((setup[view], int(number)))
-    order = {key: k for k, key in enumerate(dict.fromkeys(keys))}
-    return parts, np.array([order[key] for key in keys], int)
+    parts = []
+    for group in data.setups:
+        row, column = np.indices(data.views[group[0]].camera.shape)
+        square = row // width * column.shape[1] + column // width
+        shown = np.concatenate([square.flat[data.samples[view].pixels] for view in group])
+        parts += [keep_only(data, group, square == number) for number in np.unique(shown)]
+    return Parts(parts, f"{len(parts)} patches of {width} x {width} pixels")
+
+
+def keep_only(data: ViewSet, group: Sequence[int], mask: Mask | None = None) -> list[Samples]:
+    """Return the samples of some views that a mask keeps, and none of other views."""
+
+    def part(view: int, s: Samples) -> Samples:
+        if view not in group:
+            return s.at(s.pixels[:0])
+        return s if mask is None else s.at(s.pixels[mask.reshape(-1)[s.pixels]])
+
+    return [part(view, s) for view, s in enumerate(data.samples)]

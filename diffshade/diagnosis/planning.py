@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,15 +13,18 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check, check_kind
 from ..core.progress import showing
+from ..core.tables import as_text
 from ..core.words import count, did_you_mean, listing
 from ..inverse.result import Fit
-from ..inverse.statistics.identifiability import some_channels
-from ..inverse.statistics.uncertainty import Vector
+from ..inverse.statistics.evidence import Evidence
+from ..inverse.statistics.identifiability import null_directions, relative_errors, some_channels, vague
+from ..inverse.statistics.uncertainty import SINGULAR, Matrix, Vector, scaled
+from ..inverse.unknowns.names import is_named
 from ..inverse.unknowns.unknown import Unknown
 from ..model.scenes import as_tuple
-from .plan_notes import Ranked, plan_notes
-from .shot_ranking import add_shot, information, rank_shots, relative_to_values
-from .shots import Shot, information_of_shot
+from .shots import Shot, information_of_shot, unknowns_of_lamp
+
+MAX_CLIPPED = 0.05  # a fraction of a shot's pixels; with more of them clipped, the exposure is too long
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +34,12 @@ class Plan:
     Every array is NumPy float64.
     """
 
-    shots: tuple[Shot, ...]
+    shots: tuple[Shot, ...] = field(repr=False)
     names: tuple[str, ...]
     """The name of each shot: its own, or its index."""
     order: tuple[int, ...]
     """The indices of the shots, best first."""
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Unknown, ...] = field(repr=False)
     values: Float[np.ndarray, " p"]
     scales: Float[np.ndarray, " p"]
     """The scale that each value may be small against, as in the fit."""
@@ -59,28 +63,24 @@ class Plan:
         """The shot to take first."""
         return self.shots[self.order[0]]
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table, by their heads: what is known now, and the shots, the best first."""
+        order, quantities = list(self.order), list(dict.fromkeys(u.quantity for u in self.unknowns))
+        errors = [self.cells(of, quantities) for of in (self.now, *self.errors[order])]
+        columns: dict[str, Any] = {"shot": ["now", *(self.names[i] for i in order)]}
+        columns |= dict(zip(quantities, zip(*errors, strict=True), strict=True))
+        if self.rank.any():
+            columns["new"] = ["", *self.rank[order]]
+        columns["gain"] = ["", *(f"{gain:.2f}" for gain in self.gain[order])]
+        return columns
+
     def __str__(self) -> str:
         """Return the table of shots, the best first, and the notes below it."""
-        quantities = list(dict.fromkeys(u.quantity for u in self.unknowns))
-        ranked = self.rank.any()
-        head = ["", "shot", *quantities, *(["new"] if ranked else []), "gain"]
-        rows = [head, ["", "now", *self.cells(self.now, quantities), *([""] if ranked else []), ""]]
-        for place, i in enumerate(self.order):
-            new = [f"{self.rank[i]:d}"] if ranked else []
-            rows.append(
-                [str(place + 1), self.names[i], *self.cells(self.errors[i], quantities), *new, f"{self.gain[i]:.2f}"]
-            )
-        widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
-        lines = [
-            "  ".join(
-                cell.ljust(w) if k < 2 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in rows
-        ]
         aim = listing(some_channels(self.aim, self.unknowns)) if self.aim.any() else ""
         by = f"the error of {aim}" if aim else "all errors together"
         title = f"plan of {count(len(self.shots), 'photograph')}, ranked by {by}: standard errors with each"
-        return "\n".join([title, *(line.rstrip() for line in lines), *(f"- {note}" for note in self.notes)])
+        return as_text(title, self.columns, notes=self.notes)
 
     def cells(self, errors: Vector, quantities: Sequence[str]) -> list[str]:
         """Return the largest error of each quantity.
@@ -133,28 +133,38 @@ def plan(
     check(shots)
     aimed = find_aim(fit.unknowns, aim)
     names = tuple(shot.name or f"shots[{i}]" for i, shot in enumerate(shots))
-    measured = []
+    added = []
     with (
         showing("plan", show=progress) as report_progress,
         in_float64((fit, shots)) as (own, own_shots),
     ):
         for i, (shot, name) in enumerate(zip(own_shots, names, strict=True)):
             report_progress(name, i / len(shots))
-            measured.append(information_of_shot(own, shot, name))
+            added.append(information_of_shot(own, shot, name))
     # An unknown that is not determined is at a bound by chance only.
     evidence = dataclasses.replace(fit.evidence, at_bound=fit.at_bound & fit.evidence.regular)
-    after = [add_shot(evidence, of_shot.hessian) for of_shot in measured]
-    now = evidence.plain_errors()
+    after = [add_shot(evidence, hessian) for hessian, _ in added]
     errors = np.array([e.plain_errors() for e in after])
-    rank_now, log_now = information(fit, evidence)
-    ranks, logs = (np.array(of) for of in zip(*(information(fit, e) for e in after), strict=True))
-    rank, gain = ranks - rank_now, logs - log_now
-    order = rank_shots(fit, names, aimed, errors, rank, gain)
-    clipped = np.array([of_shot.clipped for of_shot in measured])
-    notes = plan_notes(Ranked(fit, shots, names, order, aimed, now, errors, rank, clipped))
-    return Plan(
-        shots, names, order, fit.unknowns, fit.values, fit.scales, now, errors, gain, rank, clipped, aimed, tuple(notes)
-    )  # fmt: skip
+    sizes = reference_sizes(fit)
+    (rank_now, log_now), *found = (information(e, sizes) for e in (evidence, *after))
+    ranks, logs = np.array(found).T
+    rank, gain = ranks.astype(int) - rank_now, logs - log_now
+    found = Plan(
+        shots=shots,
+        names=names,
+        order=rank_shots(names, aimed, errors / sizes, rank, gain),
+        unknowns=fit.unknowns,
+        values=fit.values,
+        scales=fit.scales,
+        now=evidence.plain_errors(),
+        errors=errors,
+        gain=gain,
+        rank=rank,
+        clipped=np.array([clipped for _, clipped in added]),
+        aim=aimed,
+        notes=(),
+    )
+    return dataclasses.replace(found, notes=tuple(plan_notes(fit, found)))
 
 
 def find_aim(unknowns: Sequence[Unknown], aim: Sequence[str] | str | None) -> Bool[np.ndarray, " p"]:
@@ -163,7 +173,7 @@ def find_aim(unknowns: Sequence[Unknown], aim: Sequence[str] | str | None) -> Bo
     for name in () if aim is None else as_tuple((aim,) if isinstance(aim, str) else aim):
         if not isinstance(name, str):
             raise TypeError(f"aim must hold names of unknowns; got {name!r}. Give for example 'n_s'.")
-        named = np.array([_is_named(name, unknown) for unknown in unknowns])
+        named = np.array([is_named(name, unknown) for unknown in unknowns])
         if not named.any():
             known = {word for u in unknowns for word in (u.name, u.quantity, u.kind)}
             raise ValueError(f"aim names '{name}', which is not an unknown of this fit. {did_you_mean(name, known)}")
@@ -171,10 +181,110 @@ def find_aim(unknowns: Sequence[Unknown], aim: Sequence[str] | str | None) -> Bo
     return found
 
 
-def _is_named(name: str, unknown: Unknown) -> bool:
-    channel = unknown.name[len(unknown.quantity) :]  # .r of k_d.r
-    paths = [unknown.name, *(f"{path}{channel}" for path, _ in unknown.places)]
-    return any(f".{name}." in f".{path}." for path in paths)
+def add_shot(evidence: Evidence, hessian: Matrix) -> Evidence:
+    """Return the evidence with one more cluster; its gradient is 0, since the expected image is the fitted one."""
+    zero, directions = null_directions(evidence.total + hessian)
+    return evidence.with_cluster(hessian, ~zero & ~directions.any(0))
+
+
+def information(evidence: Evidence, sizes: Vector) -> tuple[int, float]:
+    """Return the rank of the information about the unknowns inside their bounds, and its log det in relative units.
+
+    For a singular matrix the log det uses the largest eigenvalues, as many as the rank.
+    """
+    inside = ~evidence.at_bound
+    H = evidence.total[np.ix_(inside, inside)] / max(evidence.sigma2, 1e-300)
+    A, lengths = scaled(H)
+    w = np.linalg.eigvalsh(A)
+    rank = int(np.sum(w > SINGULAR**2 * w.max(initial=0.0)))
+    if rank == len(w):  # the scaled matrix has the better condition
+        return rank, float(np.log(w).sum() + 2.0 * np.log(lengths * sizes[inside]).sum())
+    largest = np.linalg.eigvalsh(H * np.outer(sizes[inside], sizes[inside]))[len(w) - rank :]
+    return rank, float(np.log(np.maximum(largest, 1e-300)).sum())
+
+
+def rank_shots(
+    names: Sequence[str],
+    aim: Bool[np.ndarray, " p"],
+    relative: Float[np.ndarray, "shots p"],
+    rank: Int[np.ndarray, " shots"],
+    gain: Float[np.ndarray, " shots"],
+) -> tuple[int, ...]:
+    """Return the shots' indices, best first: by rank gained, then by the aim's relative error or else by log det.
+
+    If the views determine everything, no shot gains rank. Values that differ by rounding alone are tied; ties are
+    broken by name.
+    """
+
+    def key(i: int) -> tuple:
+        undetermined, score = 0, -gain[i]
+        if aim.any():
+            known = np.isfinite(relative[i, aim])
+            undetermined, score = int(np.sum(~known)), float(np.linalg.norm(relative[i, aim][known]))
+        return (-int(rank[i]), undetermined, float(f"{score:.9g}"), names[i], i)
+
+    return tuple(sorted(range(len(names)), key=key))
+
+
+def reference_sizes(fit: Fit) -> Vector:
+    """Return what each error is relative to (see `relative_errors`); 1 for a value without a scale."""
+    share = relative_to_values(fit.unknowns, fit.values, np.ones(len(fit.values)), fit.scales)
+    return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 1.0)
+
+
+def relative_to_values(unknowns: Sequence[Unknown], values: Vector, errors: Vector, scales: Vector) -> Vector:
+    """Return errors relative to their values; 0 for a bounded value that is 0 and so has no scale."""
+    without_scale = (values == 0) & np.array([np.isfinite(u.lower) for u in unknowns])  # a vector's component has one
+    nonzero = np.where(without_scale, 1.0, values)
+    return np.where(without_scale, 0.0, relative_errors(unknowns, nonzero, errors, scales))
+
+
+def plan_notes(fit: Fit, plan: Plan) -> Iterator[str]:
+    """Yield the sentences below a plan's table."""
+    best, now, then = plan.names[plan.order[0]], plan.now, plan.errors[plan.order[0]]
+
+    def names_of(which: Bool[np.ndarray, " p"]) -> str:
+        return listing(some_channels(which, plan.unknowns))
+
+    new = ~np.isfinite(now) & np.isfinite(then)
+    if new.any():
+        yield f"{best} determines {names_of(new)}, which the views do not."
+    both = np.isfinite(now) & np.isfinite(then) & (now > 0) & (plan.aim if plan.aim.any() else True)
+    if both.any():
+        ratio = float(np.exp(np.mean(np.log(then[both] / now[both]))))
+        what = names_of(both) if plan.aim.any() else "what the views determine"
+        yield f"with {best}, the errors of {what} are {ratio:.2g} times the present ones."
+    never = np.array(~np.isfinite(plan.errors).any(0))
+    if never.any():
+        fix = "it" if never.sum() == 1 else "one"
+        yield (
+            f"none of these shots determines {names_of(never)} (-). Fix {fix}, or plan with other lights, distances or "
+            "cameras."
+        )
+    elif not (np.isfinite(plan.errors).all() and np.isfinite(now).all()):
+        yield "a dash marks an unknown that is not determined."
+    lost = ~fit.determined & np.isfinite(then) & vague(plan.unknowns, plan.values, then, plan.scales)[0]
+    if lost.any():
+        yield f"even with {best}, {names_of(lost)} would be lost in the noise."
+    if plan.rank.any():
+        yield "'new' counts the directions that a shot determines and the views do not; such shots rank first."
+    for i in plan.order:
+        if plan.clipped[i] > MAX_CLIPPED:
+            yield (
+                f"{plan.names[i]} would have {plan.clipped[i]:.0%} of its pixels clipped; they do not count. Give it a "
+                "shorter exposure."
+            )
+    if own := _own_numbers(fit, plan.shots):
+        yield f"assumed known for each shot, though unknown in the views: {listing(own)}."
+    yield "errors assume independent noise as large as the fit's; use them only to compare shots with each other."
+
+
+def _own_numbers(fit: Fit, shots: Sequence[Shot]) -> list[str]:
+    """Name the parameters that differ from lamp to lamp, or from view to view: a shot's own are taken as known."""
+    lamps = [unknowns_of_lamp(fit, shot.light) for shot in shots if shot.light is not None]
+    own = {place.path for lamp in lamps for place, unknowns in lamp.items() if len(unknowns) > 1}
+    own |= {f"{u.kind} of a view" for u in fit.unknowns if any(place.owner == "views" for place in u.places)}
+    return sorted(own)
 
 
 def percent(share: float) -> str:

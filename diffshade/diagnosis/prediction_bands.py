@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import numpy as np
@@ -16,6 +16,7 @@ from ..core.words import count
 from ..inverse.data.recording import developed, linear
 from ..inverse.data.views import View, is_grey
 from ..inverse.result import Fit, Prediction
+from ..inverse.unknowns.unknown import free_places
 from ..model.cameras import AbstractCamera
 from ..model.rendering import intersect
 from ..model.scenes import Scene
@@ -23,33 +24,33 @@ from ..texels.maps import TexelMaps
 from ..texels.unexplained import Unexplained
 from .residual_quantiles import ResidualQuantiles, residual_quantiles
 
-FEWEST = 8  # photographs under different lights
-BOTH = 4  # groups from which half of them are of neighbouring lights
+MIN_LIGHTS = 8  # photographs under different lights
+MIN_GROUPS_FOR_BOTH = 4  # groups from which half of them are of neighbouring lights
 LEVELS = (0.5, 0.95)
 NEIGHBOURS = 2  # lights whose mean angle from a new one is how far it is from those fitted
-CLOSEST = 1.0  # degrees, below which lights are taken to be this far apart
-ABOUT = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
+MIN_DISTANCE = 1.0  # degrees, below which lights are taken to be this far apart
+NEAR = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
 
 
 @dataclass(frozen=True, eq=False)
 class PredictionBands:
     """A fit, and bands that hold the samples of photographs that it has not seen, from `fit_bands`."""
 
-    result: Fit | TexelMaps
+    result: Fit | TexelMaps = field(repr=False)
     """The fit to all photographs."""
     level: float
     """The share of the samples that the bands are made to hold."""
     groups: tuple[tuple[int, ...], ...]
     """The views that were left out together, as indices."""
-    refits: tuple[Fit | TexelMaps, ...]
+    refits: tuple[Fit | TexelMaps, ...] = field(repr=False)
     """The fit without each group."""
-    inside: Bool[np.ndarray, "h w"]
+    inside: Bool[np.ndarray, "h w"] = field(repr=False)
     """Pixels that a photograph shows the object at."""
     lights: Float[np.ndarray, "lights 3"]
     """Unit vectors from the object to each light of the scene."""
     toward: Float[np.ndarray, "views 3"]
     """Unit vectors to the lights of the views."""
-    residuals: ResidualQuantiles
+    residuals: ResidualQuantiles = field(repr=False)
     """How far photographs lie from the fits without their group, at those pixels."""
 
     @property
@@ -87,11 +88,13 @@ class PredictionBands:
         others = [self.toward[[i for i in range(len(self.toward)) if i not in group]] for group in self.groups]
         near = np.array([distance_to(toward, lights) for lights in others])
         distance = distance_to(toward, self.toward)
-        useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(ABOUT * distance, near.min())]
+        useful = [refit for refit, d in zip(self.refits, near, strict=True) if d <= max(NEAR * distance, near.min())]
         without = np.array([_radiance(_predicted(refit, view).image, view)[self.inside] for refit in useful])
-        ends = self.residuals.band(without, self.level, distance)
-        lower, upper = (_put(found.image, self.inside, float(view.exposure) * end + float(view.black)) for end in ends)
-        return dataclasses.replace(found, lower=lower, upper=upper, counts=found.counts & self.inside[..., None])
+        ends = np.repeat(found.image[None], 2, 0)
+        band = np.array(self.residuals.band(without, self.level, distance))
+        ends[:, self.inside] = float(view.exposure) * band + float(view.black)
+        counts = found.counts & self.inside[..., None]
+        return dataclasses.replace(found, lower=ends[0], upper=ends[1], counts=counts)
 
     def coverage(self, views: Sequence[View] | View) -> Float[np.ndarray, " views"]:
         """Return the share of the samples of each photograph, such as ones left out of the fit, that their bands hold.
@@ -166,9 +169,9 @@ def fit_bands(
                 f"bands need views of one camera, all grey or all in colour; views[{i}] differs. Leave it out."
             )
     alike = _under_the_same_lights(views)
-    if len(alike) < FEWEST:
+    if len(alike) < MIN_LIGHTS:
         raise ValueError(
-            f"bands need photographs under at least {FEWEST} different lights; got {len(alike)}. Add photographs."
+            f"bands need photographs under at least {MIN_LIGHTS} different lights; got {len(alike)}. Add photographs."
         )
     with showing("bands", show=progress) as report_progress:
         report_progress("all photographs", 0.0)
@@ -209,19 +212,11 @@ def _scene_of(result: Fit | TexelMaps) -> Scene:
 def distance_to(toward: Float[np.ndarray, "3"], lights: Float[np.ndarray, "lights 3"]) -> float:
     """Return how far a light is from others, degrees: the mean angle from the nearest."""
     cosine = np.sort(lights @ toward)[::-1][:NEIGHBOURS]
-    return max(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()), CLOSEST)
+    return max(float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))).mean()), MIN_DISTANCE)
 
 
 def _radiance(image: Float[np.ndarray, "h w c"], view: View) -> Float[np.ndarray, "h w c"]:
     return (image - float(view.black)) / float(view.exposure)
-
-
-def _put(
-    image: Float[np.ndarray, "h w c"], where: Bool[np.ndarray, "h w"], samples: Float[np.ndarray, "n c"]
-) -> Float[np.ndarray, "h w c"]:
-    changed = image.copy()
-    changed[where] = samples
-    return changed
 
 
 def groups_of(
@@ -252,18 +247,15 @@ def groups_of(
 
     every = np.arange(len(alike))
     ordered = [j for (j,) in parts(every, len(alike))]
-    blocks = min(groups, len(alike)) // 2 if groups >= BOTH else 0
+    blocks = min(groups, len(alike)) // 2 if groups >= MIN_GROUPS_FOR_BOTH else 0
     spread = min(groups - blocks, len(alike))
     of_lights = [ordered[k::spread] for k in range(spread)] + (parts(every, blocks) if blocks else [])
     return tuple(tuple(sorted(i for j in lights for i in alike[j])) for lights in of_lights)
 
 
 def _under_the_same_lights(views: Sequence[View]) -> list[list[int]]:
-    found: dict[tuple[int, ...] | None, list[int]] = {}
-    for i, view in enumerate(views):
-        lit = None if view.lit is None else tuple(sorted(int(light) for light in np.ravel(view.lit)))
-        found.setdefault(lit, []).append(i)
-    return list(found.values())
+    lit = [None if view.lit is None else tuple(sorted(view.lit)) for view in views]
+    return [[i for i, own in enumerate(lit) if own == one] for one in dict.fromkeys(lit)]
 
 
 def _to_lights(scene: Scene, camera: AbstractCamera) -> Float[np.ndarray, "lights 3"]:
@@ -275,7 +267,7 @@ def _to_lights(scene: Scene, camera: AbstractCamera) -> Float[np.ndarray, "light
 
 def _toward(lights: Float[np.ndarray, "lights 3"], view: View) -> Float[np.ndarray, "3"]:
     """Return the mean direction from the object to the lights of a view, of length 1."""
-    found = (lights if view.lit is None else lights[np.ravel(view.lit).astype(int)]).sum(0)
+    found = (lights if view.lit is None else lights[list(view.lit)]).sum(0)
     return found / max(float(np.linalg.norm(found)), 1e-12)
 
 
@@ -291,4 +283,4 @@ def _predicted(result: Fit | TexelMaps, view: View) -> Prediction:
 
 
 def _finds_sensor(fit: Fit) -> bool:
-    return any("sensor" in path.split(".") for unknown in fit.unknowns for path, _ in unknown.places)
+    return any(place.part == "sensor" for place in free_places(fit.unknowns))

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
-from ..inverse.data.views import setups
 from ..inverse.result import Fit
 from ..inverse.unknowns.unknown import values_at
 
@@ -34,7 +33,7 @@ def bootstrap(fit: Fit, *, draws: int = 200, seed: int = 0, progress: bool = Fal
         TypeError: If `fit` is not a `Fit`.
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
-    groups = setups(fit.scene, fit.views)
+    groups = fit.solved.problem.data.setups
     if len(groups) < 3:
         raise ValueError(
             f"bootstrap needs at least three views with different cameras or lights; got {len(groups)}. Add views."

@@ -10,14 +10,16 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 BRIGHTNESS = (0.3, 0.8, 1.5, 2.2, 3.0, 5.0)  # of a prediction, in medians of its texel: the bounds between bins
-SPREAD = 0.8  # which quantile of a texel's absolute residuals scales them
-SHARED = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
-FEWEST = 100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how its own grow
+SCALE_QUANTILE = 0.8  # which quantile of a texel's absolute residuals scales them
+SHARED_SCALE = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
+MIN_SAMPLES = (
+    100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how its own grow
+)
 DISAGREEMENT = 0.4  # how much of the fits' differences from their median counts: residuals of such fits hold them once
 
 QUANTILES = 64  # of the residuals in a bin
 LEVELS = (np.arange(QUANTILES) + 0.5) / QUANTILES
-AT_ONCE = 1 << 24  # sums in memory
+MAX_SUMS = 1 << 24  # sums in memory
 
 Texels = Float[np.ndarray, "n c"]
 Numbers = Float[np.ndarray, " residuals"]
@@ -73,7 +75,7 @@ class ResidualQuantiles(NamedTuple):
         count = len(predicted) * QUANTILES
         ranks = [rank := int((1.0 - level) / 2.0 * count), count - 1 - rank]
         ends = np.empty((len(scale), 2))
-        for at in range(0, len(scale), step := max(1, AT_ONCE // count)):
+        for at in range(0, len(scale), step := max(1, MAX_SUMS // count)):
             some = slice(at, at + step)
             sums = flat[:, some].T[..., None] + (scale[some, None] * table[bins[some]])[:, None]
             ends[some] = np.partition(sums.reshape(-1, count), ranks, axis=1)[:, ranks]
@@ -87,15 +89,12 @@ class ResidualQuantiles(NamedTuple):
         photographs as the bin has: the samples of one photograph share an error.
         """
         grown = self.tables * ((distance / self.distance)[:, None] ** self.growth)[..., None]
-        every = self.counts.sum(1)
         found = []
         for b in range(self.counts.shape[1]):
-            own = self.counts[:, b].sum() >= FEWEST
-            weights = self.counts[:, b] if own else every
-            values = grown[:, b] if own else grown.reshape(len(grown), -1)
-            of_each = weights[:, None] * np.ones_like(values) if own else np.repeat(self.counts, QUANTILES, axis=1)
-            quantiles = _weighted_quantiles(values.ravel(), of_each.ravel())
-            of_photograph = np.bincount(self.photograph, weights)
+            of = slice(b, b + 1) if self.counts[:, b].sum() >= MIN_SAMPLES else slice(None)
+            values, weights = np.broadcast_arrays(grown[:, of], self.counts[:, of, None])
+            quantiles = np.quantile(values.ravel(), LEVELS, weights=weights.ravel(), method="inverted_cdf")
+            of_photograph = np.bincount(self.photograph, self.counts[:, of].sum(1))
             alike = of_photograph.sum() ** 2 / (of_photograph**2).sum()
             end = (1.0 + level) / 2.0
             wider = stats.t.ppf(end, max(alike - 1.0, 1.0)) / stats.norm.ppf(end)
@@ -124,9 +123,9 @@ def residual_quantiles(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a sample that no photograph shows is NaN
         median = np.nanmedian(seen, 0)
-        spread = np.nanquantile(np.abs(residual), SPREAD, axis=0)
+        spread = np.nanquantile(np.abs(residual), SCALE_QUANTILE, axis=0)
     spread = np.where(np.isfinite(spread), spread, np.nanmedian(spread))
-    scale = spread + SHARED * np.median(spread)
+    scale = spread + SHARED_SCALE * np.median(spread)
     scaled = residual / np.where(scale > 0.0, scale, 1.0)
     bins = _brightness(predicted, median)
     tables = np.zeros((len(seen), len(BRIGHTNESS) + 1, QUANTILES))
@@ -140,7 +139,7 @@ def residual_quantiles(
                 sizes[k, b] = np.abs(part).mean()
     every = counts.sum(1)
     shared = _growth((sizes * counts).sum(1) / np.maximum(every, 1.0), every, photograph, distance, least=1)
-    own = [_growth(sizes[:, b], counts[:, b], photograph, distance, least=FEWEST) for b in range(counts.shape[1])]
+    own = [_growth(sizes[:, b], counts[:, b], photograph, distance, least=MIN_SAMPLES) for b in range(counts.shape[1])]
     growth = np.array([power if power is not None else shared or 0.0 for power in own])
     return ResidualQuantiles(scale, median, tables, counts, photograph, distance, growth, floor, ceiling)
 
@@ -161,12 +160,6 @@ def _growth(
     x, y = (z - (np.bincount(photograph, z) / np.maximum(number, 1))[photograph] for z in (x, y))  # from their mean
     spread = (weight * x) @ x
     return float(np.clip((weight * x) @ y / spread, 0.0, 1.0)) if spread > 1e-9 else None
-
-
-def _weighted_quantiles(values: Numbers, weights: Numbers) -> Float[np.ndarray, " quantiles"]:
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return values[order][np.minimum(np.searchsorted(reached, LEVELS * reached[-1]), len(values) - 1)]
 
 
 def _brightness(predicted: Float[np.ndarray, "... n c"], median: Texels) -> Int[np.ndarray, "... n c"]:

@@ -20,9 +20,9 @@ from ..inverse.forward.interface import AbstractForwardModel
 from ..inverse.forward.rendered import costs
 from ..inverse.laid_out import LaidOut
 from ..inverse.pixels.blocks import Block, total
+from ..inverse.pixels.blocks import chunks as in_chunks
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import inverse
-from ..inverse.unknowns.names import everything
 from ..inverse.unknowns.parameters import find_unknowns
 from ..inverse.unknowns.slots import Slots, apart, slots_of, values_in
 from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, unit_vectors
@@ -55,30 +55,19 @@ def sensitivity(fit: Fit, name: str) -> Float[np.ndarray, "p k"]:
     """
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     known = find_unknowns(fit.scene, fit.views, (name,), from_scene=True, with_dark_lights=True)
-    for unknown in known:  # a known n_s may be 0
-        unknown.parameter = dataclasses.replace(unknown.parameter, logarithmic=False)
-    places = {place for u in fit.unknowns for place in [*u.places, *((x.path, x.channel) for x in u.products)]}
-    for unknown in known:
-        for path, channel in unknown.places:
-            if (path, channel) in places:
-                raise ValueError(f"'{name}' names {path}, which is free in this fit. Name a parameter that was known.")
+    known = [  # as they are: a known n_s may be 0
+        dataclasses.replace(unknown, parameter=dataclasses.replace(unknown.parameter, logarithmic=False))
+        for unknown in known
+    ]
+    free = {place for unknown in fit.unknowns for place in unknown.all_places}
+    for place in (place for unknown in known for place in unknown.places if place in free):
+        raise ValueError(f"'{name}' names {place}, which is free in this fit. Name a parameter that was known.")
     with in_float64(fit) as fit:
-        at = _laid_out(fit)
-        slots = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, known))
-        phi = values_in(fit.scene, fit.views, known)
-        bases = [x.base for u in fit.unknowns for x in u.products]
-        along = jnp.asarray([[1.0 * (base in u.places) for u in known] for base in bases]).reshape(
-            len(bases), len(known)
-        )
-        shown = _shown(fit, known, followed=bool(np.any(along)))
-        z, p = jnp.asarray(np.concatenate([at.theta, phi])), len(at.theta)
-        second = total(
-            on_all_cores(lambda chunk: _second_derivatives(z, slots, along, shown, at.model, chunk), at.chunks)
-        )
+        at, p = _laid_out(fit), len(fit.unknowns)
+        second = _second_derivatives_at(fit, at, known, _shown(fit, known))
         moves = _moves(fit, at, second[:p, :p], second[:p, p:])
-    values = {path: np.asarray(value) for path, value, _ in everything(fit.scene, fit.views)}
     for unit in unit_vectors(known):  # phi is the unit vector; a known direction may have any length
-        moves[:, unit] /= np.linalg.norm(values[known[unit[0]].places[0][0]])
+        moves[:, unit] /= np.linalg.norm(known[unit[0]].places[0].value_in(fit.scene, fit.views))
     return moves
 
 
@@ -104,45 +93,32 @@ def image_sensitivity(fit: Fit, view: int) -> Float[np.ndarray, "p h w c"]:
             f"view must be from 0 to {len(fit.views) - 1}; got {view!r}. Give the index of one of the fit's views."
         )
     with in_float64(fit) as fit:
-        at = _laid_out(fit)
-        theta, p = jnp.asarray(at.theta), len(at.theta)
-        empty = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, []))
-        along = jnp.zeros((sum(len(u.products) for u in fit.unknowns), 0))
-        shown = _shown(fit, [], followed=False)
-        second = total(
-            on_all_cores(lambda chunk: _second_derivatives(theta, empty, along, shown, at.model, chunk), at.chunks)
-        )
-        some = [chunk for chunk in at.chunks if (np.asarray(chunk.view) == view).any()]
-        slopes = on_all_cores(lambda chunk: _by_sample(theta, shown, at.model, chunk), some)
-        views = np.concatenate([np.asarray(chunk.view) for chunk in some])
-        by_block = np.concatenate([np.asarray(s) for s in slopes])[views == view]  # (blocks, most, channels, pixels)
-        samples = fit.solved.problem.samples[view]
-        _, channels, size = by_block.shape[1:]
-        number = -(-len(samples.pixels) // size)
-        flat = by_block[:number].transpose(1, 0, 3, 2).reshape(len(shown[view]), number * size, channels)
+        at, p, shown = _laid_out(fit), len(fit.unknowns), _shown(fit, [])
+        second = _second_derivatives_at(fit, at, [], shown)
+        samples = fit.solved.problem.data.samples[view]
         used = samples.photograph.shape[2]
-        mixed = np.zeros((p + 1, len(samples.pixels) * used))
-        mixed[shown[view]] = flat[:, : len(samples.pixels), :used].reshape(len(flat), -1)
-        moves = _moves(fit, at, second, mixed[:p])
-    image = np.zeros((len(moves), samples.inside.size, used))
-    image[:, samples.pixels] = moves.reshape(len(moves), -1, used)
-    return image.reshape(len(moves), *samples.inside.shape, used)
+        mixed = np.zeros((p + 1, samples.inside.size, used))
+        index = np.arange(p) if shown is None else shown[view]
+        for chunk, parts in zip(at.chunks, in_chunks(at.parts), strict=True):
+            if any(part.view == view for part in parts):
+                for part, of_block in zip(parts, np.asarray(_by_sample(at.theta, shown, at.model, chunk)), strict=True):
+                    if part.view == view:
+                        block = of_block[:, :used, : len(part.pixels)].swapaxes(1, 2)
+                        mixed[index[:, None], part.pixels] = block
+        moves = _moves(fit, at, second, mixed[:p].reshape(p, -1))
+    return moves.reshape(p, *samples.inside.shape, used)
 
 
-def _shown(fit: Fit, known: Sequence[Unknown], *, followed: bool) -> Int[np.ndarray, "views most"]:
-    """Return which of the unknowns, and of the known numbers after them, each view can show, padded with their number.
+def _shown(fit: Fit, known: Sequence[Unknown]) -> Int[np.ndarray, "views most"] | None:
+    """Return which of the unknowns, and of the known numbers after them, each view can show (`shown_unknowns`).
 
-    Known numbers that unknowns are multiples of (`followed`) show wherever those do.
+    A known number that an unknown is a multiple of shows wherever that does.
     """
-    p, k = len(fit.unknowns), len(known)
-
-    def of(numbers: Sequence[Unknown], padding: int) -> np.ndarray:
-        found = shown_unknowns(fit.scene, fit.views, numbers)
-        every = np.tile(np.arange(len(numbers)), (len(fit.views), 1)) if found is None else found
-        return np.where(every < len(numbers), every, padding)
-
-    of_known = np.tile(np.arange(k), (len(fit.views), 1)) if followed else of(known, k)
-    return np.concatenate([of(fit.unknowns, p + k), p + of_known], 1)
+    products = [x for u in fit.unknowns for x in u.products]
+    followed = [
+        dataclasses.replace(u, places=(*u.places, *(x.place for x in products if x.base in u.places))) for u in known
+    ]
+    return shown_unknowns(fit.scene, fit.views, [*fit.unknowns, *followed])
 
 
 def _laid_out(fit: Fit) -> LaidOut:
@@ -168,9 +144,20 @@ def _prior_hessian(priors: Any, theta: Array) -> Array:
     return jax.hessian(lambda q: priors.gram(q).cost)(theta)
 
 
+def _second_derivatives_at(
+    fit: Fit, at: LaidOut, known: Sequence[Unknown], shown: Int[np.ndarray, "views most"] | None
+) -> Float[np.ndarray, "q q"]:
+    """Return the second derivatives of the cost at the minimum by the unknowns and the known numbers after them."""
+    slots = jax.tree.map(jnp.asarray, slots_of(apart(fit.scene)[1], fit.views, known))
+    bases = [x.base for u in fit.unknowns for x in u.products]
+    along = np.array([[base in u.places for u in known] for base in bases], float).reshape(len(bases), len(known))
+    z = np.concatenate([at.theta, values_in(fit.scene, fit.views, known)])
+    return total(on_all_cores(lambda chunk: _second_derivatives(z, slots, along, shown, at.model, chunk), at.chunks))
+
+
 @partial(jit_quickly, options=SOONER)
 def _second_derivatives(
-    z: Array, slots: Slots, along: Array, shown: Array, model: AbstractForwardModel, chunk: Block
+    z: Array, slots: Slots, along: Array, shown: Array | None, model: AbstractForwardModel, chunk: Block
 ) -> Array:
     """Return the second derivatives of a chunk's cost by the unknowns and the known numbers, in this order.
 
@@ -180,7 +167,7 @@ def _second_derivatives(
         z: The unknowns, and the known numbers after them.
         slots: Where the known numbers are in the scene.
         along: 1 where a product of the unknowns (a row) has a known number (a column) as its constant.
-        shown: Which of z each view can show, padded with their number.
+        shown: Which of z each view can show, padded with their number; None where each shows all.
         model: The forward model.
         chunk: Blocks of pixels.
     """
@@ -203,7 +190,7 @@ def _second_derivatives(
 
 
 @partial(jit_quickly, options=SOONER)
-def _by_sample(theta: Array, shown: Array, model: AbstractForwardModel, chunk: Block) -> Array:
+def _by_sample(theta: Array, shown: Array | None, model: AbstractForwardModel, chunk: Block) -> Array:
     """Return the derivative of the gradient of the cost by each sample: (blocks, most, channels, pixels)."""
 
     def of_block(block: Block) -> Array:

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from ..core.fields import Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
+from ..core.fields import Checked, Scalar, as_scalar, check_kind, is_concrete, parameter_of, quantities
 from ..inverse.data.recording import photograph
-from ..inverse.data.samples import Counts, Samples, find_samples
-from ..inverse.data.views import View, channels, has_mask, lights_on
-from ..inverse.forward.gram import Gram
-from ..inverse.forward.interface import AbstractForwardModel
-from ..inverse.pixels.blocks import Block, total
-from ..inverse.problem import fit_problem
+from ..inverse.data.samples import find_samples
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.data.views import View, channels, lights_on
+from ..inverse.problem import fit_problem, moves_surface
 from ..inverse.result import Fit
 from ..inverse.statistics.uncertainty import Matrix
+from ..inverse.unknowns.places import Place
 from ..inverse.unknowns.slots import put_back
 from ..inverse.unknowns.unknown import Unknown, coordinate_slopes, coordinates
 from ..model.cameras import AbstractCamera
@@ -27,7 +24,7 @@ from ..model.gbuffers import GBuffer
 from ..model.lights import AbstractLight
 from ..model.rendering import silhouette
 from ..model.scenes import Scene
-from ..parallel.threads import on_all_cores
+from .grams import gram_of
 
 # A shot states where its light is and where it points. The lamp's other unknowns are shared with the fit's lamps.
 PLACED = {"position", "direction", "edge"}  # roles of the numbers that say where a light is
@@ -65,79 +62,96 @@ class Shot(Checked):
             raise TypeError(f"Shot.name must be a string; got {self.name!r}. Give for example 'lamp near'.")
 
 
-class ShotInformation(NamedTuple):
-    """What a shot would measure."""
+def information_of_shot(fit: Fit, shot: Shot, name: str) -> tuple[Matrix, float]:
+    """Return what a shot adds to the Fisher information of a fit, at the fitted values. Runs in float64.
 
-    hessian: Matrix
-    """The Gram matrix J^T J of its samples, in the units of the fitted values."""
-    clipped: float
-    """The fraction of its pixels that the sensor would clip; they do not count."""
+    Args:
+        fit: The fit.
+        shot: The photograph to come.
+        name: Its name.
 
-
-class PlacedShot(NamedTuple):
-    """A shot in the fitted scene."""
-
-    scene: Scene
-    lit: tuple[int, ...] | None
-    unknowns: list[Unknown]
-    """The fit's unknowns with their places in this scene; an unknown of the views alone has no place in a shot."""
-    camera: AbstractCamera
-
-
-def information_of_shot(fit: Fit, shot: Shot, name: str) -> ShotInformation:
-    """Return the information that a shot adds about the fit's unknowns, at the fitted values. Runs in float64.
+    Returns:
+        The Gram matrix J^T J of its samples, in the units of the fitted values, and the fraction of its pixels that
+        the sensor would clip; they do not count.
 
     Raises:
         ValueError: If the shot sees no object, or needs a camera that the scene's surface does not allow.
     """
-    placed = place_shot(fit, shot)
-    _check_camera(fit, placed, name)
-    inside = _visible_object(placed, name)
-    moving = any("surface" in path.split(".") for unknown in placed.unknowns for path, _ in unknown.places)
+    moving = moves_surface(fit.unknowns)
+    scene, unknowns, view = place_shot(fit, shot, name, moving=moving)
     try:
-        view = _predicted_view(fit, shot, placed, mask=inside if moving else None, moving=moving)
-        samples = find_samples(placed.scene, view, moving=moving)
+        view = dataclasses.replace(view, image=photograph(scene, view))
+        samples = find_samples(scene, view, moving=moving)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     measured = ~samples.ends().any(-1)
-    clipped = 1.0 - float(measured.mean())
     if not measured.any():
-        return ShotInformation(np.zeros((len(placed.unknowns),) * 2), clipped)
-    samples = dataclasses.replace(samples, pixels=samples.pixels[measured])
-    return ShotInformation(_gram_of_view(fit, placed, view, samples), clipped)
+        return np.zeros((len(unknowns),) * 2), 1.0
+    data = ViewSet.of(scene, [view]).with_samples([samples.at(samples.pixels[measured])])
+    problem = fit_problem(scene, data, unknowns, "squares")
+    gram = gram_of(coordinates(fit.values, unknowns), problem.model, problem.chunks())
+    slope = coordinate_slopes(fit.values, unknowns)
+    # A robust loss gives the shot's samples the mean weight of the views' samples.
+    count, _, _, _, weight = fit.evidence.spread
+    return gram.scaled(slope).total(len(slope)) * weight / count, 1.0 - float(measured.mean())
 
 
-def place_shot(fit: Fit, shot: Shot) -> PlacedShot:
-    """Put the shot's light into the fitted scene, and find the fit's unknowns there."""
-    new: dict[int, list[tuple[str, int]]] = {}
-    scene, lit = fit.scene, fit.views[0].lit
+def place_shot(fit: Fit, shot: Shot, name: str, *, moving: bool) -> tuple[Scene, list[Unknown], View]:
+    """Put the shot's light into the fitted scene, and find the fit's unknowns there.
+
+    An unknown of the views alone has no place there. The view has the first one's sensor, but no image yet.
+    """
+    places = [[place for place in u.places if place.owner != "views"] for u in fit.unknowns]
+    scene, first = fit.scene, fit.views[0]
+    lit, camera = first.lit, first.camera if shot.camera is None else shot.camera
     if shot.light is not None:
-        number = len(scene.lights)
+        lit = (len(scene.lights),)
         light = jax.tree.map(lambda leaf: np.asarray(leaf, np.float64), shot.light)
-        scene, lit = dataclasses.replace(scene, lights=(*scene.lights, light)), (number,)
-        for leaf, unknowns in unknowns_of_lamp(fit, light).items():
-            if len(unknowns) == 1 and None not in unknowns:
-                new.setdefault(unknowns.pop() or 0, []).append((f"lights.{number}.{leaf[0]}", leaf[1]))
-    unknowns = [
-        dataclasses.replace(u, places=[*(p for p in u.places if not p[0].startswith("views.")), *new.get(j, [])])
-        for j, u in enumerate(fit.unknowns)
-    ]
-    camera = fit.views[0].camera if shot.camera is None else shot.camera
-    return PlacedShot(put_back(scene, (), unknowns, fit.values)[0], lit, unknowns, camera)
+        scene = dataclasses.replace(scene, lights=(*scene.lights, light))
+        for place, shared in unknowns_of_lamp(fit, light).items():
+            if len(shared) == 1 and (j := next(iter(shared))) is not None:
+                places[j].append(dataclasses.replace(place, item=lit[0]))
+    unknowns = [dataclasses.replace(u, places=tuple(of)) for u, of in zip(fit.unknowns, places, strict=True)]
+    scene, _ = put_back(scene, (), unknowns, fit.values)
+    _check_camera(fit, camera, name)
+    inside = np.asarray(silhouette(scene.objects, camera))
+    if not inside.any():
+        eye = ", ".join(f"{x:g}" for x in camera.eye)
+        raise ValueError(f"{name} sees no object from its camera at ({eye}). Set the camera's target to one.")
+    view = dataclasses.replace(
+        first,
+        image=np.zeros((*camera.shape, channels(first))),
+        camera=camera,
+        mask=inside if moving else None,
+        lit=lit,
+        exposure=shot.exposure,
+        saturation=fit.solved.problem.data.samples[0].sensor_range.level,
+    )
+    return scene, unknowns, view
 
 
-def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], set[int | None]]:
+def _check_camera(fit: Fit, camera: AbstractCamera, name: str) -> None:
+    """Refuse another camera where the surface is known only per pixel of the fit's cameras."""
+    same = eqx.tree_equal(*(jax.tree.map(np.asarray, c) for c in (camera, fit.views[0].camera)))
+    if not same and any(isinstance(item.surface, GBuffer) for item in fit.scene.objects):
+        raise ValueError(
+            f"{name} has a camera of its own, but this scene has a GBuffer, which holds the surface for the fit's "
+            "cameras only. Leave Shot.camera out."
+        )
+
+
+def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[Place, set[int | None]]:
     """Return the unknowns behind each number of a light, taken from the fit's lights of the same kind.
 
-    None stands for a known number. One unknown for all of these lights belongs to the lamp. A light that is off in
-    every view is ignored.
+    The places are those of a light without an index. None stands for a known number. One unknown for all of these
+    lights belongs to the lamp. A light that is off in every view is ignored.
     """
     on = {i for view in fit.views for i in lights_on(fit.scene, view)}
     same_kind = [i for i in sorted(on) if _kind(fit.scene.lights[i]) == _kind(light)]
     unknown_at = {place: j for j, u in enumerate(fit.unknowns) for place in u.places}
     return {
-        (leaf, c): {unknown_at.get((f"lights.{i}.{leaf}", c)) for i in same_kind}
-        for leaf, value, spec in quantities(light)
+        Place("lights", None, fields, c): {unknown_at.get(Place("lights", i, fields, c)) for i in same_kind}
+        for fields, value, spec in quantities(light)
         if parameter_of(spec).role not in PLACED
         for c in range(np.size(value))
     }
@@ -146,65 +160,3 @@ def unknowns_of_lamp(fit: Fit, light: AbstractLight) -> dict[tuple[str, int], se
 def _kind(light: AbstractLight) -> tuple[type, type]:
     """Return what kind a light is, and its law of attenuation."""
     return type(light), type(getattr(light, "attenuation", None))
-
-
-def _check_camera(fit: Fit, placed: PlacedShot, name: str) -> None:
-    """Refuse another camera where the surface is known only per pixel of the fit's cameras."""
-    same = eqx.tree_equal(*(jax.tree.map(np.asarray, c) for c in (placed.camera, fit.views[0].camera)))
-    if not same and any(isinstance(item.surface, GBuffer) for item in placed.scene.objects):
-        raise ValueError(
-            f"{name} has a camera of its own, but this scene has a GBuffer, which holds the surface for the fit's "
-            "cameras only. Leave Shot.camera out."
-        )
-
-
-def _visible_object(placed: PlacedShot, name: str) -> Any:
-    """Return the pixels that show an object."""
-    inside = np.asarray(silhouette(placed.scene.objects, placed.camera))
-    if not inside.any():
-        eye = ", ".join(f"{x:g}" for x in placed.camera.eye)
-        raise ValueError(f"{name} sees no object from its camera at ({eye}). Set the camera's target to one.")
-    return inside
-
-
-def _predicted_view(fit: Fit, shot: Shot, placed: PlacedShot, *, mask: Any, moving: bool) -> View:
-    """Return the photograph to expect, with the first view's sensor: black level, noise and saturation."""
-    first = fit.views[0]
-    view = View(
-        np.zeros((*placed.camera.shape, channels(first))),
-        placed.camera,
-        mask=mask,
-        lit=placed.lit,
-        exposure=shot.exposure,
-        black=first.black,
-        noise=first.noise,
-        saturation=find_samples(fit.scene, first, moving=moving and has_mask(first)).level,
-        floor=first.floor,
-        sensor=first.sensor,
-        bands=first.bands,
-    )
-    return dataclasses.replace(view, image=photograph(placed.scene, view))
-
-
-def _gram_of_view(fit: Fit, placed: PlacedShot, view: View, samples: Samples) -> Matrix:
-    """Return J^T J of a view's samples, in the units of the fitted values."""
-    number, unknowns = len(samples.pixels), placed.unknowns
-    counts = Counts(1, number, number * view.image.shape[2], 0, 0)
-    problem = fit_problem(placed.scene, [view], unknowns, [samples], counts, "squares", "exclude")
-    theta = jnp.asarray(coordinates(fit.values, unknowns))
-    summaries = on_all_cores(lambda chunk: _summary(theta, problem.model, chunk), problem.chunks())
-    H = np.asarray(_gram(theta, problem.model, total(summaries)).hessian)
-    slope = coordinate_slopes(fit.values, unknowns)
-    # A robust loss gives the shot's samples the mean weight of the views' samples.
-    count, _, _, _, weight = fit.evidence.spread
-    return H * np.outer(slope, slope) * weight / count
-
-
-@jax.jit
-def _summary(theta: Array, model: AbstractForwardModel, chunk: Block) -> Any:
-    return model.summary(theta, chunk)
-
-
-@jax.jit
-def _gram(theta: Array, model: AbstractForwardModel, summary: Any) -> Gram:
-    return model.gram(theta, summary).total(len(theta))

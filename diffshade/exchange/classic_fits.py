@@ -15,9 +15,9 @@ from ..model.materials import Highlight, Material
 from .lobe_refits import N_S_RANGE, lowest
 from .reference import Cosines, Radiance, Reference, differences
 
-ALIKE = 0.005  # an rms below this looks the same: about a step of an 8-bit image
-GAIN = 2 / 3  # of the error of one highlight: two are given where they leave less
-GRID = np.geomspace(*N_S_RANGE, 17)  # exponents of which pairs are tried before the best is refined
+MIN_RMS = 0.005  # an rms below this looks the same: about a step of an 8-bit image
+MAX_ERROR_RATIO = 2 / 3  # of the error of one highlight: two are given where they leave less
+EXPONENTS = np.geomspace(*N_S_RANGE, 17)  # exponents of which pairs are tried before the best is refined
 
 Weights = Float[np.ndarray, "terms 3"]
 
@@ -59,9 +59,9 @@ def nearest(
     weight = 1.0 / np.maximum(1.0, target.max(1, keepdims=True))
     tries = [_Terms(lobe, points, weight, target) for lobe in lobes]
     best = min((of.one() for of in tries), key=lambda found: found[0])
-    if most > 1 and np.sqrt(best[0] / target.size) > ALIKE:
+    if most > 1 and np.sqrt(best[0] / target.size) > MIN_RMS:
         two = best[1].two()
-        best = two if two[0] < GAIN**2 * best[0] else best
+        best = two if two[0] < MAX_ERROR_RATIO**2 * best[0] else best
     _, terms, exponents = best
     k = terms.weights(exponents)
     found = terms.columns(exponents) @ k
@@ -97,7 +97,7 @@ class _Terms:
 
     def two(self) -> tuple[float, _Terms, tuple[float, ...]]:
         """Return the least cost of two highlights: the best pair of a grid, refined."""
-        A = self.columns(GRID.tolist()) * self.weight
+        A = self.columns(EXPONENTS.tolist()) * self.weight
         G, y = A.T @ A, A.T @ self.target
 
         def gain(pair: tuple[int, int]) -> float:
@@ -105,7 +105,7 @@ class _Terms:
             part, k = G[np.ix_(terms, terms)], _least(G[np.ix_(terms, terms)], y[terms])
             return float(np.sum(k * (2 * y[terms] - part @ k)))
 
-        start = np.log(GRID[list(max(combinations(range(len(GRID)), 2), key=gain))])
+        start = np.log(EXPONENTS[list(max(combinations(range(len(EXPONENTS)), 2), key=gain))])
         low, high = np.log(N_S_RANGE)
         found: Any = minimize(
             lambda x: self.cost(np.exp(x).tolist()),

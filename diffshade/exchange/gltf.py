@@ -20,7 +20,7 @@ from ..model.lobes import Phong
 from ..model.materials import Material
 from .exports import Draft, notes_on_glass, notes_on_lights, opacity, stated, together
 from .lobe_refits import check_plain, is_matte, named
-from .metallic_roughness import F0, ROUGHNESS, Surface, classic, surface_of, what_of
+from .metallic_roughness import F0, ROUGHNESS, MetallicRoughness, classic, surface_of, what_of
 from .readings import Reading, as_number, as_numbers, as_table, load_json, textures_not_read
 from .reference import differences, radiance, reference_of
 
@@ -37,14 +37,14 @@ READ = {
 }
 ROW = ("name", "pbrMetallicRoughness", "emissiveFactor", "alphaMode", "alphaCutoff", "doubleSided")
 PBR = ("baseColorFactor", "metallicFactor", "roughnessFactor")
-MOST_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
+MAX_TABLES = 100  # tables of a material that are searched for textures; its own are a few dozen
 
 
-def fitted(material: Material) -> tuple[Surface, float, float]:
+def fitted(material: Material) -> tuple[MetallicRoughness, float, float]:
     """Return the surface nearest to a material by least squares, and the error."""
     check_plain(material)
     if is_matte(material) and np.max(material.k_d) <= 1:
-        return Surface(ROUGHNESS[1], np.asarray(material.k_d), np.zeros(3), 0.0), 0.0, 0.0
+        return MetallicRoughness(ROUGHNESS[1], np.asarray(material.k_d), np.zeros(3), 0.0), 0.0, 0.0
     points = reference_of(material)
     target = radiance(material, points)
     blinn = np.min(material.n_s) * (4.0 if isinstance(material.lobe, Phong) else 1.0)
@@ -52,8 +52,8 @@ def fitted(material: Material) -> tuple[Surface, float, float]:
     head_on = np.clip(4.0 * alpha**2 * np.asarray(material.k_s), 1e-4, 0.9)
     start = [np.log(np.clip(np.sqrt(alpha), 0.05, 0.99)), *np.clip(np.asarray(material.k_d), 1e-3, 0.99), *head_on]
 
-    def surface(x: np.ndarray) -> Surface:
-        return Surface(float(np.exp(x[0])), x[1:4], x[4:], float(np.max(x[4:])))
+    def surface(x: np.ndarray) -> MetallicRoughness:
+        return MetallicRoughness(float(np.exp(x[0])), x[1:4], x[4:], float(np.max(x[4:])))
 
     bounds = ([np.log(ROUGHNESS[0]), *np.zeros(6)], [np.log(ROUGHNESS[1]), *np.ones(6)])
     found = least_squares(lambda x: (surface(x).reflected(points) - target).ravel(), start, bounds=bounds, xtol=1e-12)
@@ -157,7 +157,7 @@ def _read(row: Any, name: str, reading: Reading) -> Material:
         rough = 1.0 - as_number(glossy, "glossinessFactor", 1.0, at, most=1.0)
         diffuse = colour[:3] * max(0.0, 1.0 - float(specular.max()))
         head_on = np.minimum(specular, 1.0)
-        surface = Surface(float(np.clip(rough, *ROUGHNESS)), diffuse, head_on, 1.0, weight, width)
+        surface = MetallicRoughness(float(np.clip(rough, *ROUGHNESS)), diffuse, head_on, 1.0, weight, width)
         return classic(surface, name, f"specular-glossiness surface of roughness {rough:.3g}", reading, **given)
     metallic = as_number(pbr, "metallicFactor", 1.0, at, most=1.0)
     rough = as_number(pbr, "roughnessFactor", 1.0, at, most=1.0)
@@ -218,7 +218,7 @@ def _note_textures(row: dict[str, Any], name: str, reading: Reading) -> None:
     tables, found = [row], []
     for table in tables:  # grows: a material's tables are nested a few deep
         for key, value in table.items():
-            if isinstance(value, dict) and len(tables) < MOST_TABLES:
+            if isinstance(value, dict) and len(tables) < MAX_TABLES:
                 found += [key] if key.endswith("Texture") else []
                 tables.append(value)
     if found:

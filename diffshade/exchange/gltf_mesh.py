@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import struct
+from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +20,35 @@ from ..io.files import replacing
 from ..io.image_formats import encode
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from .gltf import fitted
-from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
+from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
 from .metallic_roughness import F0, ggx, kept
 from .reference import EDGE, Reference
 
-FLOAT, UNSIGNED, ARRAY, ELEMENTS = 5126, 5125, 34962, 34963
-STEPS = 64  # roughnesses for which multiple scattering is computed, where each texel has its own
+ROUGHNESSES = 64  # for which multiple scattering is computed, where each texel has its own
 
 
-def textures(maps: TexelMaps, surface: Surface) -> Textures:
+class GltfCode(IntEnum):
+    """What glTF writes for types of numbers and uses of buffers (section 5 of its specification)."""
+
+    UNSIGNED = 5125
+    FLOAT = 5126
+    ARRAY = 34962
+    ELEMENTS = 34963
+
+
+UNSIGNED, FLOAT, ARRAY, ELEMENTS = GltfCode
+
+
+def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
     highlights = highlights_of(maps)
     numbers = highlights.at_texels(np.array([_numbers(material) for material in highlights.materials]))
     roughness, head_on, base = np.moveaxis(numbers, -1, 0)
     f0 = np.clip(surface.k_s * head_on[..., None], 0.0, 1.0)
     most = f0.max(-1, keepdims=True)
-    strength = float(np.clip(np.percentile(most[surface.inside], PERCENTILE), 1e-3, 1.0))
+    strength = float(np.clip(np.percentile(most[surface.inside], UNCLIPPED_PERCENT), 1e-3, 1.0))
     hue = np.where(most > 0.0, f0 / np.where(most > 0.0, most, 1.0), 1.0)
     pictures, back = {}, {}
     for name, values, srgb in (
@@ -100,7 +112,9 @@ def reflected(
     n_l = np.where(seen, points.n_l, 1.0)
     points = Reference(np.where(seen[:, None], points.n, l), points.l)
     alpha, F0_, kd = roughness.ravel() ** 2, head_on.reshape(-1, 3), base.reshape(-1, 3)
-    steps = np.unique(np.rint(alpha * STEPS) / STEPS).clip(0.5 / STEPS) if np.ptp(alpha) else alpha[:1]
+    steps = (
+        np.unique(np.rint(alpha * ROUGHNESSES) / ROUGHNESSES).clip(0.5 / ROUGHNESSES) if np.ptp(alpha) else alpha[:1]
+    )
     E = np.stack([kept(points.n_v, a) for a in steps])
     at = np.abs(alpha[None] - steps[:, None]).argmin(0) if len(steps) > 1 else np.zeros(len(alpha), int)
     F = F0_ + (F0_.max(-1, keepdims=True) - F0_) * (1.0 - np.clip(points.v_h, 0.0, 1.0))[:, None] ** 5

@@ -22,18 +22,17 @@ from ..model.materials import Highlight, Material
 from ..model.surfaces import AbstractSurface
 from ..texels.heights.differences import rays_of
 from ..texels.heights.mesh import HeightMesh, camera_axes
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from ..texels.status import OUTSIDE
 
 LIGHTS = ((0.0, 0.0, 1.0), (-0.6, 0.4, 0.69282), (0.8, 0.0, 0.6))  # toward the light, in the camera's axes
 EXPONENTS = 6  # n_s for which a highlight is refitted, where every texel has its own
-PERCENTILE = 99.5  # of k_s; larger values are clipped, so that 8 bits hold the others
 GREY = 0.1  # k_s at which a highlight is refitted where a program is not linear in it
 
 Image = Float[np.ndarray, "h w c"]
 
 
-class Surface(NamedTuple):
+class MapSurface(NamedTuple):
     """What maps show at each pixel, in the camera's axes: right, up, toward the camera."""
 
     inside: Bool[np.ndarray, "h w"]
@@ -55,7 +54,7 @@ class Surface(NamedTuple):
         return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-9)
 
 
-def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
+def surface_of(maps: TexelMaps, mesh: HeightMesh) -> MapSurface:
     """Return what maps show at each pixel of a mesh; outside the object, what its nearest pixel shows."""
     from scipy.ndimage import distance_transform_edt
 
@@ -73,7 +72,7 @@ def surface_of(maps: TexelMaps, mesh: HeightMesh) -> Surface:
     frame = np.stack(_frames(mesh, inside.shape), -2)[near] @ axes.T
     k_e = np.broadcast_to(np.asarray(item.material.k_e, np.float64), (3,))
     normal = (np.asarray(normal, np.float64) @ axes.T)[near]
-    return Surface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
+    return MapSurface(inside, coefficient("k_d"), coefficient("k_s"), k_e, normal, frame)
 
 
 def _surface_normals(surface: AbstractSurface) -> Float[np.ndarray, "h w 3"]:
@@ -144,7 +143,7 @@ def highlights_of(maps: TexelMaps) -> Highlights:
     shines = maps.determined & (n_s > 0)
     if not shines.any():
         return one(k_s=GREY, n_s=10.0)
-    low, high = (float(n) for n in np.maximum(np.percentile(n_s[shines], (0.5, PERCENTILE)), 1.0))
+    low, high = (float(n) for n in np.maximum(np.percentile(n_s[shines], (0.5, UNCLIPPED_PERCENT)), 1.0))
     knots = np.unique(np.geomspace(low, high, EXPONENTS))
     place = np.interp(np.log(np.clip(n_s, knots[0], knots[-1])), np.log(knots), np.arange(len(knots)))
     k_s = np.broadcast_to(maps.values.get("k_s", np.asarray(material.k_s)), (*n_s.shape, 3))
@@ -193,7 +192,7 @@ class Difference(NamedTuple):
 
 
 def difference(
-    maps: TexelMaps, surface: Surface, shade: Callable[[Float[np.ndarray, "3"]], Float[np.ndarray, "h w 3"]]
+    maps: TexelMaps, surface: MapSurface, shade: Callable[[Float[np.ndarray, "3"]], Float[np.ndarray, "h w 3"]]
 ) -> Difference:
     """Return how far another program's pictures are from those of maps.
 

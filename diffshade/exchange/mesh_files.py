@@ -15,12 +15,21 @@ from ..model.gbuffers import GBuffer
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from . import gltf_mesh, threejs_mesh
 from .exports import plain
 from .lobe_refits import with_lobe
-from .map_textures import GREY, PERCENTILE, Difference, Surface, Textures, difference, highlights_of, stored, surface_of
-from .mtl import HIGHEST
+from .map_textures import (
+    GREY,
+    Difference,
+    MapSurface,
+    Textures,
+    difference,
+    highlights_of,
+    stored,
+    surface_of,
+)
+from .mtl import MAX_N_S
 
 SUFFIXES = (".glb", ".gltf", ".json", ".obj", ".ply")
 
@@ -119,7 +128,7 @@ def check_suffix(path: Path) -> str:
     return suffix
 
 
-def _notes_on_maps(maps: TexelMaps, surface: Surface) -> list[str]:
+def _notes_on_maps(maps: TexelMaps, surface: MapSurface) -> list[str]:
     """Return notes on ambient reflection, which no format has, and on k_d that is too large for a picture."""
     notes = []
     if np.any(maps.values.get("k_a", np.asarray(maps.scene.objects[0].material.k_a))):
@@ -133,7 +142,7 @@ def _notes_on_maps(maps: TexelMaps, surface: Surface) -> list[str]:
     return notes
 
 
-def _write_ply(path: Path, mesh: HeightMesh, surface: Surface | None, notes: list[str]) -> Path:
+def _write_ply(path: Path, mesh: HeightMesh, surface: MapSurface | None, notes: list[str]) -> Path:
     """Write a binary PLY: corners with normals, errors of the heights and colours; triangles."""
     from scipy.ndimage import map_coordinates
 
@@ -194,18 +203,18 @@ def _write_obj(path: Path, mesh: HeightMesh, found: Textures | None, notes: list
     return [*written, path]
 
 
-def _mtl_textures(maps: TexelMaps, surface: Surface) -> Textures:
+def _mtl_textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the pictures of an MTL, its rows, and how far its formula (Blinn's lobe) is from the maps."""
 
     def numbers(material: Material) -> tuple[float, float]:
-        refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST).material
+        refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S).material
         return float(np.mean(np.asarray(refit.n_s))), float(np.mean(refit.k_s)) / GREY
 
     highlights = highlights_of(maps)
     found = highlights.at_texels(np.array([numbers(material) for material in highlights.materials]))
     n_s, scale = np.moveaxis(found, -1, 0)
     k_s = surface.k_s * scale[..., None]
-    most, highest = float(max(np.percentile(k_s[surface.inside], PERCENTILE), 1e-3)), float(np.max(n_s))
+    most, highest = float(max(np.percentile(k_s[surface.inside], UNCLIPPED_PERCENT), 1e-3)), float(np.max(n_s))
     pictures, back = {}, {}
     for name, values, srgb in (
         ("Kd", surface.k_d, True),

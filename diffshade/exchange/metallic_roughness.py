@@ -25,7 +25,7 @@ from .reference import Cosines, Radiance, Reference, reference
 F0 = 0.04  # for the refractive index 1.5 of a dielectric
 ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
 
-ROUNDING = 1e-6  # a radiance below this is none
+MIN_RADIANCE = 1e-6  # a radiance below this is none
 
 Colour3 = Float[np.ndarray, "3"]
 
@@ -35,7 +35,7 @@ def schlick(cosine: Cosines) -> Cosines:
     return (1.0 - cosine) ** 5
 
 
-class Surface(NamedTuple):
+class MetallicRoughness(NamedTuple):
     """Roughness, diffuse colour, the reflectance F at normal incidence and at grazing angles, and a clear coat."""
 
     roughness: float
@@ -67,7 +67,7 @@ class Surface(NamedTuple):
 
 def surface_of(
     colour: Colour3, metallic: float, roughness: float, dielectric: Any = F0, edge: float = 1.0, **more: Any
-) -> Surface:
+) -> MetallicRoughness:
     """Return a surface between a dielectric, 0, of this base colour and a metal, 1.
 
     Args:
@@ -82,10 +82,10 @@ def surface_of(
     head_on = beneath * (1.0 - metallic) + colour * metallic
     edge = edge * (1.0 - metallic) + metallic
     rough = float(np.clip(roughness, *ROUGHNESS))
-    return Surface(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
+    return MetallicRoughness(rough, colour * (1.0 - metallic), head_on, edge, beneath=beneath, **more)
 
 
-def classic(surface: Surface, name: str, what: str, reading: Reading, **more: Any) -> Material:
+def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, **more: Any) -> Material:
     """Return the Phong or Blinn material nearest to a surface, and note the remaining error.
 
     Args:
@@ -100,7 +100,7 @@ def classic(surface: Surface, name: str, what: str, reading: Reading, **more: An
     points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))
     target = surface.reflected(points)
     fit = nearest(target, points)
-    if fit.largest < ROUNDING and not any(np.any(np.asarray(of.k_s) > ROUNDING) for of in fit.highlights):
+    if fit.largest < MIN_RADIANCE and not any(np.any(np.asarray(of.k_s) > MIN_RADIANCE) for of in fit.highlights):
         return Material(k_d=fit.k_d, lobe=Blinn(), **more)
     found = fit.material(**more)
     peak = "" if target.max() <= 1 else f" Its highlight reaches {target.max():.2g}."

@@ -22,7 +22,7 @@ from .metallic_roughness import classic, surface_of, what_of
 from .names import original, words
 from .readings import Reading, textures_not_read
 
-HIGHEST = 1000.0
+MAX_N_S = 1000.0  # as the format has it
 COLOURS = {"Ka": "k_a", "Kd": "k_d", "Ks": "k_s", "Ke": "k_e"}
 MAPS = ("map_", "bump", "disp", "decal", "refl", "norm", "occlusion")
 # What the illumination models do beside the highlight, which is read. 0 to 2 do nothing more.
@@ -46,7 +46,7 @@ UNUSED = {
 }
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
-INDEX = (0.1, 10.0)  # of refraction, as Material has it
+ETA_RANGE = (0.1, 10.0)  # of refraction, as Material has it
 _COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 
@@ -58,7 +58,7 @@ def write_mtl(materials: Mapping[str, Material], lights: Any) -> Draft:
 
 
 def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
-    refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
+    refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S)
     notes = [*original(name, word), *notes_on_refit(refit)]
     m, k_t = refit.material, np.zeros(3) if material.k_t is None else np.asarray(material.k_t)
     if any(np.max(np.asarray(k)) > 1 for k in (m.k_a, m.k_d, m.k_s)):
@@ -201,8 +201,10 @@ def _glass(
     elif set(colour("Tf", 1.0)) != {1.0}:
         reading.note(name, "Tf filters what passes through, and by d and Tr nothing does; it is not read.")
     eta = one("Ni", 1.0)
-    if not INDEX[0] <= eta <= INDEX[1]:
-        reading.note(name, f"Ni {eta:g} is no index of refraction, {INDEX[0]:g} to {INDEX[1]:g}; it is not read.")
+    if not ETA_RANGE[0] <= eta <= ETA_RANGE[1]:
+        reading.note(
+            name, f"Ni {eta:g} is no index of refraction, {ETA_RANGE[0]:g} to {ETA_RANGE[1]:g}; it is not read."
+        )
     elif "Ni" in rows:
         found["eta"] = eta
     return found

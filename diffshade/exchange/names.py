@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 
-LONGEST = 60  # characters of an identifier
+MAX_LENGTH = 60  # characters of an identifier
 # Words of POV-Ray and JavaScript that a material could be named, and that their languages reserve.
 RESERVED = re.compile(
     "agate|all|aoi|average|bevelled|black|bozo|brick|bumps|camera|checker|clock|color|colour|cone|crackle|cubic|"
@@ -26,7 +26,7 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
 
     def identifier(name: str) -> str:
         plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore" if name.isascii() else "replace").decode()
-        word = re.sub(r"\W+", "_", plain.replace("?", "_"), flags=re.ASCII).strip("_")[:LONGEST] or "material"
+        word = re.sub(r"\W+", "_", plain.replace("?", "_"), flags=re.ASCII).strip("_")[:MAX_LENGTH] or "material"
         return f"_{word}" if word[0].isdigit() else f"{word}_" if RESERVED.fullmatch(word) else word
 
     return _distinct(names, identifier)

@@ -21,8 +21,8 @@ from .lobe_refits import with_lobe
 from .names import identifiers, original
 from .readings import Reading, read_declared
 
-HIGHEST = 128.0
-LIGHTS = 8
+MAX_N_S = 128.0  # GL_SHININESS and GL_SPOT_EXPONENT at most
+MAX_LIGHTS = 8
 _ARRAY = re.compile(r"\b(\w{1,80})\s*\[\s*\d*\s*\]\s*=\s*\{([^{}]*)\}", re.ASCII)
 _CALL = re.compile(r"\bgl(Material|Light)f(v?)\s*\(\s*(\w{1,80})\s*,\s*(\w{1,80})\s*,\s*([^;]{1,400})\)\s*;", re.ASCII)
 _FUNCTION = re.compile(r"\bvoid\s{1,9}(\w{1,80})_material\s{0,9}\(", re.ASCII)
@@ -42,7 +42,7 @@ def write_opengl(materials: Mapping[str, Material], lights: Sequence[AbstractLig
 
 
 def _written(name: str, word: str, material: Material) -> Draft:
-    refit = with_lobe(material, Blinn(), highest_n_s=HIGHEST)
+    refit = with_lobe(material, Blinn(), highest_n_s=MAX_N_S)
     m, alpha = refit.material, opacity(material)
     notes = [*original(name, word), *notes_on_refit(refit)]
     notes += notes_on_glass(material, "OpenGL", colour=False, eta=False)
@@ -71,8 +71,8 @@ def _floats(values: Any) -> str:
 
 
 def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
-    if len(lights) > LIGHTS:
-        raise ValueError(f"OpenGL has {LIGHTS} lights; got {len(lights)}. Give the brightest {LIGHTS}.")
+    if len(lights) > MAX_LIGHTS:
+        raise ValueError(f"OpenGL has {MAX_LIGHTS} lights; got {len(lights)}. Give the brightest {MAX_LIGHTS}.")
     calls, notes = ["    glLightModeli(GL_LIGHT_MODEL_LOCAL_VIEWER, GL_TRUE);"], []
     calls.append("    glLightModelfv(GL_LIGHT_MODEL_AMBIENT, (GLfloat[]){1.0f, 1.0f, 1.0f, 1.0f});")
     for i, light in enumerate(lights):
@@ -102,8 +102,8 @@ def _lights(lights: Sequence[AbstractLight]) -> tuple[list[str], list[str]]:
             notes += [f"OpenGL has no flaps: those of lights[{i}] are not written."] if light.flaps is not None else []
         if isinstance(light, SpotLight):
             vectors["SPOT_DIRECTION"] = list(np.asarray(light.direction))
-            single |= {"SPOT_CUTOFF": light.cutoff, "SPOT_EXPONENT": min(float(light.exponent), HIGHEST)}
-            if light.exponent > HIGHEST:
+            single |= {"SPOT_CUTOFF": light.cutoff, "SPOT_EXPONENT": min(float(light.exponent), MAX_N_S)}
+            if light.exponent > MAX_N_S:
                 notes.append(
                     f"the exponent of lights[{i}], {float(light.exponent):g}, is written as 128, OpenGL's highest."
                 )
@@ -141,7 +141,7 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
         if len(values[name]) not in (3, 4):
             raise ValueError(f"{where}: {name} must be four numbers; got {len(values[name])}. Give R, G, B and alpha.")
     n_s = values["GL_SHININESS"][0]
-    if not 0 <= n_s <= HIGHEST:
+    if not 0 <= n_s <= MAX_N_S:
         raise ValueError(f"{where}: GL_SHININESS must be 0 to 128, as in OpenGL; got {n_s:g}. Correct the file.")
     alpha = values["GL_DIFFUSE"][3] if len(values["GL_DIFFUSE"]) == 4 else 1.0
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}

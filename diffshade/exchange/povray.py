@@ -26,7 +26,7 @@ from .names import identifiers, original
 from .readings import Reading, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
 
-LEAST = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
+MIN_PIGMENT = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
 _DECLARED = re.compile(r"#declare\s{1,9}(\w{1,80})\s{0,9}=\s{0,9}texture\b", re.ASCII)
 _PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
@@ -66,7 +66,7 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     k_a, k_d, k_s, k_e = (np.asarray(k) for k in (m.k_a, m.k_d, m.k_s, m.k_e))
     diffuse = float(k_d.max())
     hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
-    pigment = np.maximum(hue / hue.max(), LEAST)
+    pigment = np.maximum(hue / hue.max(), MIN_PIGMENT)
     notes, rms, largest = [*original(name, word), *notes_on_refit(refit)], refit.rms, refit.largest
     strength, metallic = float(k_s.max()), 0.0
     if np.ptp(k_s) > 0:

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..core.words import listing
+from ..core.words import MAX_NAMED, listing
 from ..io.parsing import short
 from ..model.materials import Material
-
-MOST_NAMED = 3  # materials that a note names; of more it gives the number
 
 
 class Reading:
@@ -51,7 +49,7 @@ class Reading:
             names = list(dict.fromkeys(of for of in names if of))
             if names and name not in (None, *names):
                 continue
-            whom = listing([short(of) for of in names]) if len(names) <= MOST_NAMED else f"{len(names)} materials"
+            whom = listing([short(of) for of in names]) if len(names) <= MAX_NAMED else f"{len(names)} materials"
             yield f"{self.where}: {f'{whom}: ' if several and names else ''}{sentence}"
 
     def unused(self, name: str) -> str:

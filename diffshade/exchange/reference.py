@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from ..core.backend import in_float64
 from ..core.fields import Exponent
+from ..inverse.data.relightable import dome
 from ..model.lobes import AbstractPowerLobe, AbstractReflectance, Phong
 from ..model.materials import Material
 from ..model.reflection import reflectance
@@ -24,7 +25,6 @@ from ..model.vectors import Vec3
 ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
 POINTS = 256
 EDGE = 1e-3  # the edge of a highlight over its peak; also the least cosine of a point, as rounding decides smaller ones
-GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 
 Normals = Float[np.ndarray, "n 3"]
 Cosines = Float[np.ndarray, " n"]
@@ -84,11 +84,7 @@ def reference(n_s: float) -> Reference:
         h = np.array([np.sin(angle / 2), 0.0, np.cos(angle / 2)])
         x, y = np.array([h[2], 0.0, -h[0]]), np.array([0.0, 1.0, 0.0])
         for least in (EDGE ** (1.0 / n_s) if n_s > 0 else 0.0, 0.0):
-            i = np.arange(POINTS)
-            cosine = 1.0 - (1.0 - least) * (i + 0.5) / POINTS
-            sine = np.sqrt(1.0 - cosine**2)
-            turn = GOLDEN * i
-            n = cosine[:, None] * h + sine[:, None] * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y)
+            n = dome(POINTS, least) @ np.stack([x, y, h])
             l = np.broadcast_to([np.sin(angle), 0.0, np.cos(angle)], n.shape)
             seen = (n[:, 2] > EDGE) & (np.abs((n * l).sum(-1)) > EDGE)
             normals.append(n[seen])

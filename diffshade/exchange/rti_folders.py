@@ -28,8 +28,8 @@ from ..texels.status import OUTSIDE
 
 COUNTS = {"ptm": PTM_TERMS, "hsh": 9}  # what OpenLIME draws
 ORDER = {"ptm": [5, 3, 4, 0, 2, 1], "hsh": list(range(9))}  # 1 x y x^2 xy y^2, where a .ptm begins with x^2
-LIGHTS, OTHERS, LOWEST = 48, 7, 0.2  # lights that are fitted; lights for the error; the least z of their directions
-PERCENT, QUALITY = 0.05, 95  # of the coefficients that are clipped at either end; of the JPEGs
+LIGHTS, OTHERS, MIN_Z = 48, 7, 0.2  # lights that are fitted; lights for the error; the least z of their directions
+CLIPPED_PERCENT, QUALITY = 0.05, 95  # of the coefficients that are clipped at either end; of the JPEGs
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,12 @@ def write_rti(folder: str | os.PathLike[str], maps: TexelMaps, *, basis: str = "
         above.append(float(np.mean(radiance[inside] > 1.0)))
         return np.asarray(srgb_encode(np.clip(radiance, 0.0, 1.0)))
 
-    lights = dome(LIGHTS, LOWEST)
+    lights = dome(LIGHTS, MIN_Z)
     solve = np.linalg.pinv(np.stack([terms(basis, count, l) for l in lights]))[ORDER[basis]]
     coefficients = np.zeros((count, *maps.status.shape, 3), np.float32)
     for weight, l in zip(solve.T, lights, strict=True):
         coefficients += weight[:, None, None, None].astype(np.float32) * shown(l).astype(np.float32)
-    low, high = np.percentile(coefficients[:, inside], (PERCENT, 100.0 - PERCENT), axis=1)  # (terms, 3)
+    low, high = np.percentile(coefficients[:, inside], (CLIPPED_PERCENT, 100.0 - CLIPPED_PERCENT), axis=1)  # (terms, 3)
     scale = np.maximum(high - low, 1e-6)
     bias = -low / scale
     folder.mkdir(parents=True, exist_ok=True)
@@ -109,7 +109,7 @@ def write_rti(folder: str | os.PathLike[str], maps: TexelMaps, *, basis: str = "
     back = np.stack([(read_image(path, srgb=False) - b) * s for path, s, b in zip(paths, scale, bias, strict=True)])
     off = [
         (np.clip(np.tensordot(terms(basis, count, l)[ORDER[basis]], back, 1), 0.0, 1.0) - shown(l))[inside]
-        for l in dome(OTHERS, LOWEST)
+        for l in dome(OTHERS, MIN_Z)
     ]
     rms = float(np.sqrt(np.mean(np.square(off))))
     notes = (

@@ -20,17 +20,18 @@ from jaxtyping import Float
 from ..io.files import replacing
 from ..io.image_formats import encode
 from ..texels.heights.mesh import HeightMesh
-from ..texels.maps import TexelMaps
+from ..texels.maps import UNCLIPPED_PERCENT, TexelMaps
 from .hex_colours import from_hex, to_hex
 from .lobe_refits import N_S_RANGE, Shape, lowest
-from .map_textures import GREY, PERCENTILE, Surface, Textures, difference, highlights_of, stored
+from .map_textures import GREY, MapSurface, Textures, difference, highlights_of, stored
 from .reference import Cosines, Reference, radiance, reference_of
 from .threejs import fresnel
 
-CLAMPED, MIPMAPS, LINEAR, ON_UV = 1001, 1008, 1006, 300  # three.js's constants of textures
+# three.js's constants: stretched by the mesh's UV, clamped at the edges, linear, and by MIP maps where it is small
+SAMPLING = {"mapping": 300, "wrap": [1001, 1001], "minFilter": 1008, "magFilter": 1006}
 
 
-class Highlight(NamedTuple):
+class PhongHighlight(NamedTuple):
     """The highlight of a MeshPhongMaterial with maps."""
 
     n_s: float
@@ -38,14 +39,14 @@ class Highlight(NamedTuple):
     """Strength times specular colour of a k_s of 1."""
 
 
-def textures(maps: TexelMaps, surface: Surface) -> Textures:
+def textures(maps: TexelMaps, surface: MapSurface) -> Textures:
     """Return the textures of maps, the material that uses them, and how far it is from the maps."""
     n_s, size = _highlight(maps)
     k = surface.k_s * size[..., None]
     mean = k[surface.inside].mean(0)
     hue = mean / max(float(mean.max()), 1e-9) if mean.any() else np.ones(3)
     strength = k @ hue / (hue @ hue)
-    most = float(np.clip(np.percentile(strength[surface.inside], PERCENTILE), 1e-3, 1.0))
+    most = float(np.clip(np.percentile(strength[surface.inside], UNCLIPPED_PERCENT), 1e-3, 1.0))
     pictures, back = {}, {}
     for name, values, srgb in (
         ("map", surface.k_d, True),
@@ -77,7 +78,7 @@ def textures(maps: TexelMaps, surface: Surface) -> Textures:
     return Textures(pictures, material, difference(maps, surface, shade))
 
 
-def _highlight(maps: TexelMaps) -> Highlight:
+def _highlight(maps: TexelMaps) -> PhongHighlight:
     """Return the one shininess, and the size of its highlight at each texel, nearest to the highlights of maps."""
     highlights = highlights_of(maps)
     each = [reference_of(material) for material in highlights.materials]
@@ -97,7 +98,7 @@ def _highlight(maps: TexelMaps) -> Highlight:
 
     n_s = float(np.exp(lowest(cost, *np.log(N_S_RANGE))))
     sizes = np.array([[shape.weights(n_s, target)[0] / GREY] for target in targets])
-    return Highlight(n_s, highlights.at_texels(sizes)[..., 0])
+    return PhongHighlight(n_s, highlights.at_texels(sizes)[..., 0])
 
 
 def write(path: Path, mesh: HeightMesh, found: Textures | None, notes: list[str]) -> list[Path]:
@@ -156,10 +157,7 @@ def _texture(name: str) -> dict[str, Any]:
         "uuid": name,
         "name": name,
         "image": name,
-        "mapping": ON_UV,
-        "wrap": [CLAMPED, CLAMPED],
-        "minFilter": MIPMAPS,
-        "magFilter": LINEAR,
+        **SAMPLING,
         "flipY": True,
         "colorSpace": "srgb" if name == "map" else "",
     }

@@ -18,10 +18,10 @@ from ..model.materials import Material
 from .exports import Draft, comment, notes_on_glass, notes_on_lights, notes_on_refit, opacity, plain, stated, together
 from .lobe_refits import with_lobe
 from .names import identifiers, original
+from .opengl import MAX_N_S
 from .readings import Reading, read_declared
 from .reference import differences, radiance, reference_of
 
-HIGHEST_N, HIGHEST_K = 128.0, 1.0
 _FUNCTION = re.compile(r"^def set_(\w{1,80})\(", re.ASCII | re.MULTILINE)
 # What else of a vtkProperty changes how it looks.
 _UNREAD = re.compile(
@@ -38,7 +38,7 @@ def write_vtk(materials: Mapping[str, Material], lights: Any) -> Draft:
 
 
 def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
-    refit = with_lobe(material, Phong(), highest_n_s=HIGHEST_N, highest_k=HIGHEST_K)
+    refit = with_lobe(material, Phong(), highest_n_s=MAX_N_S, highest_k=1.0)
     m, rms, largest = refit.material, refit.rms, refit.largest
     notes = [
         *original(name, word),
@@ -49,8 +49,8 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     ambient = np.asarray(m.k_a) + np.asarray(m.k_e)
     if np.any(m.k_e):
         notes.append("VTK has no emission: k_e is added to k_a, which is equivalent for an ambient light of 1.")
-    if ambient.max() > HIGHEST_K:
-        lost, points = ambient - np.minimum(ambient, HIGHEST_K), reference_of(material)
+    if ambient.max() > 1.0:
+        lost, points = ambient - np.minimum(ambient, 1.0), reference_of(material)
         rms, largest = differences(radiance(material, points) + lost, radiance(m, points))
         notes.append(f"VTK clamps the ambient term at 1: {stated(rms, largest)}")
         ambient = ambient - lost
@@ -91,9 +91,9 @@ def _read(text: str, where: str, note: Callable[[str], None]) -> Material:
         raise ValueError(f"{where} sets nothing of a vtkProperty. Give Python code with property.SetDiffuse(...).")
 
     def k(term: str) -> Array:
-        return np.clip(known[term][0], 0.0, HIGHEST_K) * np.asarray(known[f"{term}Color"])
+        return np.clip(known[term][0], 0.0, 1.0) * np.asarray(known[f"{term}Color"])
 
-    n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, HIGHEST_N)), known["Opacity"][0]
+    n_s, alpha = float(np.clip(known["SpecularPower"][0], 0.0, MAX_N_S)), known["Opacity"][0]
     glass: dict[str, Any] = {"k_t": 1.0 - alpha} if alpha != 1 else {}
     try:
         return Material(k("Ambient"), k("Diffuse"), k("Specular"), n_s, Phong(), **glass)

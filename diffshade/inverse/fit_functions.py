@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,23 +17,19 @@ from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..model.scenes import Scene
-from .data.views import View, in_channels_of, is_grey
+from .data.view_sets import ViewSet
+from .data.views import View
 from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
-from .forward.layout import lay_plain
 from .pixels.blocks import Block
-from .problem import fit_problem, samples_for
-from .solve.descent import TINY, box_step
-from .solve.elimination import Dense
-from .solve.solvers import Box, PriorResiduals, minimum_in_jax, point_of
-from .solve.start_search import candidates
+from .problem import MAX_STEPS, FitProblem, fit_problem, with_samples_for
+from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
+from .solve.start_search import best_linear, groups_to_try
 from .unknowns.parameters import find_unknowns
-from .unknowns.unknown import Unknown, coordinates, natural
+from .unknowns.unknown import coordinates, natural
 
-MAX_STEPS = 60
-TOGETHER = 32  # fits of a batch that take their steps together
-FINER = 4  # times as many exponents are tried as by `fit`, which follows several starts: here one is followed
+TOGETHER = 16  # fits of a batch that take their steps together: their pixels stay in a core's cache
 
 
 class FittedValues(eqx.Module):
@@ -60,14 +59,15 @@ class FitFunction(eqx.Module):
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """The shape of each view's image."""
     model: AbstractForwardModel
+    """Of which all samples weigh alike."""
     priors: PriorResiduals
-    box: Box
+    box: BoxConstraints
     chunk: Block
     index: Int[fields.Array, "blocks channels pixels"]
     """Where each sample is in the images, one after another; -1 for padding."""
     start: Float[fields.Array, " p"]
     groups: tuple[tuple[Int[fields.Array, " m"], Float[fields.Array, "n m"]], ...]
-    """For each group of unknowns that a search tries together: their indices, and the values, in coordinates."""
+    """For each group of unknowns that a search tries together: which they are, and the values that it tries."""
 
     __hash__ = object.__hash__  # jax.jit looks the program of a function up by it; arrays have none
     __eq__ = object.__eq__
@@ -75,11 +75,10 @@ class FitFunction(eqx.Module):
     def __call__(self, *images: Float[ArrayLike, "..."]) -> FittedValues:
         """Fit the images.
 
-        The minimum is searched for as by `fit`: the image is linear in some unknowns, which are solved for at each
-        candidate of the others; from the best, Levenberg-Marquardt steps within bounds follow. The derivative by the
-        images is that of the minimum (implicit function theorem): with C the cost, d theta = -(d2C/dtheta2)^-1
-        d2C/dtheta dy dy. It is 0 for an unknown at a bound, for one that changes no prediction, and along a direction
-        that changes none.
+        The start is the best of the points that the search of `fit` tries, each at its best linear unknowns; the steps
+        are those of `fit`. The derivative by the images is that of the minimum (implicit function theorem): with C the
+        cost, d theta = -(d2C/dtheta2)^-1 d2C/dtheta dy dy. It is 0 for an unknown at a bound, for one that changes no
+        prediction, and along a direction that changes none.
 
         Args:
             images: The image of each view, of the shape of the one given to `fit_function`.
@@ -92,13 +91,10 @@ class FitFunction(eqx.Module):
         """
         of = self._in_jax()
         targets = of._targets(images)
-        theta, cost, converged, gram = _solved(of, targets)
+        theta, (converged, gram) = of._minimum(targets)
         values = natural(theta, of.model.setting.slots.logarithmic)
-        shown = of.shown(theta, gram, targets)
-        _, idle = _idle(gram, shown)
-        determined = shown & jnp.all(jnp.abs(idle) < _half_the_digits(idle), -1)
-        by_name = [dict(zip(self.names, of_each, strict=True)) for of_each in (values, determined)]
-        return FittedValues(by_name[0], cost, converged, by_name[1])
+        by_name = [dict(zip(self.names, each, strict=True)) for each in (values, of._determined(theta, gram, targets))]
+        return FittedValues(by_name[0], of.cost(theta, targets), converged > 0.0, by_name[1])
 
     def residuals(self, theta: Float[Array, " p"], *images: Float[ArrayLike, "..."]) -> Float[Array, " samples"]:
         """Return prediction - image, for every sample that counts; 0 for padding.
@@ -116,6 +112,10 @@ class FitFunction(eqx.Module):
         of = self._in_jax()
         return of._residuals(theta, of._targets(images)).ravel()
 
+    def cost(self, theta: Array, targets: Array) -> Array:
+        """Return half the sum of squares of the residuals."""
+        return 0.5 * jnp.sum(self._residuals(theta, targets) ** 2) + self.priors.gram(theta).cost
+
     def _in_jax(self) -> FitFunction:
         """Return the function with arrays of the precision of the program that calls it."""
         return jax.tree.map(jnp.asarray, self)
@@ -130,150 +130,82 @@ class FitFunction(eqx.Module):
         samples = jnp.concatenate([jnp.ravel(jnp.asarray(image, float)) for image in images])[self.index]
         return jnp.where(self.index >= 0, samples, 0.0)
 
-    def _weights(self) -> Float[Array, "blocks channels pixels"]:
-        return jnp.asarray(jax.vmap(self.model.sample_weights)(self.chunk))
-
-    def _predictions(self, theta: Array) -> Float[Array, "blocks channels pixels"]:
-        return jax.lax.map(lambda block: jnp.stack(self.model.predict(theta, block)), self.chunk)
-
     def _residuals(self, theta: Array, targets: Array) -> Array:
-        return jnp.sqrt(self._weights()) * (self._predictions(theta) - targets)
+        m = jax.lax.map(lambda block: jnp.stack(self.model.predict(theta, block)), self.chunk)
+        return jnp.where(self.index >= 0, m - targets, 0.0)
 
-    def cost(self, theta: Array, targets: Array) -> Array:
-        """Return half the sum of squares of the residuals."""
-        return 0.5 * jnp.sum(self._residuals(theta, targets) ** 2) + self.priors.gram(theta).cost
+    def _minimum(self, targets: Array) -> tuple[Array, tuple[Array, Array]]:
+        """Return the minimum, 1 where the solver converged, and J^T J there; with the derivatives of an implicit root.
 
-    def minimum(self, targets: Array) -> tuple[Array, Array, Array, Array]:
-        """Return the minimum, its cost, whether the solver converged, and J^T J there."""
-        first = self._candidates(jnp.asarray(self.start), 0)
-        theta, converged, gram = _searched(self, self._prepared(first), targets)
-        return theta, self.cost(theta, targets), converged, gram
-
-    def shown(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
-        """Return the unknowns that change the prediction, given J^T J, by more than rounding.
-
-        Of an unknown that the prediction is linear in, any change will do; another one changes by 1 (of an exponent its
-        logarithm) or by its value. Normal equations keep half of the digits.
+        The root is that of the gradient, by the unknowns that are not at a bound.
         """
-        effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
-        rounding = _half_the_digits(gram) * jnp.sqrt(jnp.sum(self._weights() * targets**2))
-        return effect > jnp.where(jnp.asarray(self.box.linear), 0.0, rounding)
 
-    def _candidates(self, theta: Array, group: int) -> Float[Array, "n p"]:
-        """Return theta with the unknowns of a group at each of their values; theta alone where there is no group."""
-        if not self.groups:
-            return theta[None]
-        members, values = self.groups[group]
-        return jax.vmap(theta.at[members].set)(jnp.asarray(values))
+        def gradient(theta: Array) -> Array:
+            inside = (theta > self.box.lower) & (theta < self.box.upper)
+            cost = jax.grad(lambda q: self.cost(jnp.where(inside, q, jax.lax.stop_gradient(theta)), targets))
+            return cost(theta)
 
-    def _prepared(self, thetas: Float[Array, "n p"]) -> Prepared:
-        """Return what a search needs of some candidates and does not depend on the images."""
-        linear = jnp.asarray(self.box.linear)
-        weights = self._weights().ravel()
+        def solved(*_: Any) -> tuple[Array, tuple[Array, Array]]:
+            found, converged = _searched(self, targets)
+            as_number = jnp.where(converged, 1.0, 0.0)  # whose derivative custom_root makes a zero of its own kind
+            return jnp.asarray(found.theta), (as_number, found.total.hessian.as_matrix())
 
-        def prepared(theta: Array) -> Prepared:
-            begin = jnp.clip(jnp.where(linear, 0.0, theta), self.box.lower, self.box.upper)
-            m, derivative = jax.linearize(lambda q: self._predictions(q).ravel(), begin)
-            J = jax.vmap(derivative)(jnp.diag(jnp.where(linear, 1.0, 0.0)))
-            weighted, slopes = weights * m, weights[None] * J
-            return Prepared(begin, weighted, slopes, slopes @ J.T, slopes @ m, 0.5 * weighted @ m)
+        return jax.lax.custom_root(gradient, jnp.asarray(self.start), solved, _inverse_of, has_aux=True)
 
-        return jax.lax.map(prepared, thetas)
-
-    def _best(self, of: Prepared, targets: Array) -> Float[Array, " p"]:
-        """Return the best of some candidates, each at its best linear unknowns."""
-        linear, y = jnp.asarray(self.box.linear), targets.ravel()
-
-        def solved(theta: Array, A: Array, g: Array, cost: Array) -> tuple[Array, Array]:
-            low = jnp.where(linear, self.box.lower - theta, 0.0)
-            high = jnp.where(linear, self.box.upper - theta, 0.0)
-            step = box_step(Dense(A), g, jnp.full_like(theta, TINY), low, high)
-            return theta + step, cost + g @ step + 0.5 * step @ A @ step
-
-        found, costs = jax.vmap(solved)(of.theta, of.hessian, of.gradient - of.slopes @ y, of.cost - of.weighted @ y)
-        return found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
-
-    def search(self, first: Prepared, targets: Array) -> tuple[Array, Array, Array]:
-        """Return the minimum, whether the solver converged, and J^T J there, from the best of the candidates."""
+    def search(self, targets: Array) -> tuple[Point, Array]:
+        """Return the minimum and whether the solver converged, from the best of the points that are tried."""
         chunk = eqx.tree_at(lambda c: c.observed.target, self.chunk, targets)
+        theta, projects = jnp.asarray(self.start), self.model.projects
 
         def evaluate(theta: Array) -> Point:
             return point_of(theta, self.model, self.priors, self.box, self.model.summary(theta, chunk))
 
-        theta = self._best(first, targets)
-        later = [*range(1, len(self.groups)), *range(len(self.groups))] if len(self.groups) > 1 else []
-        for group in later:  # one after another, twice
-            theta = self._best(self._prepared(self._candidates(theta, group)), targets)
-        squares = jnp.sum(self._weights() * targets**2)
-        projects = self.model.projects
-        point, converged = minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
-        return jnp.asarray(point.theta), converged, point.total.hessian.as_matrix()
+        def judged(theta: Array) -> tuple[Any, Any]:
+            point = evaluate(theta)
+            return (point.theta, point.total.cost) if projects else best_linear(point, self.box)
 
+        for members, values in self.groups * min(len(self.groups), 2):
+            tried = jax.vmap(theta.at[members].set)(values)
+            found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
+            theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
+        squares = jnp.sum(targets**2)
+        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
 
-class Prepared(eqx.Module):
-    """Candidates of a search, each at linear unknowns of 0, and their quadratic model of the cost: a leading axis each.
+    def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
+        """Return which unknowns change the prediction by more than rounding, in no direction that changes none.
 
-    W are the weights, m the prediction and J its derivatives by the linear unknowns; the last has a factor 1/2.
-    """
-
-    theta: Float[Array, "... p"]
-    weighted: Float[Array, "... samples"]
-    slopes: Float[Array, "... p samples"]
-    hessian: Float[Array, "... p p"]
-    gradient: Float[Array, "... p"]
-    cost: Float[Array, "..."]
-
-
-def _half_the_digits(of: Array) -> float:
-    return float(jnp.finfo(of.dtype).eps) ** 0.5
-
-
-def _idle(gram: Float[Array, "p p"], among: Bool[Array, " p"]) -> tuple[Float[Array, " p"], Float[Array, "p p"]]:
-    """Return a scale for some unknowns, 0 for others, and directions of the scaled ones that change no prediction.
-
-    Scaled, each changes the prediction as much as any other. A direction is a column of the matrix; others are 0.
-    """
-    scale = jnp.where(among, jax.lax.rsqrt(jnp.where(among, jnp.diagonal(gram), 1.0)), 0.0)
-    size, direction = jnp.linalg.eigh(gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(among, 0.0, 1.0)))
-    return scale, jnp.where(size < len(gram) * jnp.finfo(gram.dtype).eps, direction, 0.0)
-
-
-@jax.custom_jvp
-def _solved(function: FitFunction, targets: Array) -> tuple[Array, Array, Array, Array]:
-    return function.minimum(targets)
-
-
-@_solved.defjvp
-def _(primals: tuple, tangents: tuple) -> tuple:
-    """Return the implicit derivative, by the images alone."""
-    (of, targets), along = primals, tangents[1]
-    theta, _, converged, gram = found = _solved(of, targets)
-    free = of.shown(theta, gram, targets) & (theta > of.box.lower) & (theta < of.box.upper)
-    scale, idle = jax.lax.stop_gradient(_idle(gram, free))
-    mixed = jax.jvp(lambda y: jax.grad(of.cost)(theta, y), (targets,), (along,))[1]
-    held = idle @ idle.T
-    kept = jnp.eye(len(theta)) - held
-    H = jax.hessian(of.cost)(theta, targets) * jnp.outer(scale, scale) + jnp.diag(jnp.where(free, 0.0, 1.0))
-    d_theta = -scale * jnp.linalg.solve(kept @ H @ kept + held, kept @ (scale * mixed))
-    d_cost = jax.jvp(lambda y: of.cost(theta, y), (targets,), (along,))[1]
-    no_slope = np.zeros(converged.shape, jax.dtypes.float0)
-    return found, (d_theta, d_cost, no_slope, jnp.zeros_like(gram))  # of the Gram, only what it shows is asked
+        Of an unknown that the prediction is linear in, any change will do; another one changes by 1 (of an exponent its
+        logarithm) or by its value. Normal equations keep half of the digits.
+        """
+        half_the_digits = float(jnp.finfo(gram.dtype).eps) ** 0.5
+        effect = jnp.sqrt(jnp.diagonal(gram)) * jnp.maximum(1.0, jnp.abs(theta))
+        shown = effect > jnp.where(self.box.linear, 0.0, half_the_digits * jnp.sqrt(jnp.sum(targets**2)))
+        scale = jnp.where(shown, jax.lax.rsqrt(jnp.where(shown, jnp.diagonal(gram), 1.0)), 0.0)
+        scaled = gram * jnp.outer(scale, scale) + jnp.diag(jnp.where(shown, 0.0, 1.0))
+        size, direction = jnp.linalg.eigh(scaled)
+        idle = jnp.where(size < len(gram) * jnp.finfo(gram.dtype).eps, direction, 0.0)
+        return shown & jnp.all(jnp.abs(idle) < half_the_digits, -1)
 
 
 @jax.custom_batching.custom_vmap
-def _searched(function: FitFunction, first: Prepared, targets: Array) -> tuple[Array, Array, Array]:
-    return function.search(first, targets)
+def _searched(function: FitFunction, targets: Array) -> tuple[Point, Array]:
+    return function.search(targets)
 
 
 @_searched.def_vmap
-def _(size: int, batched: tuple, function: FitFunction, first: Prepared, targets: Array) -> tuple:
-    """Search for a few at once, whose pixels stay in a core's cache: none then waits for the slowest of all."""
-    if any(jax.tree.leaves(batched[:2])):  # over settings, not images
-        axes = jax.tree.map(lambda moves: 0 if moves else None, tuple(batched))
-        found = jax.vmap(FitFunction.search, axes)(function, first, targets)
-    else:
-        found = jax.lax.map(lambda y: function.search(first, y), targets, batch_size=min(size, TOGETHER))
-    return found, (True, True, True)
+def _(size: int, batched: tuple, function: FitFunction, targets: Array) -> tuple:
+    """Search for a few at once: none of the others then waits for the slowest of all."""
+    found = jax.lax.map(function.search, targets, batch_size=min(size, TOGETHER))
+    return found, jax.tree.map(lambda _: True, found)
+
+
+def _inverse_of(hessian: Callable[[Array], Array], slope: Float[Array, " p"]) -> Float[Array, " p"]:
+    """Return H^-1 slope, with 0 for unknowns and along directions that change nothing, given the product by H."""
+    H = jax.vmap(hessian)(jnp.eye(len(slope), dtype=slope.dtype))
+    D = jnp.diagonal(H)
+    seen = jnp.finfo(H.dtype).eps * jnp.max(D) < D
+    scale = jnp.where(seen, jax.lax.rsqrt(jnp.where(seen, D, 1.0)), 0.0)
+    return scale * (jnp.linalg.pinv(H * jnp.outer(scale, scale), hermitian=True) @ (scale * slope))
 
 
 def fit_function(
@@ -307,11 +239,11 @@ def fit_function(
     views = (views,) if isinstance(views, View) else tuple(views)
     check_choices(scene, views, (), "squares", "hinge", "search")
     check_backend()
-    scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
-    unknowns = find_unknowns(scene, views, free, bounds=bounds, grey=all(map(is_grey, views)))
-    check_free(unknowns)
-    with in_float64((scene, views)) as (scene, views):
-        samples, counts = samples_for(scene, views, unknowns, "hinge")
+    with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views):
+        data = ViewSet.of(scene, views)
+        unknowns = find_unknowns(scene, data.views, free, bounds=bounds, grey=bool(data.grey))
+        check_free(unknowns)
+        data = with_samples_for(scene, data, unknowns, "hinge")
         for i, view in enumerate(views):
             if view.sensor is not None:
                 raise ValueError(
@@ -322,48 +254,35 @@ def fit_function(
                 raise ValueError(
                     f"a fit function counts all samples alike; views[{i}] has noise. Leave it out, or use fit."
                 )
-        if counts.clipped:
+        if data.counts.clipped:
             raise ValueError(
-                f"a fit function knows no clipped samples; {counts.clipped} of the views' samples are. Mask them out, "
-                "or use fit."
+                f"a fit function knows no clipped samples; {data.counts.clipped} of the views' samples are. Mask them "
+                "out, or use fit."
             )
-        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
-        gathered = problem.gather(problem.block_size)
+        problem = fit_problem(scene, data, unknowns, "squares")
         shapes = tuple(np.shape(view.image) for view in views)
+        chunk = jax.tree.map(lambda *of: np.concatenate(of), *_numbered(problem, shapes).chunks())
+        told = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
         made = FitFunction(
             tuple(unknown.name for unknown in unknowns),
             tuple(shape[:2] if shape[2] == 1 else shape for shape in shapes),
             problem.model,
             problem.priors(1.0),
             problem.box,
-            lay_plain(problem.model, gathered),
-            _index(gathered, shapes),
-            coordinates(np.array([unknown.start for unknown in unknowns]), unknowns),
-            _groups(unknowns, scene),
+            chunk,
+            chunk.observed.target.astype(int) - 1,
+            np.clip(np.where(problem.box.linear, 0.0, told), problem.box.lower, problem.box.upper),
+            tuple((np.array(of.members), of.values) for of in groups_to_try(unknowns, scene)),
         )
         return jax.tree.map(np.asarray, made)
 
 
-def _index(gathered: Block, shapes: Sequence[tuple[int, ...]]) -> Int[np.ndarray, "blocks channels pixels"]:
-    """Return where each sample of a chunk is in the images, flattened and one after another; -1 for padding."""
-    view = np.asarray(gathered.view)
-    first = np.take(np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)]), view)
-    width, channels = (np.take([shape[axis] for shape in shapes], view) for axis in (1, 2))
-    pixel = (gathered.points.row * width[:, None] + gathered.points.column).astype(int)
-    channel = np.minimum(np.arange(gathered.observed.target.shape[1]), channels[:, None] - 1)
-    at = first[:, None, None] + pixel[:, None] * channels[:, None, None] + channel[:, :, None]
-    return np.where(gathered.observed.weight, at, -1)
-
-
-def _groups(unknowns: Sequence[Unknown], scene: Scene) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Return the groups of unknowns of `start_search.candidates`, exponents spaced more closely."""
-    start = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
-    found = []
-    for tried in candidates(unknowns, scene, start):
-        members = np.flatnonzero((tried != tried[:1]).any(0))
-        values = tried[:, members]
-        if all(unknowns[int(j)].logarithmic for j in members):
-            finer = np.linspace(0, len(values) - 1, FINER * (len(values) - 1) + 1)
-            values = np.stack([np.interp(finer, np.arange(len(values)), column) for column in values.T], -1)
-        found.append((members, values))
-    return tuple(found)
+def _numbered(problem: FitProblem, shapes: Sequence[tuple[int, ...]]) -> FitProblem:
+    """Return the problem with samples that are their own places in the images, one after another, from 1."""
+    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
+    places = [1.0 + np.arange(*of).reshape(shape) for of, shape in zip(itertools.pairwise(ends), shapes, strict=True)]
+    samples = [
+        dataclasses.replace(of_view, photograph=place[..., : of_view.photograph.shape[2]])
+        for of_view, place in zip(problem.data.samples, places, strict=True)
+    ]
+    return dataclasses.replace(problem, data=dataclasses.replace(problem.data, samples=samples))

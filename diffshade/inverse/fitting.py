@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -16,9 +17,10 @@ from ..core.fields import as_float64, check, check_kind, refuse_traced
 from ..core.progress import showing
 from ..model.scenes import Scene
 from ..parallel.threads import ONE_BLAS_THREAD
-from .data.views import View, in_channels_of, is_grey
+from .data.view_sets import ViewSet
+from .data.views import View
 from .forward.losses import LOSSES
-from .problem import fit_problem, samples_for
+from .problem import fit_problem, with_samples_for
 from .result import Fit
 from .solving import solve
 from .summary import summarise
@@ -121,34 +123,35 @@ def fit(
     check_scale(memory, mesh)
     devices = [] if mesh is None else own_devices(mesh)
     check_backend()
-    scene, views = jax.tree.map(as_float64, scene), in_channels_of(scene, views)
-    grey = all(is_grey(view) for view in views)
-    unknowns = find_unknowns(
-        scene,
-        views,
-        free,
-        tied,
-        bounds,
-        constraints,
-        priors,
-        light_error,
-        intensity_error,
-        from_scene=start == "scene",
-        grey=grey,
-    )
-    check_free(unknowns)
     with (
         showing("fit", show=progress) as report_progress,
-        in_float64((scene, views)) as (scene, views),
+        in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views),
         ONE_BLAS_THREAD,
     ):
+        data = ViewSet.of(scene, views)
+        unknowns = find_unknowns(
+            scene,
+            data.views,
+            free,
+            tied,
+            bounds,
+            constraints,
+            priors,
+            light_error,
+            intensity_error,
+            from_scene=start == "scene",
+            grey=bool(data.grey),
+        )
+        check_free(unknowns)
         report_progress("reading the views")
-        samples, counts = samples_for(scene, views, unknowns, clipped, memory=memory)
-        problem = fit_problem(scene, views, unknowns, samples, counts, loss, clipped)
-        laid, end, begun = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
-        found = withdraw_unstable(summarise(laid, end, begun.step_variance), report_progress)
-        stated = stated_errors(scene, light_error, intensity_error)
-        return widen_by_lights(check_priors(check_outlines(found)), stated, report_progress)
+        data = with_samples_for(scene, data, unknowns, clipped, memory=memory)
+        problem = fit_problem(scene, data, unknowns, loss)
+        end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
+        found = summarise(*end)
+        of_lights = stated_errors(found.scene, light_error, intensity_error)
+        for judge in (withdraw_unstable, check_outlines, check_priors, partial(widen_by_lights, errors=of_lights)):
+            found = judge(found, report_progress)
+        return found
 
 
 def own_devices(mesh: Mesh) -> list[Any]:
@@ -200,12 +203,7 @@ def check_choices(
             f"{mapped[0]} is over the pixels of one camera, but views[0] and views[{others[0]}] have different ones. "
             "Give a Texture, which belongs to the surface, or the views of one camera."
         )
-    known = [view.noise is not None for view in views]
-    if any(known) and not all(known):
-        raise ValueError(
-            f"views[{known.index(False)}] has no noise, but views[{known.index(True)}] has. Give noise for all or none."
-        )
-    if clipped == "tobit" and not all(known):
+    if clipped == "tobit" and views[0].noise is None:
         raise ValueError("clipped='tobit' needs the noise of every view; views[0] has none. Give View.noise.")
 
 

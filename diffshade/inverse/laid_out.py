@@ -16,16 +16,15 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress, silent
-from .data.samples import Masks
-from .data.views import channels
+from .data.view_sets import Masks
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
-from .forward.rounding import MOST_NOISE, Rounded, share_of_waves
-from .forward.sums import spread, sum_over, waves
+from .forward.rounding import MOST_NOISE, Rounded, find_rounding, share_of_waves
+from .forward.sums import spread, sum_over, variance_of_steps, waves
 from .pixels.blocks import Block, Piece
 from .pixels.blocks import chunks as in_chunks
-from .problem import MAX_STEPS, FitProblem, Theta
-from .solve.solvers import FAR, Box, Minimum, PriorResiduals, Task, minimise
+from .problem import MAX_STEPS, PART, FitProblem, Theta
+from .solve.solvers import FAR, BoxConstraints, Minimum, PriorResiduals, Task, minimise
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ class LaidOut:
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
         parts = self.problem.pieces(None, self.size)
-        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.views))]
+        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.data.views))]
 
     def prior_gram(self, theta: Theta) -> Gram:
         """Return the Gram of the priors and unit vectors, as NumPy arrays."""
@@ -130,28 +129,31 @@ class LaidOut:
         """Return the sums of `Likelihood.spread` at a minimum."""
         cost, model = float(end.point.views.cost.sum()), self.model
         if model.projects and cost > 1e-8 * self.squares:  # a smaller cost has lost its digits by cancellation
-            sizes = zip(self.problem.pixels, self.problem.views, strict=True)
-            count = float(sum(n * channels(view) for n, view in sizes))
+            count = float(sum(s.count for s in self.problem.data.samples))
             return np.array([count, *[2 * cost] * 2, *[count] * 2])
         return np.asarray(sum_over(self.chunks, spread, end.point.theta, model))
 
-    def rounded(self, end: Minimum, of: Float[np.ndarray, "5"], step_variance: float) -> Rounded | None:
+    def rounded(self, end: Minimum, of: Float[np.ndarray, "5"]) -> Rounded | None:
         """Return what rounding adds to the errors; None without steps, or where noise hides them.
 
         Args:
             end: The minimum.
             of: Its `spread`.
-            step_variance: Mean square of the weighted residuals that rounding alone makes.
         """
-        square, steps = float(of[2] / of[0]), self.model.setting.rounding
-        beyond = max(square - step_variance, 0.0)
-        if not steps.exists or beyond > 12.0 * MOST_NOISE**2 * step_variance:
+        problem, square = self.problem, float(of[2] / of[0])
+        levels = [0.0 if view.noise is None else float(view.noise.levels) for view in problem.data.views]
+        steps = find_rounding(problem.values(problem.pieces(PART, problem.size_for(PART))), levels)
+        if not steps.exists:
+            return None
+        count, variance = sum_over(self.chunks, variance_of_steps, steps, self.model)
+        of_steps = float(variance / max(count, 1.0))  # mean square of the weighted residuals that rounding alone makes
+        beyond = max(square - of_steps, 0.0)
+        if beyond > 12.0 * MOST_NOISE**2 * of_steps:
             return None
         rounding = dataclasses.replace(steps, noise=np.asarray(np.sqrt(beyond)))
-        model = self.problem.with_rounding(rounding).model
-        held = step_variance * share_of_waves(beyond / (12.0 * step_variance))
-        rows = np.asarray(sum_over(self.chunks, waves, end.point.theta, model))
-        return Rounded(jax.tree.map(np.asarray, rounding), rows, min(held / max(square, 1e-300), 1.0))
+        held = of_steps * share_of_waves(beyond / (12.0 * of_steps))
+        rows = sum_over(self.chunks, waves, end.point.theta, problem.with_rounding(rounding).model)
+        return Rounded(rounding, np.asarray(rows), min(held / max(square, 1e-300), 1.0))
 
 
 def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | None = None) -> LaidOut:
@@ -162,7 +164,7 @@ def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | No
 
 
 def hold(
-    box: Box, theta: Theta, held: Mapping[int, float]
+    box: BoxConstraints, theta: Theta, held: Mapping[int, float]
 ) -> tuple[Theta, Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """Return theta within a box, and the box's lower and upper ends, all with some unknowns held at a value."""
     which, at = np.array(list(held), int), np.array(list(held.values()), float)

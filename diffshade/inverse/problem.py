@@ -1,8 +1,8 @@
 """Problem: what a fit minimises: the unknowns, the samples, and the model that predicts them.
 
-A fit goes on in stages that each add something and change nothing. A `Start`, found by `starting.find_start` on a part
-of the pixels, has the first values, the scale of the residuals and the steps of the files. A `LaidOut` has all pixels
-with their weights, and is minimised. A `Solved` is the problem and its minimum: what a `Fit` holds.
+A fit goes on in stages that each add something and change nothing. A `LaidOut` has the pixels with their weights, and
+is minimised: `solving.solve` searches for a start and settles the scale of the residuals on a part of them, and goes on
+with all. A `Solved` is the problem and its minimum: what a `Fit` holds.
 """
 
 from __future__ import annotations
@@ -21,32 +21,29 @@ from jaxtyping import Float
 
 from ..model.scenes import Object, Scene
 from ..parallel.threads import on_all_cores
-from .data.samples import Counts, Samples, collect_samples
-from .data.views import View, camera_key, is_grey, lights_on
+from .data.samples import MIN_PIXELS
+from .data.view_sets import ViewSet
 from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
-from .forward.layout import place, points_of, weigh, with_weights, without_clipped
+from .forward.layout import points_of, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
 from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import Rounding
 from .forward.sums import sum_of_squares, weights_of_views
 from .pixels.blocks import (
-    LEAST,
     Block,
-    Observed,
     Piece,
     block_size,
     chunks,
     observed,
-    padded_length,
     pieces,
     shares,
     views_of,
 )
-from .solve.solvers import Box, PriorResiduals, Task
+from .solve.solvers import BoxConstraints, PriorResiduals, Task
 from .solve.start_search import steepest
 from .unknowns.slots import apart
-from .unknowns.unknown import Unknown, coordinates, unit_vectors
+from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
 from .unknowns.visibility import arrow_of
 
 MAX_STEPS = 200
@@ -61,45 +58,16 @@ class FitProblem:
     """The unknowns of a scene, the samples that count, and the model that predicts them. To be used in float64."""
 
     scene: Scene
-    views: Sequence[View]
+    data: ViewSet
+    """The views, and their samples that count."""
     unknowns: Sequence[Unknown]
-    samples: Sequence[Samples]
-    """Those of each view that count."""
-    counts: Counts
     loss: str
-    clipped: str
-    """How clipped samples count: "hinge", "tobit" or "exclude"."""
     model: AbstractForwardModel
     """It begins with squares, scale 1 and no steps of the files; later stages replace these."""
-    box: Box
+    box: BoxConstraints
     block_size: int
     over_pixels: tuple[Object, ...]
     """What of the objects comes with the pixels (`slots.apart`)."""
-
-    @property
-    def noise_known(self) -> bool:
-        """Whether the noise of the views is given; it is given for all or for none."""
-        return self.views[0].noise is not None
-
-    @cached_property
-    def homoscedastic(self) -> bool:
-        """Whether the noise is the same at every level of a view."""
-        return _homoscedastic(self.views)
-
-    @cached_property
-    def grey(self) -> bool:
-        """Whether all views are grey."""
-        return all(is_grey(view) for view in self.views)
-
-    @property
-    def clips(self) -> bool:
-        """Whether any sample is clipped."""
-        return self.counts.clipped > 0
-
-    @property
-    def pixels(self) -> list[int]:
-        """How many pixels of each view count."""
-        return [len(s.pixels) for s in self.samples]
 
     def with_scale(self, sigma: float, loss: str) -> FitProblem:
         """Return the problem with another scale of the residuals and another loss."""
@@ -119,20 +87,20 @@ class FitProblem:
     @property
     def settles(self) -> bool:
         """Whether the scale of the residuals or the weights of the samples follow the unknowns."""
-        follows = not self.noise_known and any(u.prior is not None for u in self.unknowns)
-        return self.loss != "squares" or not self.homoscedastic or follows
+        follows = not self.data.noise_known and any(u.prior is not None for u in self.unknowns)
+        return self.loss != "squares" or not self.data.homoscedastic or follows
 
     def values(self, parts: Sequence[Piece]) -> list[Float[np.ndarray, " _"]]:
         """Return the samples of each view, in pieces of them, that are not clipped."""
-        found = [[np.zeros(0)] for _ in self.views]
+        found = [[np.zeros(0)] for _ in self.data.views]
         for view, samples, pixels in parts:
             values = samples.values(pixels)
-            found[view].append(values[samples.clipped(values) == 0])
+            found[view].append(values[samples.sensor_range.clipped(values) == 0])
         return [np.concatenate(of) for of in found]
 
     def size_for(self, at_most: int | None) -> int:
         """Return how many pixels a block holds of so many evenly spread ones."""
-        return min(self.block_size, block_size(shares(self.pixels, at_most)))
+        return min(self.block_size, block_size(shares(self.data.pixels, at_most)))
 
     def chunks(self, at_most: int | None = None, size: int | None = None) -> list[Block]:
         """Return the chunks of all pixels, or of some, evenly spread; in blocks of another size where it is given."""
@@ -141,7 +109,7 @@ class FitProblem:
 
     def pieces(self, at_most: int | None, size: int) -> list[Piece]:
         """Return the pieces of all pixels, or of some, evenly spread."""
-        return pieces(self.samples, size, at_most)
+        return pieces(self.data.samples, size, at_most)
 
     def lay_out(self, parts: Sequence[Piece], size: int) -> list[Block]:
         """Return the chunks of pieces of at most so many pixels, a block a piece.
@@ -149,45 +117,24 @@ class FitProblem:
         Chunks that show the same points share them: those that a camera sees under a hundred lights are found once.
         """
         found = chunks(parts)
-        points = points_of(found, self.views, self.model, self.over_pixels, size, self.cameras, self.lights)
+        points = points_of(found, self.data, self.model, self.over_pixels, size)
+        most = 1 if self.data.grey else len(self.scene.channels)
 
         def chunk(of: tuple[list[Piece], Any]) -> Block:
             of_chunk, shown = of
-            laid = Block(views_of(of_chunk), shown, self.observed(of_chunk, size))
-            return with_weights(self.model, laid, noise_known=self.noise_known)
+            seen = observed(of_chunk, size, most, clipping=self.data.counts.clipped > 0)
+            return with_weights(self.model, Block(views_of(of_chunk), shown, seen), noise_known=self.data.noise_known)
 
         return on_all_cores(chunk, zip(found, points, strict=True))
 
-    @cached_property
-    def cameras(self) -> list[Any]:
-        """What is the same for views of one camera."""
-        return [camera_key(view.camera) for view in self.views]
-
-    @cached_property
-    def lights(self) -> list[tuple[int, ...]]:
-        """The lights that are on in each view."""
-        return [tuple(lights_on(self.scene, view)) for view in self.views]
-
-    def observed(self, parts: Sequence[Piece], size: int, length: int | None = None) -> Observed:
-        """Return the samples of a chunk as NumPy arrays."""
-        most = 1 if self.grey else len(self.scene.channels)
-        return observed(parts, self.views, size, most, clipping=self.clips, length=length)
-
-    def gather(self, size: int) -> Block:
-        """Return all pixels as one chunk of NumPy arrays, with their places instead of the points that they show."""
-        parts = pieces(self.samples, size)
-        length = padded_length(len(parts))
-        where = place(parts, self.views, size, self.over_pixels, length)
-        return Block(views_of(parts, length), where, self.observed(parts, size, length))
-
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
-        laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.views), 2), LEAST)))
-        return on_all_cores(without_clipped, laid) if self.clips else laid
+        laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.data.views), 2), MIN_PIXELS)))
+        return on_all_cores(without_clipped, laid) if self.data.counts.clipped else laid
 
     def reweigh(self, theta: Theta, laid: list[Block]) -> list[Block]:
         """Return the chunks with weights by the noise at the level that theta predicts."""
-        if self.homoscedastic:
+        if self.data.homoscedastic:
             return laid
         return on_all_cores(lambda chunk: weigh(jnp.asarray(theta), self.model, chunk), laid)
 
@@ -195,13 +142,9 @@ class FitProblem:
         """Return the weighted sum of squares of the samples of chunks; 1 where all are 0."""
         return sum(sum_of_squares(self._weights, chunk) for chunk in chunks) or 1.0
 
-    def squares_of_values(self, values: Sequence[Float[np.ndarray, " _"]]) -> float:
-        """Return the weighted sum of squares of the samples of each view, whose noise is the same at every level."""
-        return float(self._weights @ [of @ of for of in values]) or 1.0
-
     @cached_property
     def _weights(self) -> Float[np.ndarray, " views"]:
-        return np.asarray(weights_of_views(self.model)) if self.noise_known else np.ones(len(self.views))
+        return np.asarray(weights_of_views(self.model)) if self.data.noise_known else np.ones(len(self.data.views))
 
     def priors(self, squares: float) -> PriorResiduals:
         """Return the residuals of the priors and unit vectors; `squares` is the sum of squares of the images."""
@@ -217,66 +160,48 @@ class FitProblem:
 
 
 def fit_problem(
-    scene: Scene,
-    views: Sequence[View],
-    unknowns: Sequence[Unknown],
-    samples: Sequence[Samples],
-    counts: Counts,
-    loss: str,
-    clipped: str,
-    *,
-    rendered: bool = False,
+    scene: Scene, data: ViewSet, unknowns: Sequence[Unknown], loss: str, *, rendered: bool = False
 ) -> FitProblem:
     """Return the problem of a fit, with the fastest model that serves.
 
     Args:
         scene: The scene; it has values for the unknowns too.
-        views: The photographs.
+        data: The photographs, and their samples that count.
         unknowns: What is to be found.
-        samples: The samples of each view that count.
-        counts: How many there are.
         loss: "squares", "huber", "cauchy" or "geman-mcclure".
-        clipped: What clipped samples say: "hinge", "tobit" or "exclude".
         rendered: Whether to take the model for any scene even if a faster one would do.
     """
-    setting = prepare(scene, views, unknowns)
-    likelihood = Likelihood(np.asarray(1.0), "squares", clipped == "tobit")
+    setting = prepare(scene, data.views, unknowns)
+    likelihood = Likelihood(np.asarray(1.0), "squares", data.clipped == "tobit")
     model: AbstractForwardModel
-    if features_can_serve(scene, views, unknowns) and not rendered:
-        shared = loss == "squares" and not counts.clipped and _homoscedastic(views)
-        kinds = {is_grey(view) for view in views}
-        grey = None if len(kinds) > 1 else kinds.pop()
-        model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=grey)
+    if features_can_serve(scene, data.views, unknowns) and not rendered:
+        shared = loss == "squares" and not data.counts.clipped and data.homoscedastic
+        model = feature_model(setting, likelihood, scene, unknowns, shared=shared, grey=data.grey)
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, views, unknowns)
+    linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
-    box = Box(lower, upper, linear, arrow, bool(in_border))
-    size = block_size([len(s.pixels) for s in samples], len(AROUND) if setting.blurred else 1)
+    box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
+    size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
-    return FitProblem(scene, views, unknowns, samples, counts, loss, clipped, model, box, size, over_pixels)
+    return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)
 
 
-def _homoscedastic(views: Sequence[View]) -> bool:
-    return all(view.noise is None or view.noise.is_uniform for view in views)
-
-
-def samples_for(
+def with_samples_for(
     scene: Scene,
-    views: Sequence[View],
+    data: ViewSet,
     unknowns: Sequence[Unknown],
     clipped: str,
     *,
     memory: float = np.inf,
     forecast: bool = False,
-) -> tuple[list[Samples], Counts]:
-    """Return the samples that a fit of these unknowns looks at, and their counts; see `collect_samples`."""
-    lights = max(len(lights_on(scene, view)) for view in views)
-    numbers = 2 * len(scene.channels) + 4 * min(lights, MOST_LIGHTS)  # samples and weights, and what lights do there
-    return collect_samples(
+) -> ViewSet:
+    """Return views with the samples that a fit of these unknowns looks at; see `ViewSet.sampled`."""
+    # samples and weights, and what lights do there
+    numbers = 2 * len(scene.channels) + 4 * min(max(map(len, data.lit)), MOST_LIGHTS)
+    return data.sampled(
         scene,
-        views,
         clipped,
         unknowns=len(unknowns),
         moving=moves_surface(unknowns),
@@ -287,4 +212,4 @@ def samples_for(
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:
     """Whether a surface is free."""
-    return any("surface" in path.split(".") for unknown in unknowns for path, _ in unknown.places)
+    return any(place.part == "surface" for place in free_places(unknowns))

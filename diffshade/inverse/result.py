@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
+from ..core.tables import as_text, parameters
 from ..core.words import Note, count
 from ..model.materials import Material
 from ..model.scenes import Scene
 from .data.recording import photograph
-from .data.samples import Counts, find_samples
-from .data.views import View, has_mask, in_channels_of
+from .data.samples import find_samples
+from .data.view_sets import Counts, ViewSet
+from .data.views import View, has_mask
 from .forward.losses import Likelihood
 from .forward.rounding import Rounding
 from .problem import moves_surface
 from .solved import Solved
 from .statistics.clusters import Clusters
 from .statistics.evidence import Evidence
-from .statistics.intensities import taken_as_exact
+from .statistics.gauges import taken_as_exact
 from .unknowns.slots import values_in
 from .unknowns.unknown import Unknown
 
@@ -30,7 +32,7 @@ from .unknowns.unknown import Unknown
 class Fit:
     """The outcome of a fit; `print` it for the table. Every array is NumPy float64, one entry an unknown."""
 
-    solved: Solved
+    solved: Solved = field(repr=False)
     """The problem that was solved, from which checks and examinations go on."""
     values: Float[np.ndarray, " p"]
     errors: Float[np.ndarray, " p"]
@@ -60,7 +62,7 @@ class Fit:
     converged: bool
     costs: Float[np.ndarray, " passes"]
     """The cost at the start of the last minimisation, and the lowest after each of its passes."""
-    clusters: Clusters
+    clusters: Clusters = field(repr=False)
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
@@ -75,7 +77,7 @@ class Fit:
     @property
     def views(self) -> tuple[View, ...]:
         """The views, with the fitted exposures and blacks."""
-        return tuple(self.solved.problem.views)
+        return self.solved.problem.data.views
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -85,7 +87,7 @@ class Fit:
     @property
     def counts(self) -> Counts:
         """How many pixels and samples the fit looked at."""
-        return self.solved.problem.counts
+        return self.solved.problem.data.counts
 
     @property
     def likelihood(self) -> Likelihood:
@@ -95,7 +97,7 @@ class Fit:
     @property
     def clipped(self) -> str:
         """How clipped samples count, as given to the fit."""
-        return self.solved.problem.clipped
+        return self.solved.problem.data.clipped
 
     @property
     def squares(self) -> float:
@@ -161,13 +163,13 @@ class Fit:
 
     def predict(self, view: View) -> Prediction:
         """Return a view's photograph together with this fit's prediction of it; the view may be fitted or held out."""
-        (view,) = in_channels_of(self.scene, (view,))
+        (view,) = ViewSet.of(self.scene, (view,)).views
         with in_float64((self.scene, view)) as (scene, view):
             samples = find_samples(scene, view, moving=moves_surface(self.unknowns) and has_mask(view))
             image = photograph(scene, view)
         counts = np.zeros(image.shape, bool)
         counts.reshape(-1, image.shape[2])[samples.pixels] = samples.ends() == 0
-        return Prediction(samples.whole(), image, counts)
+        return Prediction(samples.photograph[:], image, counts)
 
     def what_errors_hold(self, clusters: Clusters) -> str:
         """Say what the errors of these clusters are made of, and what is taken as exact."""
@@ -176,22 +178,19 @@ class Fit:
 
     def __str__(self) -> str:
         """Return the table of parameters, and below it the notes."""
-        width = max(len("parameter"), *map(len, self.names))
         counts = self.counts
-        lines = [
+        columns = parameters(self.names, self.values, self.errors, self.determined)
+        bounded = self.at_bound & self.determined
+        side = np.where(bounded, np.where(self.at_lower, "+", "-"), "")  # at a bound, the only way to err
+        columns["error"] = np.char.add(side, columns["error"])
+        columns[""] = np.where(bounded, "at a bound", "")
+        return as_text(
             f"fit of {count(counts.views, 'view')}, {counts.pixels:,} pixels, {counts.samples:,} samples",
-            f"{'parameter':<{width}} {'value':>12} {'error':>11}",
-        ]
-        for j, name in enumerate(self.names):
-            if not self.determined[j]:
-                lines.append(f"{name:<{width}} {'not determined':>12}")
-                continue
-            side = "+" if self.at_lower[j] else "-" if self.at_bound[j] else ""  # at a bound, the only way to err
-            flag = "  at a bound" if side else ""
-            lines.append(f"{name:<{width}} {self.values[j]:>12.6g} {f'{side}{self.errors[j]:.2g}':>11}{flag}")
-        lines.append(f"errors: {self.what_errors_hold(self.clusters)}")
-        lines.append(f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            columns,
+            f"errors: {self.what_errors_hold(self.clusters)}",
+            f"RMSE {self.rmse:.4g}   steps {self.steps}   condition number {self.condition:.3g}",
+            notes=self.notes,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..model.scenes import Scene
-from .data.samples import Masks, keep_pixels
+from .data.view_sets import Masks
 from .data.views import View
 from .laid_out import LaidOut, lay_out
 from .problem import FitProblem, Theta, fit_problem
@@ -34,9 +34,10 @@ class Solved:
     @classmethod
     def of(cls, problem: FitProblem, values: Float[np.ndarray, " p"], squares: float) -> Solved:
         """Return a problem that was solved at these values, with NumPy's arrays in place of JAX's."""
-        scene, views = put_back(problem.scene, problem.views, problem.unknowns, values)
+        scene, views = put_back(problem.scene, problem.data.views, problem.unknowns, values)
         arrays = {name: jax.tree.map(np.asarray, getattr(problem, name)) for name in ("model", "box")}
-        solved = dataclasses.replace(problem, scene=scene, views=views, **arrays)
+        data = dataclasses.replace(problem.data, views=tuple(views))
+        solved = dataclasses.replace(problem, scene=scene, data=data, **arrays)
         return cls(solved, coordinates(values, problem.unknowns), squares)
 
     def changed(self, *, theta: Theta | None = None, sigma: float | None = None, **parts: Any) -> Solved:
@@ -48,7 +49,7 @@ class Solved:
             parts: Arguments of `fit_problem` that change.
         """
         old = self.problem
-        same = ("scene", "views", "unknowns", "samples", "counts", "loss", "clipped")
+        same = ("scene", "data", "unknowns", "loss")
         new = fit_problem(**{name: getattr(old, name) for name in same} | parts)
         scale = float(old.model.likelihood.sigma) if sigma is None else sigma
         new = new.with_scale(scale, old.model.likelihood.loss).with_rounding(old.model.setting.rounding)
@@ -62,12 +63,12 @@ class Solved:
 
     def keeping(self, masks: Masks) -> Solved:
         """Return the problem with the pixels that masks keep."""
-        samples = keep_pixels(self.problem.samples, masks)
-        return self.changed(samples=samples, counts=self.problem.counts.of(samples))
+        return self.changed(data=self.problem.data.keeping(masks))
 
     def drawn_as(self, scene: Scene, views: Sequence[View]) -> Solved:
         """Return the problem with another scene and other views in pictures of it; what is minimised stays."""
-        return dataclasses.replace(self, problem=dataclasses.replace(self.problem, scene=scene, views=views))
+        data = dataclasses.replace(self.problem.data, views=tuple(views))
+        return dataclasses.replace(self, problem=dataclasses.replace(self.problem, scene=scene, data=data))
 
     def laid_out(self, at_most: int | None = None) -> LaidOut:
         """Return the problem with its pixels laid out, or so many at most, weighed where it was solved."""

@@ -1,4 +1,4 @@
-"""Solving: a problem to its minimum, and what verdicts and diagnoses begin with afterwards."""
+"""Solving: from a problem to its minimum: a start is searched for on a part of the pixels, then all of them count."""
 
 from __future__ import annotations
 
@@ -6,17 +6,31 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..core.progress import ReportProgress, silent
-from .data.views import channels
+from ..core.robust_scale import robust_scale
+from ..parallel.threads import on_all_cores
+from .forward.layout import without_clipped
+from .forward.losses import NOT_CONVEX
+from .forward.rendered import prepare
+from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
-from .problem import PART, FitProblem
-from .solve.light_search import at_better_places
-from .solve.solvers import Minimum
-from .starting import Start, find_start, needs_part
+from .pixels.blocks import Block
+from .problem import MAX_STEPS, PART, FitProblem, Theta
+from .solve.interchangeable import by_rising_exponent
+from .solve.light_search import at_better_places, from_broad_highlights
+from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
+from .solve.start_search import is_local, search, with_wide_edges
+from .unknowns.unknown import coordinates
 from .unknowns.visibility import places_apart
+
+SETTLED = 1e-10  # decrease of the cost that a step promises, relative, below which the scale is no longer followed
+STALLED = 1e-8  # ... and that several steps together must keep
+REPEATS = 20  # of the alternation between the scale and the minimum
 
 ELSEWHERE = 4  # times that lights whose views cost much more than others' are tried at other places
 
@@ -27,8 +41,8 @@ def solve(
     from_scene: bool = False,
     devices: Sequence[Any] = (),
     report_progress: ReportProgress = silent,
-) -> tuple[LaidOut, Minimum, Start]:
-    """Return a problem laid out, its minimum, and the start. In float64.
+) -> tuple[LaidOut, Minimum]:
+    """Return a problem laid out, the scale of its residuals settled, and its minimum. In float64.
 
     Args:
         problem: What is to be fitted.
@@ -36,21 +50,112 @@ def solve(
         devices: Those that the pixels are spread over; none is the default device, with a thread for each core.
         report_progress: Reports progress.
     """
-    size, all_of_them = problem.size_for(PART), problem.counts.pixels <= PART
-    parts = problem.pieces(PART, size)
-    part = problem.lay_out(parts, size) if all_of_them or needs_part(problem, from_scene=from_scene) else []
-    start = find_start(problem, parts, part, from_scene=from_scene, report_progress=report_progress)
-    settled = problem.with_scale(start.sigma, problem.loss).with_rounding(start.rounding)
-    squares = start.squares * max(problem.counts.pixels / PART, 1.0)
-    if all_of_them:
-        laid = LaidOut(settled, start.theta, squares, parts, settled.reweigh(start.theta, part))
-    else:
-        laid = lay_out(settled, start.theta, squares)
+    part = lay_out_part(problem)
+    laid, damping = find_start(part, from_scene=from_scene, report_progress=report_progress)
+    if problem.data.counts.pixels > PART:
+        laid = lay_out(laid.problem, laid.theta, laid.squares * problem.data.counts.pixels / PART)
     if devices:
         spread = [jax.device_put(chunk, devices[k % len(devices)]) for k, chunk in enumerate(laid.chunks)]
         laid = dataclasses.replace(laid, chunks=spread)
-    end = laid.minimise(damping=start.damping, report_progress=report_progress)
-    return laid, _with_lights_elsewhere(laid, end, report_progress), start
+    end = laid.minimise(damping=damping, report_progress=report_progress)
+    return laid, _with_lights_elsewhere(laid, end, report_progress)
+
+
+def lay_out_part(problem: FitProblem) -> LaidOut:
+    """Return a problem with `PART` of its pixels at most laid out, at the scene's values and weighed by their noise."""
+    size = problem.size_for(PART)
+    parts = problem.pieces(PART, size)
+    chunks = problem.lay_out(parts, size)
+    measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
+    begin = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
+    return LaidOut(problem, begin, problem.sum_of_squares(measured), parts, chunks)
+
+
+def find_start(
+    part: LaidOut, *, from_scene: bool = False, report_progress: ReportProgress = silent
+) -> tuple[LaidOut, float]:
+    """Search on a part of the pixels, and settle their weights and their scale there.
+
+    Args:
+        part: The problem with `PART` of its pixels at most laid out, at the scene's values.
+        from_scene: Whether to begin there in place of a search.
+        report_progress: Reports progress.
+
+    Returns:
+        The part where the fit begins; and the damping of the first step, `NEAR` if that is the minimum over the part,
+        so that the one over all pixels is near.
+    """
+    problem, theta, chunks, near = part.problem, part.theta, part.chunks, False
+    if not from_scene:
+        measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
+        theta, near = _search(problem, measured, part.squares, report_progress)
+        theta = by_rising_exponent(theta, problem.scene, problem.unknowns)
+    if problem.settles:
+        problem, chunks, theta, near = _settle(problem, chunks, part.squares, theta)
+    start = dataclasses.replace(part, problem=problem, theta=theta, chunks=problem.reweigh(theta, chunks))
+    return start, NEAR if near else STATED if from_scene else FAR
+
+
+def _search(
+    problem: FitProblem, measured: list[Block], squares: float, report_progress: ReportProgress
+) -> tuple[Theta, bool]:
+    """Return the best start, and whether it is the minimum of the problem over these chunks.
+
+    Where a cutoff is unknown, the search is as its spot would be seen with a wider edge.
+    """
+    near, wide = True, with_wide_edges(problem.scene, problem.unknowns)
+    if wide is not problem.scene:
+        setting = prepare(wide, problem.data.views, problem.unknowns)
+        model = eqx.tree_at(lambda m: m.setting, problem.model, setting)
+        problem, near = dataclasses.replace(problem, model=model), False
+    if problem.model.setting.blurred:  # a pixel is rendered at many places, so that few of them must do
+        measured, near = problem.few(), False
+        squares = problem.sum_of_squares(measured)
+    coarse, task = problem.few() if is_local(problem.unknowns) else measured, problem.task(squares)
+    end = search(problem.unknowns, problem.scene, task, coarse, measured, squares, report_progress)
+    if lights := places_apart(problem.unknowns, problem.box.arrow):
+        if not problem.data.noise_known:  # else priors of a scale of 1 would hold the lights
+            task = problem.with_scale(_scale(problem, measured, end[1], robust=False), "squares").task(squares)
+        end = from_broad_highlights(end[1], lights, problem.unknowns, problem.scene, task, measured, squares)
+    _, theta, ended = end
+    return theta, ended and near
+
+
+def _settle(
+    problem: FitProblem, part: list[Block], squares: float, theta: Theta
+) -> tuple[FitProblem, list[Block], Theta, bool]:
+    """Alternate between the scale of the residuals, their weights and the minimum; then take a loss not convex.
+
+    Returns also whether the last minimum was reached.
+    """
+
+    def polished(problem: FitProblem, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
+        task = problem.task(squares)
+        end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=SETTLED, stalled=STALLED)
+        return end.theta, not end.message
+
+    robust = problem.loss != "squares"
+    rms = float(np.sqrt(squares / min(problem.data.counts.pixels, PART)))
+    sigma, near = 0.0, False
+    for repeat in range(REPEATS):
+        part = problem.reweigh(theta, part)
+        new = 1.0 if problem.data.noise_known else max(_scale(problem, part, theta, robust=robust), 1e-9 * rms)
+        problem = problem.with_scale(new, "huber" if robust else "squares")
+        theta, near = polished(problem, part, theta)
+        if abs(new - sigma) <= 0.01 * new and (problem.data.homoscedastic or repeat > 1):
+            break
+        sigma = new
+    if problem.loss in NOT_CONVEX:
+        problem = problem.with_scale(float(problem.model.likelihood.sigma), problem.loss)
+        theta, near = polished(problem, part, theta)
+    return problem, part, theta, near
+
+
+def _scale(problem: FitProblem, part: list[Block], theta: Theta, *, robust: bool) -> float:
+    """Return the scale of the residuals: by the median of their size, or their root mean square."""
+    found = on_all_cores(lambda chunk: residuals(jnp.asarray(theta), problem.model, chunk), part)
+    r = np.concatenate([np.asarray(r)[np.asarray(counts)] for r, counts in found])
+    return robust_scale(r) if robust else float(np.sqrt(np.mean(r**2)))
 
 
 def _with_lights_elsewhere(laid: LaidOut, end: Minimum, report_progress: ReportProgress) -> Minimum:
@@ -59,7 +164,7 @@ def _with_lights_elsewhere(laid: LaidOut, end: Minimum, report_progress: ReportP
     lights = places_apart(problem.unknowns, problem.box.arrow)
     if not lights:
         return end
-    samples = np.array([n * channels(view) for n, view in zip(problem.pixels, problem.views, strict=True)], float)
+    samples = np.array([s.count for s in problem.data.samples], float)
     for _ in range(ELSEWHERE):
         report_progress("trying lights at other places")
         theta = at_better_places(end.point, samples, lights, problem.unknowns, problem.scene, laid.task, laid.chunks)

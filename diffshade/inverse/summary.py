@@ -13,8 +13,8 @@ from ..core.fields import parameter_of
 from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
-from .data.samples import Counts
-from .data.views import View, note_repeats, setups
+from .data.view_sets import Counts
+from .data.views import View
 from .forward.losses import variance
 from .forward.rounding import Rounded, no_rounding
 from .laid_out import LaidOut
@@ -35,7 +35,7 @@ from .statistics.identifiability import (
     weak_notes,
 )
 from .statistics.uncertainty import Matrix, Vector
-from .unknowns.names import everything as everything_in
+from .unknowns.places import Place, everything
 from .unknowns.unknown import Unknown, coordinate_slopes, unit_vectors, values_at
 
 
@@ -50,33 +50,32 @@ class _Values:
     """The unknowns that are a unit vector together."""
 
 
-def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, forecast: bool = False) -> Fit:
+def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
     """Return what is known at the minimum of a fit: values, errors, bounds, and what is not determined.
 
     Args:
         laid: The problem that was minimised.
         end: Its minimum.
-        step_variance: Mean square of the weighted residuals that rounding alone makes.
         forecast: Whether nothing was measured, so that no view can disagree with another.
 
     Raises:
         FloatingPointError: Where a value or the cost is not finite.
     """
     problem = laid.problem
-    scene, views, unknowns, likelihood = problem.scene, problem.views, problem.unknowns, problem.model.likelihood
+    scene, views, unknowns, likelihood = problem.scene, problem.data.views, problem.unknowns, problem.model.likelihood
     found, spread = _values_at(end, unknowns), laid.spread(end)
-    rounded = laid.rounded(end, spread, step_variance)
+    rounded = None if forecast else laid.rounded(end, spread)
     slope = coordinate_slopes(found.values, unknowns)  # what follows is in the unknowns' own units
     evidence, groups, (zero, directions) = _evidence(laid, end, found, slope, spread, rounded)
     everything, regular = evidence.total, evidence.regular
     steps = no_rounding(len(views)) if rounded is None else rounded.rounding
     solved = Solved.of(problem.with_rounding(steps), found.values, laid.squares)
-    scales = _scales(solved.problem.scene, solved.problem.views, unknowns, np.diag(everything), laid.squares)
+    scales = _scales(solved.problem.scene, solved.problem.data.views, unknowns, np.diag(everything), laid.squares)
     # an unknown at a bound but lost in the noise may lie elsewhere: the others' errors must not hold it fixed
     if found.at_bound.any():
         held = ~(found.at_bound & vague(unknowns, found.values, evidence.plain_errors(), scales)[0])
         evidence = dataclasses.replace(evidence, at_bound=found.at_bound & held)
-    which = _clusters_in_words(groups, problem.counts)
+    which = _clusters_in_words(groups, problem.data.counts)
     alone = forecast or len(groups) < 2
     clusters = independent(evidence, which) if alone else compared(evidence, len(groups), which)
     plain_errors = evidence.plain_errors()
@@ -86,7 +85,7 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
     weak = weak_directions(everything[np.ix_(known, known)])
     covariance = _covariance(evidence, known)
     rmse = float(np.sqrt(spread[1] / spread[0]))
-    in_noise = problem.noise_known and likelihood.loss == "squares"
+    in_noise = problem.data.noise_known and likelihood.loss == "squares"
     notes = [
         *_not_converged(end),
         *singular_notes(zero, directions, unknowns, found.values),
@@ -95,9 +94,9 @@ def summarise(laid: LaidOut, end: Minimum, step_variance: float = 0.0, *, foreca
         *vague_notes(lost, small & ~found.at_bound, unknowns, found.values, errors, scales),
         *([] if forecast else _at_bounds(unknowns, regular & ~lost, found)),
         *_too_bright(unknowns, found.values, regular & ~lost),
-        *note_repeats(problem.counts.repeats),
-        *_clipped(problem.counts),
-        *_beyond_memory(problem.counts),
+        *_repeated(problem.data.counts.repeats),
+        *_clipped(problem.data.counts),
+        *_beyond_memory(problem.data.counts),
         *(_beyond_noise(rmse) if in_noise else []),
         *_jumps(scene, unknowns),
         *note_order(scene, unknowns),
@@ -152,18 +151,15 @@ def _evidence(
     """Return the evidence for the errors, in the unknowns' own units, the views by cluster, and what is singular."""
     problem, point, prior, p = laid.problem, end.point, laid.prior_gram(end.theta), len(end.theta)
     H_0, g_0 = np.asarray(prior.hessian) * np.outer(slope, slope), np.asarray(prior.gradient) * slope
-    zero, directions = null_directions(np.asarray(point.views.total(p).hessian) * np.outer(slope, slope) + H_0)
-    regular = ~zero & ~directions.any(0)
-    known = problem.noise_known and problem.model.likelihood.loss == "squares"
-    sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
     shows = point.views.seen(p) > 0.0
-    every = setups(problem.scene, problem.views)
-    groups = [group for group in every if shows[group].any()] or [[*range(len(problem.views))]]
-    H, g, shown = point.views.together(groups, p)
-    unit = np.broadcast_to(slope, g.shape) if shown is None else np.append(slope, 0.0)[shown]
-    H, g = H * unit[:, :, None] * unit[:, None, :], g * unit
+    groups = [group for group in problem.data.setups if shows[group].any()] or [[*range(len(problem.data.views))]]
+    clusters = point.views.together(groups, p).scaled(slope)
+    zero, directions = null_directions(clusters.total(p) + H_0)
+    regular = ~zero & ~directions.any(0)
+    known = problem.data.noise_known and problem.model.likelihood.loss == "squares"
+    sigma2 = 1.0 if known else variance(spread, int(np.sum(~found.at_bound)))
     of = (H_0, g_0, found.values, found.at_bound, regular, found.units, sigma2, spread)
-    evidence = Evidence(H, g, *of, shown=shown)
+    evidence = Evidence(clusters, *of)
     if rounded is not None:
         waves = slope[:, None] * rounded.waves
         waves = np.array([waves[group].sum(0) for group in groups])
@@ -184,10 +180,7 @@ def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[n
 
 def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p p"]:
     """Return the plain covariance of the unknowns that are known and not at a bound; 0 elsewhere."""
-    free = ~evidence.at_bound
-    covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(known, known)] = evidence.covariance(free)[np.ix_(known[free], known[free])]
-    return covariance
+    return np.where(np.outer(known, known), evidence.covariance(~evidence.at_bound), 0.0)
 
 
 def _not_converged(end: Minimum) -> list[Note]:
@@ -215,16 +208,16 @@ def _scales(
     """
     extent = max(item.surface.extent() for item in scene.objects)
     reflections = {
-        path: float(np.max(value))
-        for path, value, spec in everything_in(scene, views)
+        place: float(np.max(value))
+        for place, value, spec in everything(scene, views)
         if np.size(value) and parameter_of(spec).role == "reflection"
     }
     scales = np.zeros(len(unknowns))
     for j, unknown in enumerate(unknowns):
         role = unknown.parameter.role
         if role == "reflection" and unknown.places:
-            material = unknown.places[0][0].rpartition(".")[0]
-            scales[j] = max(value for path, value in reflections.items() if path.rpartition(".")[0] == material)
+            holder = unknown.places[0].holder
+            scales[j] = max(value for place, value in reflections.items() if place.holder == holder)
         elif role == "attenuation" and curvature[j] > 0:
             scales[j] = np.sqrt(squares / curvature[j]) / 6.0
         elif role == "transmission":
@@ -237,7 +230,7 @@ def _scales(
 def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
     """Return a note on unknowns that move hard squares over the pixels: these jump, and have no derivative."""
     hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
-    movers = {u.quantity: None for u in unknowns for path, _ in u.places if _moves_points(path)}
+    movers = {u.quantity: None for u in unknowns for place in u.places if _moves_points(place)}
     if not (hard and movers):
         return []
     names = listing(list(movers))
@@ -245,9 +238,20 @@ def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
     return [Note(text, "hard edge", tuple(movers))]
 
 
-def _moves_points(path: str) -> bool:
-    segments = path.split(".")
-    return "surface" in segments or segments[-1] in ("eta", "period", "u", "v")
+def _moves_points(place: Place) -> bool:
+    return place.part == "surface" or place.field in ("eta", "period", "u", "v")
+
+
+def _repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
+    """Return a note on the views that repeat an earlier one."""
+    if not pairs:
+        return []
+    i, j = pairs[0]
+    if len(pairs) == 1:
+        text = f"views[{i}] repeats views[{j}] and is not counted again."
+    else:
+        text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
+    return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
 
 
 def _clipped(counts: Counts) -> list[Note]:
@@ -296,13 +300,9 @@ def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found
 
 def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> list[Note]:
     """Say where more light leaves than a surface can reflect."""
-    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and _is(u, "k_d")]
+    bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and u.kind == "k_d"]
     if not bright:
         return []
     verb = "is" if len(bright) == 1 else "are"
     text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
     return [Note(text, "above 1", tuple(bright))]
-
-
-def _is(unknown: Unknown, quantity: str) -> bool:
-    return unknown.kind == quantity and "/" not in unknown.quantity

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from ..core.words import count as counted
 from .parsing import read_glb
-from .polygons import NONE, Polygons, joined, stated
+from .polygons import NONE, Polygons, indexed, joined, stated
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -138,16 +138,11 @@ def _placed(found: dict[str, Any]) -> Iterator[tuple[Float[np.ndarray, "4 4"], d
 
 def _matrix(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
     """Return the matrix from a node to its parent (glTF 2.0, 3.5.3)."""
+    from scipy.spatial.transform import Rotation
+
     if "matrix" in node:
         return np.array(node["matrix"], float).reshape(4, 4).T
-    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), float)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    turn = Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
     matrix = np.eye(4)
     matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), float)
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
@@ -161,22 +156,16 @@ def _primitive(document: Document, of: dict[str, Any], matrix: Float[np.ndarray,
     normal = np.full(point.shape, np.nan) if given is None else stated(_accessor(document, given))
     every = np.arange(len(point))
     index = _accessor(document, of["indices"])[:, 0].astype(int) if "indices" in of else every
-    if point.shape[1] != 3 or normal.shape != point.shape or (index >= len(point)).any():
-        raise ValueError(f"a primitive names other than its {len(point)} vertices. Export it again.")
+    if point.shape[1] != 3 or normal.shape != point.shape:
+        raise ValueError(f"a primitive has {len(point)} vertices, and other normals. Export it again.")
     face = _triangles(index, of.get("mode", TRIANGLES))
     linear = matrix[:3, :3]
     mirrored = np.linalg.det(linear) < 0
     cofactors = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]]) * (-1.0 if mirrored else 1.0)
     at = (face[:, ::-1] if mirrored else face).ravel()
-    return Polygons(
-        point @ linear.T + matrix[:3, 3],
-        np.full(len(face), 3),
-        at,
-        (normal @ cofactors.T)[at],
-        np.full(len(face), NONE if given is None else 0),
-        np.zeros(len(face), int),
-        (names[of["material"]] if "material" in of else "",),
-    )
+    group, name = NONE if given is None else 0, names[of["material"]] if "material" in of else ""
+    point, normal = point @ linear.T + matrix[:3, 3], normal @ cofactors.T
+    return indexed(point, normal, np.full(len(face), 3), at, "a primitive", group=group, name=name)
 
 
 def _triangles(index: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "t 3"]:

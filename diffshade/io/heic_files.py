@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.extras import needing
 from .image_headers import check_pixels
 
 SUFFIXES = (".heic", ".heif")
@@ -22,12 +23,8 @@ def decode_heic(path: Path, data: bytes) -> np.ndarray:
 
 def opened_heic(path: Path) -> Any:
     """Return a file of which only the header is decoded."""
-    try:
+    with needing("heic", f"cannot read {path}"):
         import pillow_heif
-    except ModuleNotFoundError:
-        raise ImportError(
-            f"cannot read {path} without the package pillow-heif. Install it: pip install 'diffshade[heic]'."
-        ) from None
     return pillow_heif.open_heif(path)
 
 

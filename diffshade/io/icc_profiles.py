@@ -5,6 +5,7 @@ LittleCMS converts pixels of 8 bits, which is too coarse for linear radiance; so
 
 from __future__ import annotations
 
+import io
 import struct
 
 import numpy as np
@@ -18,14 +19,11 @@ FEWEST = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # numbers of a parametric curve of each
 
 def profile_name(profile: bytes) -> str:
     """Return the name that a profile gives itself; "" for none."""
+    from PIL import ImageCms
+
     try:
-        tag = _tags(profile)[b"desc"]
-        if tag[:4] == b"mluc":  # texts in several languages, of which the first counts
-            length, at = struct.unpack_from(">II", tag, 20)
-            text = tag[at : at + length].decode("utf-16-be", "replace")
-        else:
-            text = tag[12 : 12 + struct.unpack_from(">I", tag, 8)[0]].decode("latin-1")
-    except (KeyError, struct.error):
+        text = ImageCms.getProfileDescription(ImageCms.getOpenProfile(io.BytesIO(profile)))
+    except ImageCms.PyCMSError:
         return ""
     return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_NAME]
 

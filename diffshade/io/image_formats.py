@@ -60,18 +60,15 @@ def format_of(path: Path) -> Format:
         raise ValueError(f"{path} has the suffix '{path.suffix}', which is not a known image. Use {known}.") from None
 
 
-def png_depth(path: Path) -> int:
-    """Return the bits per sample in a PNG's header; 8 if there are fewer, since those are read as 8."""
+def bits_of(path: Path) -> int:
+    """Return the bits per number that a PNG, PPM or PGM is read with, from its header, 8 for fewer; 8 for others."""
+    suffix = path.suffix.lower()
+    if suffix not in (".png", ".ppm", ".pgm"):
+        return 8
     with path.open("rb") as file:
-        header = file.read(25)
-    return 16 if header[24:] == b"\x10" else 8
-
-
-def netpbm_dtype(path: Path) -> np.dtype:
-    """Return the type of number that a PPM or PGM is read as."""
-    with path.open("rb") as file:
-        header = netpbm_header(file.read(NETPBM_HEADER))
-    return np.dtype(np.uint8 if header.maximum < 256 else np.uint16)
+        header = file.read(NETPBM_HEADER)
+    deep = header[24:25] == b"\x10" if suffix == ".png" else netpbm_header(header).maximum > 255
+    return 16 if deep else 8
 
 
 def _decode_png(path: Path, data: bytes) -> np.ndarray:
@@ -221,15 +218,13 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     import imageio.v3 as iio
 
     name = FORMATS[suffix].name
-    if name in ("PPM", "PGM", "PFM"):
-        return _encode_netpbm(name, pixels)
     if name == "HDR":
         pixels = _rounded_to_rgbe(np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
     if pixels.shape[-1] > 4 or (name == "TIFF" and pixels.shape[-1] == 2 and pixels.dtype != np.uint8):
         pages = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
         return iio.imwrite("<bytes>", pages, extension=suffix, plugin="opencv", is_batch=True, params=[259, 8])
     if pixels.shape[-1] == 1:
-        pixels = pixels[..., 0]
+        pixels, suffix = pixels[..., 0], ".pgm" if suffix == ".ppm" else suffix
     if pixels.dtype == np.uint8:
         options = {"plugin": "pillow", "is_batch": False} | {
             "JPEG": {"quality": quality, "subsampling": 0},
@@ -239,15 +234,6 @@ def encode(suffix: str, pixels: np.ndarray, *, quality: int = 95) -> bytes:
     else:
         options = {"plugin": "opencv", "params": [259, 8] if name == "TIFF" else None}  # Compression: deflate
     return iio.imwrite("<bytes>", pixels, extension=suffix, **options)
-
-
-def _encode_netpbm(name: str, pixels: np.ndarray) -> bytes:
-    height, width, channels = pixels.shape
-    if name == "PFM":
-        head = f"{'PF' if channels == 3 else 'Pf'}\n{width} {height}\n-1.0\n"
-        return head.encode() + pixels[::-1].astype("<f4").tobytes()
-    head = f"{'P6' if channels == 3 else 'P5'}\n{width} {height}\n{np.iinfo(pixels.dtype).max}\n"
-    return head.encode() + pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
 
 
 def _rounded_to_rgbe(pixels: np.ndarray) -> np.ndarray:

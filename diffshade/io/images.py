@@ -2,7 +2,8 @@
 
 import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from ..core.masks import as_mask
 from ..core.words import with_article
 from .encodings import LINEAR, SRGB, Encoding, srgb_encode
 from .files import replacing
-from .image_formats import FORMATS, Format, format_of, netpbm_dtype, png_depth, save
+from .image_formats import FORMATS, Format, bits_of, format_of, save
 from .image_headers import UnsupportedError
 from .image_statements import Statement, statement_of
 
@@ -94,26 +95,14 @@ def read_as(path: Path, *, srgb: bool | None = None) -> ReadAs:
         ImportError: As `read_image` raises it.
     """
     check_exists(path, folder=True)
-    suffix = path.suffix.lower()
-    kind = FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
-    dtype = np.dtype(np.uint8)
-    if suffix == ".png":
-        depth = png_depth(path)
-        kind, dtype = f"{depth}-bit PNG", dtype if depth <= 8 else np.dtype(np.uint16)
-    if suffix in (".ppm", ".pgm"):
-        try:
-            dtype = netpbm_dtype(path)
-        except ValueError:
-            raise _damaged(path) from None
-    return _read_as(path, kind, dtype, srgb)
+    with decoding(path, f"cannot read {path}"):
+        bits = bits_of(path)
+    kind = f"{bits}-bit PNG" if _kind(path) == "PNG" else _kind(path)
+    return numbers_read_as(path, np.dtype(f"u{bits // 8}"), srgb, kind)
 
 
-def encoding_of(path: Path, dtype: np.dtype, srgb: bool | None) -> Encoding:
-    """Return the encoding of a file with numbers of a type: as asked, else as it states, else as usual."""
-    return _read_as(path, "", dtype, srgb).encoding
-
-
-def _read_as(path: Path, kind: str, dtype: np.dtype, srgb: bool | None) -> ReadAs:
+def numbers_read_as(path: Path, dtype: np.dtype, srgb: bool | None, kind: str = "") -> ReadAs:
+    """Return what a file with numbers of a type is taken for: as asked, else as it states, else as usual."""
     statement = statement_of(path)
     usual = SRGB if _is_srgb(path, dtype, None) else LINEAR
     given = (statement.encoding or usual) if srgb is None else SRGB if srgb else LINEAR
@@ -133,7 +122,7 @@ def load_image(
             change: each then depends on the one that is not known.
     """
     stored = _read(path)
-    taken = _read_as(path, "", stored.dtype, srgb)
+    taken = numbers_read_as(path, stored.dtype, srgb)
     stored = _upright(path, stored, taken.statement.orientation, orientation)
     image = decoded(as_fractions(path, stored), stored.dtype, taken.encoding)
     if clipped and stored.dtype.kind == "u" and taken.encoding.to_srgb is not None:
@@ -215,7 +204,8 @@ def write_image(
     """
     path = Path(path)
     dtype = dtype_to_write(path, bits)
-    pixels = _as_pixels(path, image)
+    subject = f"cannot write {path}: the image"
+    pixels = _with_channels(float64_of(subject, image), subject, format_of(path))
     _check_can_hold(path, dtype, pixels)
     if dtype.kind == "u":
         pixels = _clip(path, pixels)
@@ -284,22 +274,29 @@ def _read(path: Path) -> np.ndarray:
     """The numbers of a file as they are stored, shape (H, W, C)."""
     check_exists(path)
     known = format_of(path)
-    try:
+    with decoding(path, f"cannot read {path}"):
         stored = known.decode(path.absolute(), path.read_bytes())  # imageio reads a leading ~ as a home folder
-    except (ImportError, MemoryError, PermissionError):
-        raise
-    except UnsupportedError as error:
-        raise ValueError(f"cannot read {path}: it {error}") from None
-    except Exception:  # for a damaged file a decoder raises anything, from SyntaxError to struct.error
-        raise _damaged(path) from None
     return _with_channels(stored, f"cannot read {path}: it", known)
 
 
-def _damaged(path: Path) -> OSError:
-    name = format_of(path).name
-    return OSError(
-        f"cannot read {path}: it is no {name}, or is empty, truncated or damaged. Make or copy the file again."
-    )
+@contextmanager
+def decoding(path: Path, task: str) -> Iterator[None]:
+    """Turn what a decoder raises, for a damaged file anything from SyntaxError to struct.error, into one sentence."""
+    try:
+        yield
+    except (ImportError, MemoryError, PermissionError):
+        raise
+    except UnsupportedError as error:
+        raise ValueError(f"{task}: it {error}") from None
+    except Exception:
+        raise OSError(
+            f"{task}: it is no {_kind(path)}, or is empty, truncated or damaged. Make or copy the file again."
+        ) from None
+
+
+def _kind(path: Path) -> str:
+    suffix = path.suffix.lower()
+    return FORMATS[suffix].name if suffix in FORMATS else suffix.removeprefix(".")
 
 
 def as_fractions(path: Path, stored: np.ndarray) -> np.ndarray:
@@ -323,11 +320,6 @@ def dtype_to_write(path: Path, bits: int | None) -> np.dtype:
     if bits is not None and bits not in dtypes:
         raise ValueError(f"cannot write {path} with bits={bits}. {name} takes {' or '.join(map(str, dtypes))}.")
     return dtypes[bits] if bits is not None else next(iter(dtypes.values()))
-
-
-def _as_pixels(path: Path, image: Numbers) -> np.ndarray:
-    array = float64_of(f"cannot write {path}: the image", image)
-    return _with_channels(array, f"cannot write {path}: the image", format_of(path))
 
 
 def _check_can_hold(path: Path, dtype: np.dtype, pixels: np.ndarray) -> None:

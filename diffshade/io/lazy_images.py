@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import os
 import threading
 import weakref
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..core.extras import needing
 from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, UnsupportedError, check_holds
-from .images import as_fractions, check_exists, decoded, encoding_of
+from .images import as_fractions, check_exists, decoded, decoding, numbers_read_as
 
 TILE = 1 << 16  # pixels read at a time
 BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
@@ -64,7 +65,7 @@ class LazyImage:
         Returns:
             The colours, also read by rows.
         """
-        return LazyImage(ColourRows(self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
+        return LazyImage(partial(_colours, self), (*self.shape[:2], self.shape[2] - 1), self.dtype)
 
     def tiles(self) -> Iterator[tuple[int, Float[np.ndarray, "r w c"]]]:
         """Read the image from top to bottom, tile by tile.
@@ -96,24 +97,13 @@ class LazyImage:
         return out
 
 
-@dataclasses.dataclass(frozen=True)
-class SlicedRows:
-    """The rows of an array that is sliced by rows."""
-
-    array: Any
-
-    def __call__(self, first: int, last: int) -> Any:
-        return self.array[first:last]
+def sliced(array: Any, first: int, last: int) -> Any:
+    """Return rows of an array."""
+    return array[first:last]
 
 
-@dataclasses.dataclass(frozen=True)
-class ColourRows:
-    """The rows of an image without its alpha."""
-
-    image: LazyImage
-
-    def __call__(self, first: int, last: int) -> Any:
-        return self.image[first:last][..., :-1]
+def _colours(image: LazyImage, first: int, last: int) -> np.ndarray:
+    return image[first:last][..., :-1]
 
 
 def rows_of_a_tile(width: int) -> int:
@@ -160,22 +150,10 @@ def open_image(path: str | os.PathLike[str], *, srgb: bool | None = None) -> Laz
             f"cannot open {path}: a file with the suffix '{path.suffix}' is not read by rows. Write it as .npy, .tif "
             "or .zarr, or read it whole with ds.read_image."
         )
-    try:
+    with decoding(path, f"cannot open {path}"), needing("zarr", f"cannot open {path}"):
         rows, shape, dtype = opened(path.absolute())  # rows are read later, perhaps from another folder
-    except (ImportError, MemoryError, PermissionError, UnsupportedError) as error:
-        if isinstance(error, ModuleNotFoundError):
-            message = f"cannot open {path} without the package {error.name}. Install it: pip install 'diffshade[zarr]'."
-            raise ImportError(message) from None
-        if isinstance(error, UnsupportedError):
-            raise ValueError(f"cannot open {path}: it {error}") from None
-        raise
-    except Exception:  # like a decoder, a reader raises anything for a damaged file
-        message = "it is empty, truncated, damaged or no image. Make or copy the file again."
-        raise OSError(f"cannot open {path}: {message}") from None
     if len(shape) not in (2, 3) or 0 in shape or (len(shape) == 3 and shape[2] > 4):
-        raise ValueError(
-            f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C) with C from 1 to 4."
-        )
+        raise ValueError(f"cannot open {path}: it has shape {shape}. An image is (H, W) or (H, W, C), C from 1 to 4.")
     read = FileRows(path, srgb, rows, shape, dtype)
     return LazyImage(read, shape, read(0, 0).dtype)
 
@@ -186,7 +164,7 @@ class FileRows:
     def __init__(self, path: Path, srgb: bool | None, rows: Rows, shape: tuple[int, ...], dtype: np.dtype):
         self.path, self.srgb, self.rows, self.shape, self.dtype = path, srgb, rows, shape, dtype
         self.whole_path = path.absolute()
-        self.encoding = encoding_of(path, dtype, srgb)
+        self.encoding = numbers_read_as(path, dtype, srgb).encoding
 
     def __call__(self, first: int, last: int) -> np.ndarray:
         shape = (last - first, *self.shape[1:], *((1,) if len(self.shape) == 2 else ()))
@@ -196,9 +174,7 @@ class FileRows:
             raise
         except Exception as error:  # a reader raises anything: pixels are damaged, or compressed by another package
             said = " ".join(f"{error}".split())
-            raise OSError(
-                f"cannot read {self.path}: {said}. Make it again, without compression or predictor."
-            ) from None
+            raise OSError(f"cannot read {self.path}: {said}. Make it again without compression or predictor.") from None
         fractions = stored if self.dtype.kind == "f" else as_fractions(self.path, stored)
         return decoded(fractions, self.dtype, self.encoding)
 
@@ -214,10 +190,7 @@ Opened = tuple[Rows, tuple[int, ...], np.dtype]
 
 
 def _open_npy(path: Path) -> Opened:
-    whole = np.load(path, "r", allow_pickle=False, max_header_size=NPY_HEADER)
-    if not isinstance(whole, np.memmap):
-        raise UnsupportedError("is no single array. Save one array with np.save.")
-    return _mapped(path, whole)
+    return _mapped(path, np.lib.format.open_memmap(path, "r", max_header_size=NPY_HEADER))
 
 
 def _mapped(path: Path, whole: np.memmap) -> Opened:

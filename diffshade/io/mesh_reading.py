@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..core.extras import needing
 from ..core.words import count, listing
 from ..model.meshes import wound_against
 from .gltf_files import read_gltf
 from .obj_files import read_obj
 from .ply_files import read_ply
-from .polygons import Polygons, triangulated
+from .polygons import Polygons, indexed, triangulated
 from .stl_files import read_stl
 from .vertex_normals import corner_normals, have_direction, unit
 
@@ -22,7 +23,7 @@ MOST_NAMED = 3  # faces that a note names; of more it gives the number
 CROSSED = 1e-3  # of a face's area: rounding of positions in files changes it by less, and no picture shows it
 
 
-class Surface(NamedTuple):
+class MeshSurface(NamedTuple):
     """Triangles, counter-clockwise seen from the side of their normals."""
 
     corner: Float[np.ndarray, "t 3 3"]
@@ -40,7 +41,7 @@ class Surface(NamedTuple):
         return (self.corner.min((0, 1)) + self.corner.max((0, 1))) / 2
 
 
-def read_surface(path: str | Path) -> Surface:
+def read_surface(path: str | Path) -> MeshSurface:
     """Read the triangles of a mesh file.
 
     Raises:
@@ -51,14 +52,10 @@ def read_surface(path: str | Path) -> Surface:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"there is no mesh file {path}. Give the path of an OBJ, PLY, STL or GLB file.")
-    try:
+    with needing("mesh", f"cannot read {path}"):
         import embreex  # noqa: F401
         import mapbox_earcut  # noqa: F401
         import trimesh  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            f"reading a mesh needs trimesh, embreex and mapbox_earcut ({error}). pip install 'diffshade[mesh]'."
-        ) from None
     found = READERS.get(path.suffix.lower(), _of_trimesh)(path)
     if not len(found.size):
         raise ValueError(f"{path} has no triangles. Export the surface as triangles, not as points or curves.")
@@ -81,7 +78,7 @@ def read_surface(path: str | Path) -> Surface:
     point = faces.point[faces.at[corner]]
     turned = wound_against(point, normal)[:, None, None]
     point, normal = (np.where(turned, of[:, ::-1], of) for of in (point, normal))
-    return Surface(point, normal, faces.part[face], faces.names, notes)
+    return MeshSurface(point, normal, faces.part[face], faces.names, notes)
 
 
 def _of_trimesh(path: Path) -> Polygons:
@@ -94,10 +91,7 @@ def _of_trimesh(path: Path) -> Polygons:
     except Exception as error:  # each of trimesh's readers raises its own kind
         said = " ".join(f"{error}".split())
         raise ValueError(f"{path} is no mesh that trimesh can read: {said}. Export it as OBJ, PLY or GLB.") from None
-    if face.size and not 0 <= face.min() <= face.max() < len(point):
-        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export it again.")
-    missing, none = np.full((face.size, 3), np.nan), np.zeros(len(face), int)
-    return Polygons(point, np.full(len(face), 3), face.ravel(), missing, none, none)
+    return indexed(point, np.full(point.shape, np.nan), np.full(len(face), 3), face.ravel(), f"{path}")
 
 
 def _with_area(corner: Float[np.ndarray, "t 3 3"]) -> Any:

@@ -15,7 +15,8 @@ from ..core.fields import Array, check_kind
 from ..model.cameras import AbstractCamera, Camera
 from ..model.gbuffers import GBuffer
 from ..model.meshes import Mesh
-from .mesh_reading import Surface, read_surface
+from ..model.rendering import pixel_rays
+from .mesh_reading import MeshSurface, read_surface
 from .triangles import Triangles, first_hits
 from .vertex_normals import unit
 
@@ -122,7 +123,7 @@ def frame_mesh(path: str | Path, *, shape: tuple[int, int] = (512, 512), fov: fl
     return Camera(center + away * np.array(FROM) / np.linalg.norm(FROM), target=center, fov=fov, shape=shape)
 
 
-def _surface(path: str | Path) -> Surface:
+def _surface(path: str | Path) -> MeshSurface:
     """Return the triangles of a mesh file, and say what of it is not as the file says."""
     found = read_surface(path)
     for note in found.notes:
@@ -130,7 +131,7 @@ def _surface(path: str | Path) -> Surface:
     return found
 
 
-def _seen(surface: Surface, camera: AbstractCamera, smooth: bool) -> GBuffer:
+def _seen(surface: MeshSurface, camera: AbstractCamera, smooth: bool) -> GBuffer:
     """Return the nearest points of a mesh and their normals, on the viewer's side."""
     with in_float64(camera) as camera:
         start, toward = (np.asarray(a) for a in _rays(camera))
@@ -154,6 +155,5 @@ def _seen(surface: Surface, camera: AbstractCamera, smooth: bool) -> GBuffer:
 @jax.jit
 def _rays(camera: AbstractCamera) -> tuple[Float[Array, "rays 3"], Float[Array, "rays 3"]]:
     """Return the origins and directions of the rays of a camera's pixels."""
-    row, column = (a.astype(float).ravel() for a in np.indices(camera.shape))
-    rays = camera.projection().rays(row, column)
-    return rays.origin.stack(), rays.direction.stack()
+    rays = pixel_rays(camera.projection(), camera.shape)
+    return rays.origin.stack().reshape(-1, 3), rays.direction.stack().reshape(-1, 3)

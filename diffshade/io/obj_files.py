@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .parsing import number, read_text, short
-from .polygons import NONE, Polygons, stated
+from .polygons import NONE, Polygons, check_corners, stated
 
 COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 NOT_FINITE = re.compile(r"[+-]?(?:nan|inf)", re.IGNORECASE)
@@ -55,10 +55,7 @@ def read_obj(path: Path) -> Polygons:
         elif key == "s":
             words = [word.lower() for word in words]
             group = NONE if words in FLAT else smooth.setdefault(words[0], 1 + len(smooth))
-    if (most := max(at, default=NONE)) >= len(points):
-        raise ValueError(
-            f"{path} has {len(points)} vertices, and a face names number {most + 1}. Export the file again."
-        )
+    check_corners(np.array(at, int), len(points), f"{path}")
     known = stated(np.array([*normals, [0.0] * 3]))  # 0 for one that is missing,
     known = np.append(known, [[np.nan] * 3], axis=0)  # NaN where a face names none
     of_normal = [k if k == NONE else min(k, len(normals)) for k in of_normal]

@@ -29,9 +29,7 @@ def read_text(path: str | Path, noun: str, *, largest: float | None = None) -> s
         raise FileNotFoundError(f"there is no {noun} {path}. Give the path of a file.")
     largest = LARGEST if largest is None else largest
     if (size := path.stat().st_size) > largest:
-        raise ValueError(
-            f"{path} has {size} bytes, too many for a {noun}; at most {largest} are read. Give a smaller file."
-        )
+        raise ValueError(f"{path} has {size} bytes, too many for a {noun}. Give one of at most {largest}.")
     data = path.read_bytes()
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
@@ -56,9 +54,7 @@ def read_glb(path: Path, *, largest: float = LARGEST) -> tuple[str, int]:
         head = file.read(20)
         size = int.from_bytes(head[12:16], "little")
         if len(head) < 20 or head[:4] != b"glTF" or head[4] != 2 or head[16:] != b"JSON":
-            raise ValueError(
-                f"{path} is not binary glTF 2.0: its first bytes are others. Give a .glb file, or convert it."
-            )
+            raise ValueError(f"{path} is not binary glTF 2.0: its first bytes are others. Give a .glb file.")
         if size > largest:
             raise ValueError(f"{path} has {size} bytes of JSON; at most {largest} are read. Give a smaller file.")
         return file.read(size).decode("utf-8", "replace"), 20 + size

@@ -10,21 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from .parsing import short
-from .polygons import Polygons, stated
+from .polygons import Polygons, indexed, stated
 
-KINDS = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-    **{f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)},
-    "float32": "f4",
-    "float64": "f8",
-}
+SIZES = {"char": 1, "short": 2, "int": 4, "int8": 1, "int16": 2, "int32": 4, "int64": 8}
+KINDS = {name: f"i{size}" for name, size in SIZES.items()} | {f"u{name}": f"u{size}" for name, size in SIZES.items()}
+KINDS |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 HEADER = re.compile(rb"ply[ \t]*(\r\n|\n|\r).*?(?:\r\n|\n|\r)end_header[ \t]*", re.DOTALL)
 INDICES = ("vertex_indices", "vertex_index")
@@ -93,10 +83,7 @@ def _polygons(found: dict[str, Columns], path: Path) -> Polygons:
         normal = stated(np.stack([vertex.items[name].astype(float) for name in ("nx", "ny", "nz")], -1))
     lists = [name for name in (*INDICES, *face.lengths) if name in face.lengths]
     at, size = (face.items[lists[0]], face.lengths[lists[0]]) if lists else (np.zeros(0), np.zeros(0))
-    if len(at) and not (0 <= at.min() <= at.max() < len(point) and (at == np.floor(at)).all()):
-        raise ValueError(f"{path} has {len(point)} vertices, and a face names another. Export the file again.")
-    at, none = at.astype(int), np.zeros(len(size), int)
-    return Polygons(point, size.astype(int), at, normal[at], none, none)
+    return indexed(point, normal, size.astype(int), at, f"{path}")
 
 
 def _header(text: str, path: Path) -> tuple[str, list[Element]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 NONE = -1
 """The group of faces that share their normals with no other."""
@@ -51,6 +51,29 @@ class Polygons(NamedTuple):
         cross = np.cross(near[:-1], near[1:])
         cross[self.first[1:] - 1] = 0.0  # between two faces
         return np.add.reduceat(np.concatenate([cross, np.zeros((1, 3))]), self.first)
+
+
+def check_corners(at: Num[np.ndarray, " corners"], points: int, what: str) -> None:
+    """Refuse corners that are no indices of a file's vertices."""
+    wrong = at[~((at >= 0) & (at < points) & (at == np.floor(at)))]
+    if len(wrong):
+        raise ValueError(f"{what} has {points} vertices, and a face names number {wrong[0] + 1:.10g}. Export it again.")
+
+
+def indexed(
+    point: Float[np.ndarray, "points 3"],
+    normal: Float[np.ndarray, "points 3"],
+    size: Int[np.ndarray, " faces"],
+    at: Num[np.ndarray, " corners"],
+    what: str,
+    *,
+    group: int = 0,
+    name: str = "",
+) -> Polygons:
+    """Return faces of one group and material whose corners have the normals of their vertices; `what` has them."""
+    check_corners(at, len(point), what)
+    at, none = at.astype(int), np.zeros(len(size), int)
+    return Polygons(point, size, at, normal[at], none + group, none, (name,))
 
 
 def stated(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

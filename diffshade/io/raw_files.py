@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..core.extras import needing
 from .image_headers import check_holds
 
 SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".pef", ".raf", ".rw2", ".srw")
@@ -23,6 +24,8 @@ def decode_raw(path: Path, data: bytes) -> np.ndarray:
     sensor's pixels. White is the file's, not the brightest pixel, so that exposures can be compared.
     """
     with _opened(path) as raw:
+        import rawpy
+
         check_holds(raw.sizes.raw_height * raw.sizes.raw_width, len(data), EXPANSION)
         raw.unpack()
         return raw.postprocess(
@@ -31,7 +34,7 @@ def decode_raw(path: Path, data: bytes) -> np.ndarray:
             adjust_maximum_thr=0.0,
             use_camera_wb=False,
             user_wb=[1.0, 1.0, 1.0, 1.0],
-            output_color=_rawpy(path).ColorSpace.raw,
+            output_color=rawpy.ColorSpace.raw,
             output_bps=16,
             user_flip=0,
         )
@@ -51,16 +54,8 @@ def exposure_of_raw(path: Path) -> tuple[float, float, float]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    with _rawpy(path).RawPy() as raw:
+    with needing("raw", f"cannot read {path}"):
+        import rawpy
+    with rawpy.RawPy() as raw:
         raw.open_file(str(path))
         yield raw
-
-
-def _rawpy(path: Path) -> Any:
-    try:
-        import rawpy
-    except ModuleNotFoundError:
-        raise ImportError(
-            f"cannot read {path} without the package rawpy. Install it: pip install 'diffshade[raw]'."
-        ) from None
-    return rawpy

@@ -26,6 +26,8 @@ MOST_SAMPLES = 1 << 31  # bytes of coefficients, beyond any file that a person h
 PTM_TERMS = 6
 HSH_TERMS = (4, 9, 16)
 LARGEST = 1e6  # of a coefficient, or of its scale
+# version, format, width, height, and a scale and a bias for each term; some programs write a number a line
+HEAD = re.compile(rb"(\S{1,40})\s+(\S{1,40})" + rb"\s+(\S{1,40})" * (2 + 2 * PTM_TERMS) + rb"[ \t\r]*\n")
 UNIVERSAL = re.compile(rb"(\d{1,2})\s*\n(\d{1,9}) (\d{1,9}) (\d{1,9})\s*\n(\d{1,9}) (\d{1,9}) (\d{1,9})[ \r]*\n")
 
 
@@ -138,64 +140,37 @@ def read_rti(path: str | Path) -> RelightableImage:
     return readers[suffix](path.read_bytes(), path)
 
 
-class _Lines:
-    """Lines of text at the beginning of a binary file, and what follows them."""
-
-    def __init__(self, data: bytes, path: Path):
-        self.data, self.path, self.at = data, path, 0
-
-    def next(self) -> list[str]:
-        """Return the words of the next line."""
-        end = self.data.find(b"\n", self.at, self.at + 1000)
-        if end < 0:
-            raise ValueError(f"{self.path} is damaged: its header ends early. Copy it again.")
-        line = self.data[self.at : end].decode("ascii", "replace")
-        self.at = end + 1
-        return line.split()
-
-    def numbers(self, count: int, name: str) -> Float[np.ndarray, " count"]:
-        """Return the numbers of the next lines; some programs write several on one line, some one a line."""
-        words: list[str] = []
-        while len(words) < count:
-            if not (line := self.next()) and self.at >= len(self.data):
-                break
-            words += line
-        try:
-            found = np.array([float(word) for word in words])
-        except ValueError:
-            found = np.zeros(0)
-        if found.shape != (count,) or not (np.abs(found) < LARGEST).all():
-            raise ValueError(f"{self.path} is damaged: its {name} must be {count} numbers. Copy it again.")
-        return found
-
-
 def _size(path: Path, width: int | float, height: int | float, bytes_a_pixel: int, left: int) -> tuple[int, int]:
     """Return rows and columns; refuse a size that the rest of the file does not hold."""
     if width != int(width) or height != int(height) or width < 1 or height < 1:
         raise ValueError(f"{path} is damaged: its size is {width:g} x {height:g}. Copy it again.")
     needed = int(width) * int(height) * bytes_a_pixel
     if needed > min(left, MOST_SAMPLES):
-        raise ValueError(
-            f"{path} is damaged: {int(width)} x {int(height)} pixels need {needed} bytes, and it has {left}. Copy it "
-            "again."
-        )
+        size = f"{int(width)} x {int(height)}"
+        raise ValueError(f"{path} is damaged: {size} pixels need {needed} bytes, and it has {left}. Copy it again.")
     return int(height), int(width)
 
 
 def _ptm(data: bytes, path: Path) -> RelightableImage:
     """Read a PTM: a header, then bytes whose coefficients are scale (byte - bias), the bottom row first."""
-    lines = _Lines(data, path)
-    version = " ".join(lines.next())
+    head = HEAD.match(data)
+    if head is None:
+        raise ValueError(f"{path} is damaged: its header ends early. Copy it again.")
+    version, kind, *words = (word.decode("ascii", "replace") for word in head.groups())
     if version not in ("PTM_1.1", "PTM_1.2"):
-        raise ValueError(f"{path} is no PTM of version 1.1 or 1.2: it begins with {version[:40]!r}. Export it again.")
-    kind = " ".join(lines.next())
+        raise ValueError(f"{path} is no PTM of version 1.1 or 1.2: it begins with {version!r}. Export it again.")
     if kind not in ("PTM_FORMAT_RGB", "PTM_FORMAT_LRGB"):
-        raise ValueError(f"{path} has the format {kind[:40]!r}. Export it as PTM_FORMAT_LRGB or PTM_FORMAT_RGB.")
-    width, height = lines.numbers(2, "size")
-    scale, bias = lines.numbers(PTM_TERMS, "scale"), lines.numbers(PTM_TERMS, "bias")
+        raise ValueError(f"{path} has the format {kind!r}. Export it as PTM_FORMAT_LRGB or PTM_FORMAT_RGB.")
+    try:
+        numbers = np.array(words, np.float64)
+    except ValueError:
+        numbers = np.full(len(words), np.nan)
+    if not (np.abs(numbers) < LARGEST).all():
+        raise ValueError(f"{path} is damaged: its size, scale and bias must be {len(words)} numbers. Copy it again.")
+    size, scale, bias = np.split(numbers, [2, 2 + PTM_TERMS])
     colour = kind == "PTM_FORMAT_RGB"
-    rows, columns = _size(path, width, height, 18 if colour else 9, len(data) - lines.at)
-    count, pixels = rows * columns, np.frombuffer(data, np.uint8, offset=lines.at)
+    rows, columns = _size(path, size[0], size[1], 18 if colour else 9, len(data) - head.end())
+    count, pixels = rows * columns, np.frombuffer(data, np.uint8, offset=head.end())
     if colour:
         stored = np.moveaxis(pixels[: 18 * count].reshape(3, rows, columns, PTM_TERMS), 0, 2)
         found = scale * (stored - bias) / 255.0

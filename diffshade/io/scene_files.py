@@ -18,19 +18,19 @@ import numpy as np
 from ..core.fields import is_over_pixels
 from ..core.words import did_you_mean
 from ..model.area_lights import AreaLight
-from ..model.attenuation import AbstractAtmosphere, AbstractAttenuation, DepthCueing, Fog, RadialAttenuation
+from ..model.attenuation import DepthCueing, Fog, RadialAttenuation
 from ..model.cameras import AbstractCamera, Camera, OrthographicCamera
 from ..model.flaps import Flaps
-from ..model.fresnel import AbstractFresnel, Dielectric, NoFresnel, Schlick
+from ..model.fresnel import Dielectric, NoFresnel, Schlick
 from ..model.gbuffers import GBuffer
-from ..model.lights import AbstractLight, DirectionalLight, PointLight, SpotLight
-from ..model.lobes import AbstractReflectance, Blinn, Brushed, Phong
+from ..model.lights import DirectionalLight, PointLight, SpotLight
+from ..model.lobes import Blinn, Brushed, Phong
 from ..model.materials import Highlight, Material
 from ..model.measured_lights import LampLabel, MeasuredLight, Profile
 from ..model.named_materials import material_names
-from ..model.patterns import AbstractPattern, Chequer
+from ..model.patterns import Chequer
 from ..model.scenes import Object, Scene
-from ..model.surfaces import AbstractSurface, Box, Plane, Sphere
+from ..model.surfaces import Box, Plane, Sphere
 from .arrays import read_array, write_array
 from .files import replacing, writable
 from .lamps.lamp_files import read_lamp
@@ -56,16 +56,6 @@ _TYPES: dict[str, tuple[type[eqx.Module], ...]] = {
 _MAPPED = ("k_a", "k_d", "k_s", "k_e", "k_t", "n_s", "normal", "position", "mask")
 _SEVERAL = ("objects", "lights", "highlights")
 _PRODUCTS = ("k_a", "k_d", "k_s")  # of a table foley
-# Users' own classes of these bases can stand there too, once their module is imported.
-_OPEN: dict[str, type[eqx.Module]] = {
-    "surface": AbstractSurface,
-    "lobe": AbstractReflectance,
-    "fresnel": AbstractFresnel,
-    "lights": AbstractLight,
-    "attenuation": AbstractAttenuation,
-    "atmosphere": AbstractAtmosphere,
-    **dict.fromkeys(("k_a", "k_d", "k_s", "k_e", "k_t"), AbstractPattern),
-}
 
 
 def read_scene(path: str | Path) -> Scene:
@@ -266,7 +256,7 @@ def _value(key: str, value: Any, where: str) -> Any:
         value = {"type": value}
     name = value.get("type", next(iter(types))) if isinstance(value, dict) else next(iter(types))
     if not isinstance(name, str) or name not in types:
-        own = " A class of your own must be imported first." if key in _OPEN else ""
+        own = " A class of your own must be imported first." if _bases(key) else ""
         raise ValueError(f"{where} has no type '{name}'. {did_you_mean(str(name), types)}{own}")
     if isinstance(value, dict) and "type" not in value:
         _check_default(value, types, where)
@@ -280,9 +270,7 @@ def _multiplied(table: dict[str, Any], where: str) -> dict[str, Any]:
     """Return a material's table with the products of its table `foley` in place of that (E10)."""
     form, own = table["foley"], {key: value for key, value in table.items() if key != "foley"}
     if not isinstance(form, dict) or "O_d" not in form:
-        raise ValueError(
-            f"{where}.foley must be a table with O_d, and O_s, k_a, k_d and k_s where needed. Write it so."
-        )
+        raise ValueError(f"{where}.foley must be a table with O_d, and O_s, k_a, k_d and k_s as needed. Write it so.")
     _check_keys(form, ("O_d", "O_s", *_PRODUCTS), f"{where}.foley")
     if twice := [key for key in _PRODUCTS if key in own]:
         raise ValueError(f"{where}.{twice[0]} is given beside foley, which makes it a product. Leave one of them out.")
@@ -295,9 +283,14 @@ def _multiplied(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 def _types_of(key: str) -> dict[str, type[eqx.Module]]:
     """Return the classes that may stand at a key, by name: the library's, the default first, and users' own."""
+    own = {cls.__name__: cls for base in _bases(key)[-1:] for cls in _own_classes(base)}
     library = {cls.__name__: cls for cls in _TYPES[key]}
-    own = {cls.__name__: cls for cls in _own_classes(_OPEN[key])} if key in _OPEN else {}
     return library | {name: cls for name, cls in own.items() if name not in library}
+
+
+def _bases(key: str) -> list[type[eqx.Module]]:
+    """Return the abstract classes of what stands at a key, the most general last; none where users derive no own."""
+    return [base for base in _TYPES[key][0].__mro__ if inspect.isabstract(base) and issubclass(base, eqx.Module)]
 
 
 def _own_classes(base: type[eqx.Module]) -> Iterator[type[eqx.Module]]:
@@ -342,13 +335,11 @@ def _plain(key: str, value: Any, at: str, arrays: dict[str, np.ndarray] | None) 
     if isinstance(value, eqx.Module):
         name = type(value).__name__
         if key not in _TYPES or type(value) is not _types_of(key).get(name):
-            raise ValueError(
-                f"a {name} has no form in TOML. Write its arrays with numpy.save, and the rest as a scene."
-            )
+            raise ValueError(f"a {name} has no form in TOML. Write its arrays with numpy.save, the rest as a scene.")
         fields = _table(value, at, arrays)
         if not fields:
             return name
-        return {"type": name, **fields} if len(_TYPES[key]) > 1 or key in _OPEN else fields
+        return {"type": name, **fields} if len(_TYPES[key]) > 1 or _bases(key) else fields
     if isinstance(value, bool | str):
         return value
     if is_over_pixels(value) and key in _MAPPED:

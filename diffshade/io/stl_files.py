@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .parsing import numbers
-from .polygons import NONE, Polygons
+from .polygons import NONE, Polygons, indexed
 
 HEAD = 84  # bytes of a binary file before its triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("more", "<u2")])
@@ -35,9 +35,8 @@ def read_stl(path: Path) -> Polygons:
         if b"endsolid" not in data.lower():
             raise ValueError(f"{path} is no whole ASCII STL: it lacks a line endsolid. Export it again.")
         corner = np.array([_corners(loop, path) for loop in LOOP.findall(data)], float).reshape(-1, 3)
-    faces = len(corner) // 3
-    missing, flat = np.full(corner.shape, np.nan), np.full(faces, NONE)
-    return Polygons(corner, np.full(faces, 3), np.arange(len(corner)), missing, flat, np.zeros(faces, int))
+    every, missing = np.arange(len(corner)), np.full(corner.shape, np.nan)
+    return indexed(corner, missing, np.full(len(corner) // 3, 3), every, f"{path}", group=NONE)
 
 
 def _corners(loop: bytes, path: Path) -> list[float]:

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..core.extras import needing
+
 Points = Float[np.ndarray, "n 3"]
 
 
@@ -48,12 +50,8 @@ def simplified(mesh: Triangles, count: int) -> Triangles:
     Raises:
         ImportError: fast-simplification is not installed.
     """
-    try:
+    with needing("mesh", "cannot leave triangles out of a mesh"):
         import fast_simplification
-    except ImportError as error:
-        raise ImportError(
-            f"a mesh with fewer triangles needs fast-simplification ({error}). pip install 'diffshade[mesh]'."
-        ) from None
     found: Any = fast_simplification.simplify(
         np.ascontiguousarray(mesh.corner, np.float64),
         np.ascontiguousarray(mesh.face, np.int32),
@@ -74,13 +72,9 @@ def first_hits(mesh: Triangles, start: Points, toward: Points) -> Hits:
     Raises:
         ImportError: trimesh or embreex is not installed.
     """
-    try:
+    with needing("mesh", "cannot trace rays to a mesh"):
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector
-    except ImportError as error:
-        raise ImportError(
-            f"the rays of a mesh need trimesh and embreex ({error}). pip install 'diffshade[mesh]'."
-        ) from None
     whole = trimesh.Trimesh(mesh.corner, mesh.face, process=False)
     hits: Any = RayMeshIntersector(whole).intersects_id(start, toward, return_locations=True, multiple_hits=False)
     face, ray, point = (np.asarray(of) for of in hits)

@@ -11,8 +11,8 @@ import numpy as np
 from ..core.fields import Colour, Scalar, Vector, as_colour, as_scalar, as_vector, is_concrete, parameter
 from .attenuation import AbstractAttenuation, RadialAttenuation, check_attenuation
 from .flaps import Flaps, check_flaps
-from .lights import AbstractEmitter, AbstractLight, PointLight, SpotLight, along_one_line
-from .vectors import Vec3, cross
+from .lights import AbstractEmitter, AbstractLight, PointLight, SpotLight
+from .vectors import Vec3, along_one_line, cross
 
 
 def as_counts(value: Any) -> Any:

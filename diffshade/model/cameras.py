@@ -23,7 +23,7 @@ from ..core.fields import (
     in_short,
     is_concrete,
 )
-from .vectors import Vec3, cross, dot, length, normalize, where
+from .vectors import Vec3, along_one_line, cross, dot, length, normalize, where
 
 
 class Rays(eqx.Module):
@@ -83,6 +83,24 @@ class AbstractCamera(Checked):
     shape: eqx.AbstractVar[tuple[int, int]]
     local_viewer: eqx.AbstractVar[bool]
 
+    def check_together(self) -> None:
+        name, shape = type(self).__name__, self.shape
+        if not (isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(s, int) and s > 0 for s in shape)):
+            raise ValueError(
+                f"{name}.shape must be (height, width) in pixels, two whole numbers above 0; got {shape!r}. "
+                "Give the image's shape[:2]."
+            )
+        if not is_concrete(self.eye, self.target, self.up):
+            return
+        sight = np.asarray(self.target, np.float64) - np.asarray(self.eye, np.float64)
+        if not np.any(sight):
+            raise ValueError(f"{name}.eye must differ from target; got {self.eye} for both. Move one of them.")
+        if along_one_line(sight, self.up):
+            raise ValueError(
+                f"{name}.up must not be along the line of sight; got up {self.up} for an eye at {self.eye} that looks "
+                f"at {self.target}. Give another up, for example (0, 0, -1)."
+            )
+
     @abc.abstractmethod
     def projection(self) -> Projection:
         """Return the camera's rays as affine functions of column and row.
@@ -132,11 +150,11 @@ class Camera(AbstractCamera):
     eye: Vector = eqx.field(converter=as_vector)
     target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
     up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
-    fov: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=40.0)
+    fov: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=40.0, metadata={"above": 0, "below": 180})
     shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
     local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
     principal_point: Pair | None = eqx.field(kw_only=True, converter=as_pair, default=None)
-    aspect: Scalar | None = eqx.field(kw_only=True, converter=as_scalar, default=None)
+    aspect: Scalar | None = eqx.field(kw_only=True, converter=as_scalar, default=None, metadata={"above": 0})
 
     @classmethod
     def from_intrinsics(
@@ -178,7 +196,7 @@ class Camera(AbstractCamera):
         xp = np if isinstance(matrix, np.ndarray) else jnp
         f_x, f_y = matrix[0, 0], matrix[1, 1]
         shape = as_shape(shape)
-        height = shape[0] if isinstance(shape, tuple) and shape else 1  # an invalid shape is refused below
+        height = max(shape[0], 1) if isinstance(shape, tuple) and shape else 1  # an invalid shape is refused below
         return cls(
             eye,  # pyright: ignore[reportArgumentType]
             target=target,
@@ -189,15 +207,6 @@ class Camera(AbstractCamera):
             principal_point=matrix[:2, 2],
             aspect=f_y / f_x,
         )
-
-    def check_together(self) -> None:
-        check_camera(self)
-        if is_concrete(self.fov) and not 0 < self.fov < 180:
-            raise ValueError(f"Camera.fov must be above 0 and below 180 degrees; got {self.fov}. Give the full angle.")
-        if self.aspect is not None and is_concrete(self.aspect) and not self.aspect > 0:
-            raise ValueError(
-                f"Camera.aspect must be above 0; got {self.aspect}. Give the width of a pixel over its height."
-            )
 
     def projection(self) -> Projection:
         """Return rays from the eye that cover the full vertical angle `fov`."""
@@ -238,14 +247,9 @@ class OrthographicCamera(AbstractCamera):
     eye: Vector = eqx.field(converter=as_vector)
     target: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 0.0, 0.0))
     up: Vector = eqx.field(kw_only=True, converter=as_vector, default=(0.0, 1.0, 0.0))
-    height: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=2.2)
+    height: Scalar = eqx.field(kw_only=True, converter=as_scalar, default=2.2, metadata={"above": 0})
     shape: tuple[int, int] = eqx.field(kw_only=True, converter=as_shape, static=True, default=(256, 256))
     local_viewer: bool = eqx.field(kw_only=True, static=True, default=True)
-
-    def check_together(self) -> None:
-        check_camera(self)
-        if is_concrete(self.height) and not self.height > 0:
-            raise ValueError(f"OrthographicCamera.height must be above 0; got {self.height}. Give it in scene units.")
 
     def projection(self) -> Projection:
         """Return parallel rays that start on the plane through the eye."""
@@ -254,17 +258,9 @@ class OrthographicCamera(AbstractCamera):
         zero = right * 0.0
         eye = Vec3.of(self.eye)
         corner = eye - right * (pixel * self.shape[1] / 2.0) + up * (pixel * self.shape[0] / 2.0)
+        local_viewer, parallel = jnp.asarray(1.0 * self.local_viewer), jnp.asarray(1.0)
         return Projection(
-            corner,
-            right * pixel,
-            up * -pixel,
-            -backward,
-            zero,
-            zero,
-            eye,
-            backward,
-            jnp.asarray(1.0 * self.local_viewer),
-            jnp.asarray(1.0),
+            corner, right * pixel, up * -pixel, -backward, zero, zero, eye, backward, local_viewer, parallel
         )
 
 
@@ -294,25 +290,4 @@ def check_intrinsics(K: Any) -> None:
         raise ValueError(
             f"K must have no skew and end in (0, 0, 1); got skew {numbers[0, 1]:g} and the row {in_short(numbers[2])}. "
             "Calibrate without skew, as OpenCV does."
-        )
-
-
-def check_camera(camera: AbstractCamera) -> None:
-    """Refuse an invalid image shape, an eye equal to the target, and a line of sight along `up`."""
-    name, shape = type(camera).__name__, camera.shape
-    if not (isinstance(shape, tuple) and len(shape) == 2 and all(isinstance(s, int) and s > 0 for s in shape)):
-        raise ValueError(
-            f"{name}.shape must be (height, width) in pixels, two whole numbers above 0; got {shape!r}. "
-            "Give the image's shape[:2]."
-        )
-    if not is_concrete(camera.eye, camera.target, camera.up):
-        return
-    sight = np.asarray(camera.target, np.float64) - np.asarray(camera.eye, np.float64)
-    if not np.any(sight):
-        raise ValueError(f"{name}.eye must differ from target; got {camera.eye} for both. Move one of them.")
-    up = np.asarray(camera.up, np.float64)
-    if np.linalg.norm(np.cross(sight, up)) <= 1e-9 * np.linalg.norm(sight) * np.linalg.norm(up):
-        raise ValueError(
-            f"{name}.up must not be along the line of sight; got up {camera.up} for an eye at {camera.eye} that looks "
-            f"at {camera.target}. Give another up, for example (0, 0, -1)."
         )

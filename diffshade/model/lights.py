@@ -249,9 +249,6 @@ class DirectionalLight(AbstractEmitter):
     direction: Vector = eqx.field(converter=as_vector, metadata=parameter("direction"))
     intensity: Colour = eqx.field(converter=as_colour, default=1.0, metadata=parameter("light", lower=0, gauge=-1))
 
-    def check_together(self) -> None:
-        check_direction("DirectionalLight.direction", self.direction)
-
     @property
     def is_local(self) -> bool:
         """False."""
@@ -318,7 +315,6 @@ class SpotLight(AbstractLamp):
 
     def check_together(self) -> None:
         super().check_together()
-        check_direction("SpotLight.direction", self.direction)
         check_flaps(self)
         if is_concrete(self.softness, self.cutoff) and self.softness > self.cutoff:
             raise ValueError(
@@ -339,15 +335,3 @@ class SpotLight(AbstractLamp):
         cos_phi = -dot(l, normalize(Vec3.of(self.direction)))
         f_ang = angular_attenuation(cos_phi, self.cutoff, self.exponent, self.softness)
         return Path(l, length(to_light), confined(f_ang, self.flaps, p))
-
-
-def along_one_line(a: Vector, b: Vector) -> bool:
-    """Whether two vectors span no plane, to rounding."""
-    a, b = (np.asarray(vector, np.float64) for vector in (a, b))
-    return bool(np.linalg.norm(np.cross(a, b)) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b))
-
-
-def check_direction(name: str, direction: Vector) -> None:
-    """Refuse a direction of length 0."""
-    if is_concrete(direction) and not np.any(direction):
-        raise ValueError(f"{name} must not be the zero vector; got [0, 0, 0]. Give the way the light travels.")

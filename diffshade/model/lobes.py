@@ -6,10 +6,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
+from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, parameter
 from .fresnel import AbstractFresnel
 from .vectors import Vec3, cross, dot, halfway, normalize, positive_power, reflect
 
@@ -204,10 +203,6 @@ class Brushed(AbstractLobe):
 
     along: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction"))
     n_v: Scalar = eqx.field(converter=as_scalar, default=10.0, metadata=EXPONENT)
-
-    def check_together(self) -> None:
-        if is_concrete(self.along) and not np.any(self.along):
-            raise ValueError("Brushed.along must not be the zero vector; got [0, 0, 0]. Give the scratches' direction.")
 
     def glsl(self) -> str:
         """Return the highlight for the live ball of a report."""

@@ -13,7 +13,6 @@ from ..core.fields import (
     Array,
     Checked,
     Colour,
-    Numbers,
     Vector,
     as_array,
     as_colour,
@@ -25,17 +24,12 @@ from ..core.fields import (
 )
 from ..core.words import listing
 from .attenuation import AbstractAttenuation, RadialAttenuation
-from .lights import AbstractLamp, Path, along_one_line, check_direction
+from .lights import AbstractLamp, Path
 from .photometry import beam_angles, flux, symmetry
-from .vectors import Vec3, cross, dot, length, normalize, safe_sqrt
+from .vectors import Vec3, along_one_line, cross, dot, length, normalize, safe_sqrt
 
 CONTRADICTS = 0.01  # of the flux: more is no rounding
 BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
-
-
-def as_angles(value: Numbers) -> Any:
-    """Make an array of angles; any other value is returned unchanged for the check to refuse."""
-    return as_array(value)
 
 
 class Profile(Checked):
@@ -56,9 +50,9 @@ class Profile(Checked):
             finite or are below 0.
     """
 
-    vertical: Float[Array, " v"] = eqx.field(converter=as_angles)
-    horizontal: Float[Array, " h"] = eqx.field(converter=as_angles)
-    values: Float[Array, "h v"] = eqx.field(converter=as_angles)
+    vertical: Float[Array, " v"] = eqx.field(converter=as_array)
+    horizontal: Float[Array, " h"] = eqx.field(converter=as_array)
+    values: Float[Array, "h v"] = eqx.field(converter=as_array)
 
     def check_together(self) -> None:
         if not is_concrete(self.vertical, self.horizontal, self.values):
@@ -241,7 +235,6 @@ class MeasuredLight(AbstractLamp):
 
     def check_together(self) -> None:
         super().check_together()
-        check_direction("MeasuredLight.direction", self.direction)
         check_kind("MeasuredLight.profile", self.profile, Profile, "Profile([0, 90], [0], [[1, 0]])")
         check_kind("MeasuredLight.label", self.label, LampLabel, "LampLabel()")
         if is_concrete(self.side, self.direction) and along_one_line(self.side, self.direction):

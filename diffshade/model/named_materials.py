@@ -108,7 +108,7 @@ def material_error(name: str, *, lobe: AbstractPowerLobe | None = None, highligh
     return MaterialError(*_measured(name, lobe, highlights).numbers[11:])
 
 
-class _Row(NamedTuple):
+class _MeasuredFit(NamedTuple):
     """A fit to a measured material: k_d, k_s and n_s of two highlights, rms, largest and peak."""
 
     lobe: AbstractPowerLobe
@@ -116,7 +116,7 @@ class _Row(NamedTuple):
     numbers: tuple[float, ...]
 
 
-def _measured(name: str, lobe: AbstractPowerLobe | None, highlights: int) -> _Row:
+def _measured(name: str, lobe: AbstractPowerLobe | None, highlights: int) -> _MeasuredFit:
     """Return the fit of this lobe, or the nearer one, with so many highlights."""
     known = _measurements()
     if name not in known:
@@ -130,11 +130,11 @@ def _measured(name: str, lobe: AbstractPowerLobe | None, highlights: int) -> _Ro
 
 
 @functools.cache
-def _measurements() -> dict[str, tuple[_Row, ...]]:
+def _measurements() -> dict[str, tuple[_MeasuredFit, ...]]:
     text = files("diffshade.model").joinpath("measured_materials.csv").read_text(encoding="utf-8")
-    rows: dict[str, tuple[_Row, ...]] = {}
+    rows: dict[str, tuple[_MeasuredFit, ...]] = {}
     for name, lobe, highlights, *numbers in list(csv.reader(text.splitlines()))[1:]:
-        row = _Row(Phong() if lobe == "Phong" else Blinn(), int(highlights), tuple(map(float, numbers)))
+        row = _MeasuredFit(Phong() if lobe == "Phong" else Blinn(), int(highlights), tuple(map(float, numbers)))
         rows[name] = (*rows.get(name, ()), row)
     return rows
 

@@ -21,10 +21,11 @@ from ..core.fields import (
     as_scalar,
     as_vector,
     in_short,
-    is_concrete,
     parameter,
 )
 from .vectors import Vec3, dot, where
+
+AXIS = parameter(by_own_name=True) | {"nonzero": True}
 
 
 class AbstractPattern(Checked):
@@ -71,19 +72,10 @@ class Chequer(AbstractPattern):
 
     a: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
     b: Colour = eqx.field(converter=as_colour, metadata={"lower": 0})
-    period: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata=parameter(by_own_name=True))
+    period: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata=parameter(by_own_name=True) | {"above": 0})
     smooth: bool = eqx.field(static=True, default=False)
-    u: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter(by_own_name=True))
-    v: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0), metadata=parameter(by_own_name=True))
-
-    def check_together(self) -> None:
-        if is_concrete(self.period) and not self.period > 0:
-            raise ValueError(f"Chequer.period must be above 0; got {self.period}. Give the length of two squares.")
-        for name, axis in (("u", self.u), ("v", self.v)):
-            if is_concrete(axis) and not np.any(axis):
-                raise ValueError(
-                    f"Chequer.{name} must not be the zero vector; got [0, 0, 0]. Give a direction in which to count."
-                )
+    u: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=AXIS)
+    v: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0), metadata=AXIS)
 
     def __call__(self, p: Vec3) -> Vec3:
         """Return the colour at p."""

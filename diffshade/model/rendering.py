@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -26,7 +27,6 @@ from .scenes import (
     stack_scene,
     together,
 )
-from .surfaces import AbstractSurface
 from .tracing import nearest, radiance
 from .vectors import Vec3, where
 
@@ -154,10 +154,10 @@ def select(scene: Scene, lit: Sequence[int] | int | None) -> tuple[AbstractLight
     return tuple(scene.lights[i] for i in lit)
 
 
-def pixel_rays(projection: Projection, shape: tuple[int, int]) -> Rays:
-    """Return the ray of every pixel of a picture."""
-    row, column = jnp.meshgrid(jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float), indexing="ij")
-    return projection.rays(row, column)
+def pixel_rays(projection: Projection, shape: tuple[int, int], first_row: Array | float = 0.0) -> Rays:
+    """Return the ray of every pixel of a picture, or of some of its rows."""
+    rows, columns = first_row + jnp.arange(shape[0], dtype=float), jnp.arange(shape[1], dtype=float)
+    return projection.rays(*jnp.meshgrid(rows, columns, indexing="ij"))
 
 
 def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -> Float[Array, "height width channels"]:
@@ -186,10 +186,7 @@ def _image(scene: StackedScene, camera: AbstractCamera, by_rows: bool = False) -
         """
         image, here = state
         part = eqx.tree_at(lambda s: s.objects, scene, together(here, rest))
-        row, column = jnp.meshgrid(
-            first_row(k) + jnp.arange(count, dtype=float), jnp.arange(width, dtype=float), indexing="ij"
-        )
-        rendered = _part(part, projection, projection.rays(row, column))
+        rendered = _part(part, projection, pixel_rays(projection, (count, width), first_row(k)))
         return jax.lax.dynamic_update_slice_in_dim(image, rendered, first_row(k), 0), rows_of(k + 1)
 
     none_yet = jnp.zeros((height, width, scene.width))
@@ -226,41 +223,29 @@ def _is_brief(scene: Scene) -> bool:
     return opaque and isinstance(item.surface, GBuffer) and isinstance(light, AbstractEmitter) and not scene.bands
 
 
-def _silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[Array, "h w"]:
-    """Return the pixels that show an object."""
-    rays = pixel_rays(camera.projection(), camera.shape)
+def _inside(objects: tuple[Object, ...], rays: Rays) -> Bool[Array, "h w"]:
+    """Return which rays meet an object."""
     return jnp.any(jnp.stack([item.surface.intersect(rays).inside for item in objects]), 0)
-
-
-_whole_silhouette = jit_quickly(_silhouette, options=SOONER)
 
 
 def silhouette(objects: tuple[Object, ...], camera: AbstractCamera) -> Bool[np.ndarray, "h w"]:
     """Return the pixels that show an object; of a large image some rows after others, so that memory stays flat."""
     height, width = camera.shape
-    if height * width <= GIVEN:
-        return np.asarray(_whole_silhouette(objects, camera))
-    count = max(GIVEN // width, 1)
-    rows = [np.minimum(first + np.arange(count), height - 1) for first in range(0, height, count)]
-
-    def of_rows(item: Object, which: np.ndarray) -> AbstractSurface:
-        surface = item.surface
-        return jax.tree.map(lambda leaf: leaf[which], surface) if isinstance(surface, GBuffer) else surface
-
-    parts = [
-        np.asarray(_silhouette_of_rows(tuple(of_rows(item, which) for item in objects), camera, which.astype(float)))
-        for which in rows
-    ]
-    return np.concatenate(parts)[:height]
+    count = min(max(GIVEN // width, 1), height)
+    over_pixels, rest = over_pixels_and_rest(objects)
+    image = np.zeros(camera.shape, bool)
+    for first in range(0, height, count):
+        begin = min(first, height - count)  # the last rows begin early, so that all are as many
+        here = jax.tree.map(lambda leaf, begin=begin: leaf[begin : begin + count], over_pixels)
+        image[begin : begin + count] = _silhouette_of_rows(together(here, rest), camera, count, float(begin))
+    return image
 
 
-@jax.jit
+@partial(jit_quickly, static_argnums=2, options=SOONER)
 def _silhouette_of_rows(
-    surfaces: tuple[AbstractSurface, ...], camera: AbstractCamera, rows: Float[Array, " r"]
-) -> Bool[Array, "r w"]:
-    row, column = jnp.meshgrid(rows, jnp.arange(camera.shape[1], dtype=float), indexing="ij")
-    rays = camera.projection().rays(row, column)
-    return jnp.any(jnp.stack([surface.intersect(rays).inside for surface in surfaces]), 0)
+    objects: tuple[Object, ...], camera: AbstractCamera, count: int, first: Float[Array, ""] | float
+) -> Bool[Array, "count w"]:
+    return _inside(objects, pixel_rays(camera.projection(), (count, camera.shape[1]), first))
 
 
 @jax.jit
@@ -274,4 +259,4 @@ def visible_points(
     for hit, seen in zip(hits, nearest(objects, hits), strict=True):
         n = where(seen, hit.n, n)
         p = None if hit.p is None or p is None else where(seen, hit.p, p)
-    return n.stack(), None if p is None else p.stack(), _silhouette(objects, camera)
+    return n.stack(), None if p is None else p.stack(), _inside(objects, rays)

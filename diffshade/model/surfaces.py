@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, is_concrete, parameter
+from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, parameter
 from .cameras import Rays
 from .vectors import Vec3, cross, dot, normalize, safe_sqrt, where
 
@@ -122,11 +122,7 @@ class Sphere(AbstractSolid):
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
-    radius: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0})
-
-    def check_together(self) -> None:
-        if is_concrete(self.radius) and not self.radius > 0:
-            raise ValueError(f"Sphere.radius must be above 0; got {self.radius}. Give the radius in scene units.")
+    radius: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"lower": 0, "above": 0})
 
     def extent(self) -> float:
         """Return the radius."""
@@ -203,11 +199,7 @@ class Plane(AbstractSurface):
     """
 
     point: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
-    normal: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0))
-
-    def check_together(self) -> None:
-        if is_concrete(self.normal) and not np.any(self.normal):
-            raise ValueError("Plane.normal must not be the zero vector; got [0, 0, 0]. Give the way the plane faces.")
+    normal: Vector = eqx.field(converter=as_vector, default=(0.0, 1.0, 0.0), metadata={"nonzero": True})
 
     def intersect(self, rays: Rays) -> Hit:
         """Solve (o + t d - point).n = 0 for t > 0."""
@@ -254,12 +246,8 @@ class Box(AbstractSolid):
     """
 
     center: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0), metadata=parameter("position"))
-    size: Vector = eqx.field(converter=as_vector, default=(1.0, 1.0, 1.0), metadata={"lower": 0})
+    size: Vector = eqx.field(converter=as_vector, default=(1.0, 1.0, 1.0), metadata={"lower": 0, "above": 0})
     rotation: Vector = eqx.field(converter=as_vector, default=(0.0, 0.0, 0.0))
-
-    def check_together(self) -> None:
-        if is_concrete(self.size) and not np.all(np.asarray(self.size) > 0):
-            raise ValueError(f"Box.size must be above 0; got {self.size}. Give width, height and depth in scene units.")
 
     def extent(self) -> float:
         """Return half the diagonal."""

@@ -23,7 +23,7 @@ from .transmission import Way, bend, straight
 from .vectors import Vec3, where
 
 
-class Level(eqx.Module):
+class RayState(eqx.Module):
     """The state of rays on their way from the eye."""
 
     way: Way
@@ -54,25 +54,25 @@ def radiance(scene: StackedScene, rays: Rays, projection: Projection, *, covered
     reflected, k = computed_once((reflected, k))
     one = jnp.ones_like(rays.direction.x)
     never = jnp.zeros(one.shape, bool)
-    level = Level(straight(rays), Vec3(one, one, one), (never,) * len(objects))
-    image, level = _pass(objects, level, hits, [never] * len(objects), seen, reflected, k)
+    state = RayState(straight(rays), Vec3(one, one, one), (never,) * len(objects))
+    image, state = _pass(objects, state, hits, [never] * len(objects), seen, reflected, k)
 
-    def meet(carry: tuple[Vec3, Level], _: None) -> tuple[tuple[Vec3, Level], None]:
-        image, level = carry
-        inner = computed_once([item.surface.intersect(level.way.inner) for item in objects])
-        outer = computed_once([item.surface.intersect(level.way.outer) for item in objects])
-        ends = [_end(item.surface, level.way.length) for item in objects]
+    def meet(carry: tuple[Vec3, RayState], _: None) -> tuple[tuple[Vec3, RayState], None]:
+        image, state = carry
+        inner = computed_once([item.surface.intersect(state.way.inner) for item in objects])
+        outer = computed_once([item.surface.intersect(state.way.outer) for item in objects])
+        ends = [_end(item.surface, state.way.length) for item in objects]
         within = [hit.inside & (hit.distance < end) for hit, end in zip(inner, ends, strict=True)]
-        hits = [_next(*of, level.way) for of in zip(inner, outer, within, level.met, strict=True)]
+        hits = [_next(*of, state.way) for of in zip(inner, outer, within, state.met, strict=True)]
         hits, seen = computed_once((hits, nearest(objects, hits)))
         reflected, k = computed_once(reflected_light(scene, hits, seen, projection))
-        more, level = _pass(objects, level, outer, within, seen, reflected, k)
-        return (image + more, level), None
+        more, state = _pass(objects, state, outer, within, seen, reflected, k)
+        return (image + more, state), None
 
     deeper = min(clear, len(objects) - 1)  # no depth is chosen: each object counts once, at its first hit
     if deeper:  # scanned, so that many transparent objects compile as one
-        (image, level), _ = jax.lax.scan(jax.checkpoint(meet), (image, level), length=deeper)
-    return image + level.weight * Vec3.of(scene.background)
+        (image, state), _ = jax.lax.scan(jax.checkpoint(meet), (image, state), length=deeper)
+    return image + state.weight * Vec3.of(scene.background)
 
 
 def nearest(objects: Sequence[Object], hits: Sequence[Hit]) -> list[Bool[Array, "..."]]:
@@ -179,31 +179,31 @@ def _next(inner: Hit, outer: Hit, within: Array, met: Array, way: Way) -> Hit:
 
 def _pass(
     objects: Sequence[Object],
-    level: Level,
+    state: RayState,
     outer: Sequence[Hit],
     within: Sequence[Array],
     seen: Sequence[Array],
     reflected: Vec3,
     k: Coefficients,
-) -> tuple[Vec3, Level]:
-    """Return how much of the light that each ray's next object reflects arrives, and the level behind that object.
+) -> tuple[Vec3, RayState]:
+    """Return how much of the light that each ray's next object reflects arrives, and the state behind that object.
 
     `outer` are the objects' hits on the part of the way that is outside of any solid. A solid that is met there bends
     the ray; one that is met within another is passed straight, since media do not nest. Where Snell's law has no
     solution k_t counts as 0.
     """
-    way, through = level.way, jnp.ones(seen[0].shape, bool)
+    way, through = state.way, jnp.ones(seen[0].shape, bool)
     for item, hit, inside, here in zip(objects, outer, within, seen, strict=True):
         eta = item.material.eta
         if item.material.k_t is not None and eta is not None and isinstance(item.surface, AbstractSolid):
-            bent, exists = bend(item.surface, level.way.outer, hit, eta)
+            bent, exists = bend(item.surface, state.way.outer, hit, eta)
             bends = here & ~inside
             way, through = where(bends, (bent, exists), (way, through))
     some = _any(seen)
     k_t = where(some, where(through, k.k_t, 0.0 * k.k_t), Vec3(*(jnp.ones(some.shape) for _ in range(3))))
-    image = level.weight * (reflected - reflected * k_t)
-    met = tuple(before | here for before, here in zip(level.met, seen, strict=True))
-    return image, Level(way, level.weight * k_t, met)
+    image = state.weight * (reflected - reflected * k_t)
+    met = tuple(before | here for before, here in zip(state.met, seen, strict=True))
+    return image, RayState(way, state.weight * k_t, met)
 
 
 def _any(masks: Sequence[Array]) -> Array:

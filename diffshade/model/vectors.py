@@ -11,9 +11,10 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.fields import Array
+from ..core.fields import Array, Vector
 
 T = TypeVar("T")
 
@@ -76,6 +77,12 @@ def dot(a: Vec3, b: Vec3) -> Float[Array, "..."]:
 def cross(a: Vec3, b: Vec3) -> Vec3:
     """a x b, right-handed."""
     return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
+
+
+def along_one_line(a: Vector, b: Vector) -> bool:
+    """Whether two vectors span no plane, to rounding."""
+    a, b = (np.asarray(vector, np.float64) for vector in (a, b))
+    return bool(np.linalg.norm(np.cross(a, b)) <= 1e-9 * np.linalg.norm(a) * np.linalg.norm(b))
 
 
 def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:

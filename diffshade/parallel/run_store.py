@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from ..io.files import replacing, reserve
 from .devices import DeviceGroup
-from .run_folders import FolderKind, RunFolder
-
-MAPS = FolderKind("maps", "out", "run.json", lambda text: json.loads(text)["problem"], locked=True)
+from .run_folders import open_folder, release
 
 
 class RunStore:
@@ -49,29 +46,20 @@ class RunStore:
         self.first = self.device_group is None or self.device_group.first
         self.rows = rows
         self.arrays: dict[str, np.ndarray] = {}
-        self.run_folder: RunFolder | None = None
+        self.lock: TextIO | None = None
         refused: Exception | None = None
         if self.folder is not None and self.first:
             try:
-                self.rows = self._open(self.folder, problem, rows)
+                self.rows, self.lock = open_folder(self.folder, problem, rows)
             except (ValueError, OSError) as error:
                 refused = error
         if self.device_group is not None:  # the other processes must learn that the first one has refused
-            self.rows = int(self.device_group.from_first(np.array([0.0 if refused else float(self.rows)]))[0])
+            rows_of_first = 0.0 if refused or not self.first else float(self.rows)
+            self.rows = int(self.device_group.total(np.array(rows_of_first)))
         if refused or not self.rows:
             self.close()
             raise refused or ValueError("the first process refused the folder of maps. Read its message.")
         self.done = self.array("done", (tiles(self.rows),), np.uint8)
-
-    def _open(self, folder: Path, problem: str, rows: int) -> int:
-        """Open the folder and return the rows of a tile in it."""
-        self.run_folder = RunFolder(folder, MAPS, problem, json.dumps({"problem": problem, "rows": rows}))
-        try:
-            return int(json.loads(self.run_folder.marker_text)["rows"])
-        except (ValueError, KeyError, TypeError):
-            raise ValueError(
-                f"{folder / MAPS.marker} is damaged: it holds no number of rows. Give out the name of a new folder."
-            ) from None
 
     def array(self, name: str, shape: tuple[int, ...], dtype: Any) -> np.ndarray:
         """Return an array of zeros, or the one that exists; all processes ask for the same arrays in the same order."""
@@ -141,10 +129,9 @@ class RunStore:
 
     def close(self) -> None:
         """Release the folder."""
-        if self.run_folder is not None:
-            self.run_folder.close()
+        release(self.lock)
 
     def wait_for_all(self) -> None:
         """Wait for the other processes; raise LostProcess if one is gone."""
         if self.device_group is not None:
-            self.device_group.total([np.zeros(1)] * len(self.device_group.own))
+            self.device_group.total(np.zeros(1))

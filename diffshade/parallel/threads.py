@@ -6,7 +6,6 @@ import contextlib
 import functools
 import os
 import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
@@ -44,27 +43,22 @@ def on_all_cores(work: Callable[[S], T], items: Iterable[S]) -> list[T]:
     return [worked(item) for item in items] if len(items) < 2 else list(_threads().map(worked, items))
 
 
-def in_order(work: Callable[[S], T], items: Iterable[S], *, threads: int, ahead: int) -> Iterator[T]:
-    """Yield work(item) for each item, in order, in float64, computed on other threads up to `ahead` items early.
-
-    Memory holds at most `ahead` + 1 results.
-    """
+def one_ahead(work: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """Yield work(item) for each item, in order, in float64, on another thread while the caller uses the last result."""
 
     def worked(item: S) -> T:
         with in_float64():
             return work(item)
 
-    waiting: deque[Future[T]] = deque()
-    with ThreadPoolExecutor(threads, thread_name_prefix="diffshade") as pool:
-        try:
-            for item in items:
-                waiting.append(pool.submit(worked, item))
-                if len(waiting) > ahead:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    waiting: Future[T] | None = None
+    with ThreadPoolExecutor(1, thread_name_prefix="diffshade") as pool:
+        for item in items:
+            following = pool.submit(worked, item)
+            if waiting is not None:
+                yield waiting.result()
+            waiting = following
+        if waiting is not None:
+            yield waiting.result()
 
 
 class _OneBlasThread:

@@ -27,26 +27,27 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..inverse.data.relightable import dome
 from .robust.learning import typical_level
-from .unexplained import LEAST_GAIN, Interpolation, Smoothing
+from .unexplained import MIN_GAIN, Interpolation, Smoothing
 
 T = TypeVar("T")
 Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
 # How near new lights are, how views are left out, and the network's size were chosen on the one object at hand of which
 # a network learns: a dome of 49 lights.
-FEWEST_VIEWS = 12
+MIN_VIEWS = 12
 NEAREST = 4  # views that are shown to the network one by one
-CANDIDATES = NEAREST + 4
+CANDIDATES = 2 * NEAREST
 SPACING = 0.35  # between new lights, relative to that between the views' lights
-APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
-LEAST_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
-LEFT_OUT = 8  # a view is left out alone, and with the others of one of so many groups
+MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
+MIN_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
+GROUPS = 8  # a view is left out alone, and with the others of one of so many groups
 GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
-MOST_SAMPLES = 1 << 19
+MAX_SAMPLES = 1 << 19
 # Of the object's typical level, to which what a texel shows is relative where its own mean is mere noise.
-LEAST_LEVEL = 0.01
+MIN_LEVEL = 0.01
 
 
 class Neighbours(NamedTuple):
@@ -64,7 +65,7 @@ class Neighbours(NamedTuple):
     """Standard error of what the residuals say, relative to their size: by how much a light lies apart."""
 
 
-class Samples(NamedTuple):
+class NetworkSamples(NamedTuple):
     """What the network is shown, and what it weighs."""
 
     x: Float[Array, "inputs samples"]
@@ -83,7 +84,7 @@ class Network(NamedTuple):
     least: Float[Array, ""]
     """The least mean that a texel's inputs are relative to, as a reflectance."""
 
-    def __call__(self, of: Samples) -> Float[Array, "channels samples"]:
+    def __call__(self, of: NetworkSamples) -> Float[Array, "channels samples"]:
         """Return by how much more than expected is shown, in standard errors."""
         return _weighed((self.hidden, self.output), (of.x - self.middle[:, None]) / self.scale[:, None], of.others)
 
@@ -110,7 +111,7 @@ class BetweenLights(NamedTuple):
         seen, here = model[: len(beyond)], model[len(beyond) :]
         largest = jnp.max(beyond + seen, 0)
 
-        def under(samples: Samples, expected: Array, spread: Array, here: Array) -> Array:
+        def under(samples: NetworkSamples, expected: Array, spread: Array, here: Array) -> Array:
             shown = expected + spread * self.network(samples)
             return jnp.clip(shown, 0.0, 2.0 * jnp.maximum(largest, here)) - here
 
@@ -135,20 +136,20 @@ def learned_between(
     views, channels, texels = beyond.shape
     new = lights_between(toward)
     # the twin of a photograph tells all of it, and teaches nothing
-    if views < FEWEST_VIEWS or not _once(toward).all() or not len(new):
+    if views < MIN_VIEWS or not _once(toward).all() or not len(new):
         return None
     left_out = _left_out(views)
-    every = max(1, -(-(1 + GROUPINGS) * views * texels // MOST_SAMPLES))
+    every = max(1, -(-(1 + GROUPINGS) * views * texels // MAX_SAMPLES))
     beyond, model = (np.ascontiguousarray(of[..., ::every], np.float32) for of in (beyond, model))
     which, every_view = np.concatenate(left_out), np.arange(views)
     others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
     level = typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0))
-    least = np.asarray(max(LEAST_LEVEL * level, 1e-6), np.float32)
+    least = np.asarray(max(MIN_LEVEL * level, 1e-6), np.float32)
     samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
     half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves
     tried = _network(samples, channels, least, np.flatnonzero(half == 0), STEPS // 8)  # more steps are no worse
     of, off = _parted(samples[np.flatnonzero(half == 2)], channels)
-    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - LEAST_GAIN) ** 2 * jnp.mean(off**2):
+    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - MIN_GAIN) ** 2 * jnp.mean(off**2):
         return None
     asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
@@ -174,18 +175,15 @@ def from_leaves(leaves: Sequence[Array]) -> tuple[Interpolation | None, BetweenL
 
 
 def lights_between(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "new 3"]:
-    """Return directions between some lights, spread evenly (Vogel 1979): nearer to one than these are apart."""
+    """Return directions between some lights, spread evenly: nearer to one than these are apart."""
     once = toward[_once(toward)]
     if len(once) < 2:
         return np.zeros((0, 3))
     spacing = float(np.median(_apart(once).min(1)))
     count = round(4.0 * np.pi / (SPACING * spacing) ** 2)
-    i = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * i / count, np.pi * (3.0 - np.sqrt(5.0)) * i
-    r = np.sqrt(1.0 - z * z)
-    sphere = np.stack([r * np.cos(turn), r * np.sin(turn), z], -1)
+    sphere = dome(count, -1.0)
     nearest = np.linalg.norm(sphere[:, None] - toward, axis=-1).min(1)
-    return sphere[(nearest > APART * spacing) & (nearest < spacing)]
+    return sphere[(nearest > MIN_APART * spacing) & (nearest < spacing)]
 
 
 def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views views"]:
@@ -195,13 +193,13 @@ def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views vie
 def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
     """Return which lights are no twins of ones before them."""
     apart = _apart(toward)
-    return np.array([not (apart[i, :i] < LEAST_SPACING).any() for i in range(len(apart))])
+    return np.array([not (apart[i, :i] < MIN_SPACING).any() for i in range(len(apart))])
 
 
 def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
     """Return the views that are left out together: each alone, then groups drawn at random."""
     rng = np.random.default_rng(0)
-    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), LEFT_OUT)]
+    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), GROUPS)]
     return [*np.arange(views)[:, None], *groups]
 
 
@@ -280,7 +278,7 @@ def _of_each(
         found = [expected.mean(0), here.mean(0), spline.mean(0), largest, *grey[nearest], *grey_model[nearest]]
         x = jnp.stack([*(one / level for one in found), level])
         others = jnp.stack([jnp.zeros_like(here), here, spline, mean, *shown[nearest]]) - expected[None]
-        return result(Samples(x, others), expected, spread, here, *more)
+        return result(NetworkSamples(x, others), expected, spread, here, *more)
 
     return jax.lax.map(under, (of.asked, of.nearest, of.spread, expected, spline, mean, here, *more))
 
@@ -294,19 +292,21 @@ def _left_out_samples(
     A sample's numbers are beside one another, so that drawing some samples is quick.
     """
 
-    def row(samples: Samples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
+    def row(samples: NetworkSamples, expected: Array, spread: Array, here: Array, shown: Array) -> Array:
         others = samples.others.reshape(-1, samples.x.shape[1])
         return jnp.concatenate([samples.x, others, (shown - expected) / spread]).T
 
     return _of_each(row, left_out, beyond, model, least, model[which], (beyond + model)[which])
 
 
-def _parted(rows: Float[Array, "samples numbers"], channels: int) -> tuple[Samples, Float[Array, "channels samples"]]:
+def _parted(
+    rows: Float[Array, "samples numbers"], channels: int
+) -> tuple[NetworkSamples, Float[Array, "channels samples"]]:
     """Return the samples of rows, and what they show beyond the expected."""
     numbers = rows.T
     ends = np.cumsum([len(numbers) - (CANDIDATES + 1) * channels, CANDIDATES * channels])
     x, others, off = jnp.split(numbers, ends)
-    return Samples(x, others.reshape(CANDIDATES, channels, -1)), off
+    return NetworkSamples(x, others.reshape(CANDIDATES, channels, -1)), off
 
 
 def _weighed(

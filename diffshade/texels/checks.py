@@ -12,7 +12,8 @@ from jaxtyping import ArrayLike, Float, Int
 
 from ..core.arrays import float64_of
 from ..core.fields import check, check_kind, refuse_traced
-from ..inverse.data.views import View, in_channels_of, is_grey
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.data.views import View, is_grey
 from ..inverse.forward.losses import LOSSES
 from ..model.bands import refuse_bands
 from ..model.fresnel import NoFresnel
@@ -40,7 +41,7 @@ def checked(
         scene.bands,
         "Fit three of them at a time as a scene of three, or each from grey photographs.",
     )
-    in_channels_of(scene, views)  # refuses views of more channels
+    ViewSet.of(scene, views)  # refuses views of more channels, and noise of some
     free = _checked_names(free)
     if loss is not None and (not isinstance(loss, str) or loss not in LOSSES):
         raise ValueError(f"loss must be one of {', '.join(LOSSES)}; got {loss!r}. Give one of them.")
@@ -165,8 +166,6 @@ def _check_views(scene: Scene, views: Sequence[View], free: tuple[str, ...]) -> 
             )
         if is_grey(view) != is_grey(first):
             raise ValueError(f"views[{i}] and views[0] must both be grey or both be colour. Convert one of them.")
-        if (view.noise is None) != (first.noise is None):
-            raise ValueError(f"views[{i}] and views[0] must both have noise, or neither. Give noise for all or none.")
         try:
             select(scene, view.lit)
         except ValueError as error:

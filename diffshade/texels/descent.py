@@ -23,7 +23,7 @@ LOW, HIGH = (float(end) for end in np.log(EXPONENT_RANGE))
 GRID = np.log(0.5 * 4.0 ** np.arange(7))  # values of log n_s to start from; a descent bridges a factor of 4 with ease
 CONVERGED = 1e-3  # a texel has converged when a step promises to lower its cost by less, in variances of a sample
 ROUNDING = 1e-24  # and what rounding may change of the cost, relative to the squares of the photographs
-LEAST_CURVATURE = 1e-3  # least share of an unknown's curvature that eliminating the coefficients may leave
+MIN_CURVATURE = 1e-3  # least share of an unknown's curvature that eliminating the coefficients may leave
 MAX_TILT, MAX_LOG_N_S_STEP = 0.3, 1.5  # longest step of the normal, as its tangent, and of log n_s
 FIRST_DAMPING, MAX_DAMPING = 1e-3, 1e8
 
@@ -91,7 +91,7 @@ def _damped_step(
     """Return every texel after one damped step, and by how much the linear model says that the cost falls."""
     S = eliminate_coefficients(found, hold_zeros=True).S
     count = len(S)
-    scale = [jnp.maximum(S[i][i], LEAST_CURVATURE * found.P[i][i]) for i in range(count)]
+    scale = [jnp.maximum(S[i][i], MIN_CURVATURE * found.P[i][i]) for i in range(count)]
     damped = [[scale[i] * (1.0 + damping) if i == j else S[i][j] for j in range(count)] for i in range(count)]
     step = [-s for s in solve(damped, found.slope)]
     promised = -sum((g * s for g, s in zip(found.slope, step, strict=True)), jnp.zeros(found.x.shape))

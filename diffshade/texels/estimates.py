@@ -15,13 +15,13 @@ from .blocks import FitOptions, TexelBlock, geometry_of, mirroring_normals
 from .descent import choose
 from .geometry import FreeNormalGeometry
 from .lighting import LightingSetup
-from .minima import Minimum, find_minimum, lower_and_other
+from .minima import TexelMinima, find_minimum, lower_and_other
 from .prediction import KnownCoefficients
 from .profile_errors import larger, profile_errors
 from .standard_errors import NamedNumbers, Numbers, named_numbers
 from .status import (
     DETERMINED,
-    LEAST_LIT_WITH_NORMAL,
+    MIN_LIT_WITH_NORMAL,
     TypicalResidual,
     all_finite,
     highlight_is_determined,
@@ -52,11 +52,11 @@ class Estimates(eqx.Module):
 class Candidates(NamedTuple):
     """The minima of a block among which its texels choose."""
 
-    full: Minimum
+    full: TexelMinima
     """With all that is free."""
-    other: Minimum | None
+    other: TexelMinima | None
     """A second minimum with all that is free, where one was searched for."""
-    plain: Minimum | None
+    plain: TexelMinima | None
     """Without a highlight; None where k_s is not free."""
     significant: Bool[Array, " texels"]
     """Where a highlight explains more than chance would."""
@@ -134,7 +134,7 @@ def _estimates(candidates: Candidates, block: TexelBlock, options: FitOptions, t
     lit, freedom = candidates.chosen(full.lit, plain.lit), candidates.chosen(full.freedom, plain.freedom)
     variance, level = candidates.chosen(full.residual_variance, plain.residual_variance), full.level
     misfit = ~typical.accounts_for(variance, level, freedom)
-    shadowed = (freedom <= 0) | (lit < (LEAST_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
+    shadowed = (freedom <= 0) | (lit < (MIN_LIT_WITH_NORMAL if full.problem.fit_normal else 1))
     finite = all_finite(values)
     converged = candidates.chosen(full.descent.converged, plain.descent.converged)
     vague = candidates.significant & ~highlight

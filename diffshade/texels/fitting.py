@@ -26,17 +26,17 @@ from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
 from .checks import UnsuitedLights, check_anything_left, checked, checked_light_error
 from .light_directions import note_on_normals
-from .maps import TexelMaps
+from .maps import FORMAT, TexelMaps
 from .robust.choice import own_exponents_predict_better
-from .robust.run import LEARNING_SAMPLE, RobustRun
+from .robust.run import RobustRun
 from .run import TexelRun
 from .tile_runner import TileRunner
+from .tiles import LEARNING_SAMPLE
 
 _LOGGER = logging.getLogger("diffshade")
-FORMAT = 2  # version of what an unfinished run keeps on disk, such as its network; it enters the fingerprint
-MEMORY = 1 << 28
+MEMORY = 1 << 28  # bytes of the photographs that are read at once
 SHARED = {"k_d", "k_s", "n_s", "normal"}  # what is free where texels may share a highlight
-MOST_COPLANAR = 0.5  # share of the texels whose lights lie in one plane, beyond which halves of them say nothing
+MAX_COPLANAR = 0.5  # share of the texels whose lights lie in one plane, beyond which halves of them say nothing
 
 
 def fit_texels(
@@ -80,8 +80,8 @@ def fit_texels(
             are not used.
         views: At least 2, of one camera, with `lit`, exposure, black, noise, mask, saturation and floor as in `fit`. A
             `sensor` is undone first, but for its blur; noise that is known is then left out. An
-            observation that the sensor clipped is excluded with all its channels; without a saturation, a sample of 1
-            exactly counts as clipped.
+            observation that the sensor clipped is excluded with all its channels, by the rule of `View.saturation`; of
+            an image larger than memory, the largest value is taken in each band that is read.
         free: Names of the numbers to fit, of "k_a", "k_d", "k_s", "n_s" and "normal".
         regions: Region of each pixel, whole numbers from 0; the texels of a region share one n_s, or one shape of the
             highlight, so zeros give all texels one. By default every texel has its own n_s, or the object one shape.
@@ -163,7 +163,7 @@ def _fit(
     notes = () if note is None else (note,)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
-    unsuited = lights.narrow or lights.coplanar > MOST_COPLANAR or _lacks_a_channel(scene, views)
+    unsuited = lights.narrow or lights.coplanar > MAX_COPLANAR or _lacks_a_channel(scene, views)
     if unsuited and light_error is not None:
         raise UnsuitedLights(
             "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "

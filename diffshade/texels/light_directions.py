@@ -25,7 +25,7 @@ from ..model.vectors import Vec3, dot
 
 # Limits of the root mean square sine of the angle between the lights and the plane nearest to them.
 COPLANAR = 0.02  # lights count as coplanar up to this: about a degree, the accuracy of the directions of lamps
-NARROW = 0.15  # up to this the lights are so close together that a highlight and a tilt look alike
+MIN_SPREAD = 0.15  # up to this the lights are so close together that a highlight and a tilt look alike
 
 Scatter = Sequence[Sequence[Float[Array, " texels"]]]
 
@@ -112,7 +112,7 @@ def light_distribution(S: Float[np.ndarray, "3 3 n"]) -> LightDistribution:
     values, vectors = np.linalg.eigh(S)
     sine = np.sqrt(np.maximum(values, 0.0))
     coplanar = sine[:, 0] < COPLANAR
-    narrow = not coplanar.all() and bool(np.median(sine[~coplanar, 0]) < NARROW)
+    narrow = not coplanar.all() and bool(np.median(sine[~coplanar, 0]) < MIN_SPREAD)
     if not coplanar.any():
         return LightDistribution(0.0, 0.0, False, np.zeros(3), narrow)
     off_plane = float(np.rad2deg(np.arcsin(np.sqrt(np.mean(sine[coplanar, 0] ** 2)))))

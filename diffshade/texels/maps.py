@@ -15,6 +15,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.backend import in_float64
 from ..core.fields import quantities
+from ..core.robust_scale import GAUSS_95
+from ..core.tables import as_text, cells
 from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View
 from ..inverse.result import Prediction
@@ -32,10 +34,10 @@ from .predictions import prediction_of, relative_error
 from .status import DETERMINED, NO_HIGHLIGHT, OUTSIDE, STATUS
 from .unexplained import Unexplained
 
-FORMAT = 2  # of the folder; `read_maps` refuses others
+FORMAT = 2  # of the folder, finished or not; `read_maps` refuses others
 ABOUT, SCENE, STATUS_PICTURE, WEIGHTS = "maps.toml", "scene.toml", "status.png", "highlight_weights.npy"
 LIGHTS = "unexplained_lights.npy"
-PNG_PERCENT = 99.5  # percent of the known values that a PNG holds without clipping
+UNCLIPPED_PERCENT = 99.5  # of the known values, which a picture holds without clipping
 UNITS = {
     "k_a": "of the ambient light",
     "k_d": "of the light that arrives",
@@ -43,9 +45,9 @@ UNITS = {
     "n_s": "none: an exponent",
     "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
 }
-PREVIEW_PERCENT = 98.0  # and a preview
-GAUSS_95 = 1.96  # standard errors that hold a number 95 % of the time
-NORMAL_95 = float(np.sqrt(np.log(20.0) / np.log(1.0 / 0.32)))  # 68 % angles of a normal that do
+SHARES = (0.68, 0.95)  # of the time that an error holds the truth, and that an interval does
+ANGLE_68, ANGLE_95 = (float(np.sqrt(-2.0 * np.log(1.0 - share))) for share in SHARES)  # deviations about two axes
+NORMAL_95 = ANGLE_95 / ANGLE_68
 
 
 class SharedHighlight(NamedTuple):
@@ -280,7 +282,7 @@ class TexelMaps:
         for name, value in self.values.items():
             path = folder / f"{name}{suffix}"
             if suffix == ".png":
-                scales[name] = 1.0 if name == "normal" else max(1.0, self._percentile(name, PNG_PERCENT))
+                scales[name] = 1.0 if name == "normal" else max(1.0, self._percentile(name, UNCLIPPED_PERCENT))
                 shown = (value + 1.0) / 2.0 if name == "normal" else value / scales[name]
                 write_image(path, np.clip(shown, 0.0, 1.0), srgb=False, bits=16)
                 written.append(path)
@@ -349,7 +351,7 @@ class TexelMaps:
         if scales:
             about["scale"] = dict(scales)
         if self.sensor is not None:
-            about["sensor"] = {name: float(value) for name, value, _ in quantities(self.sensor)}
+            about["sensor"] = {".".join(map(str, keys)): float(value) for keys, value, _ in quantities(self.sensor)}
         return [*written, write_about(folder / ABOUT, about)]
 
     def _percentile(self, name: str, percent: float) -> float:
@@ -360,30 +362,37 @@ class TexelMaps:
     def _put_preview(self, path: Path, name: str) -> Path:
         """Write a map to look at: a normal as (n + 1)/2, any other in sRGB with white at a high percentile."""
         value = self.values[name]
-        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._percentile(name, PREVIEW_PERCENT) or 1.0)
+        shown = (value + 1.0) / 2.0 if name == "normal" else value / (self._percentile(name, UNCLIPPED_PERCENT) or 1.0)
         shown = np.where((self.status != OUTSIDE)[..., None], shown, 0.0)
         write_image(path, np.clip(shown, 0.0, 1.0), srgb=name != "normal", bits=8)
         return path
 
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The columns of the table of percentiles and median errors, by their heads."""
+        rows = []
+        for name, value in self.values.items():
+            where, errors = self.trusted(name), self.errors[name]
+            for c in range(errors.shape[2] if where.any() else 0):
+                error = np.median(errors[where, c])
+                label = "normal (degrees)" if name == "normal" else f"{name}.{'rgb'[c]}" if value.shape[2] > 1 else name
+                spread = [np.nan] * 3 if name == "normal" else np.percentile(value[where, c], (5, 50, 95))
+                rows.append((label, *cells([*spread, error, self._times_95(name) * error], error)))
+        heads = "map", "5 %", "median", "95 %", "error", "error, 95 %"
+        return dict(zip(heads, zip(*rows, strict=True), strict=False))
+
     def __str__(self) -> str:
         """Return a table: the number of texels of each status, and percentiles of each map and its median error."""
-        inside = int((self.status != OUTSIDE).sum())
-        lines = [f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels"]
-        for kind, name in enumerate(STATUS):
-            number = int((self.status == kind).sum())
-            if kind != OUTSIDE and number:
-                lines.append(f"  {name:<18} {number:>11,}  {100 * number / inside:.1f} %")
-        lines.append(f"{'map':<10} {'5 %':>10} {'median':>10} {'95 %':>10} {'error':>10}")
-        for name, value in self.values.items():
-            where = self.trusted(name)
-            if name == "normal" or not where.any():
-                continue
-            for c in range(value.shape[2]):
-                label = name if value.shape[2] == 1 else f"{name}.{'rgb'[c]}"
-                low, middle, high = np.percentile(value[..., c][where], (5, 50, 95))
-                error = np.median(self.errors[name][..., c][where])
-                lines.append(f"{label:<10} {low:>10.4g} {middle:>10.4g} {high:>10.4g} {error:>10.2g}")
-        if "normal" in self.values and self.known.any():
-            error = np.median(self.errors["normal"][..., 0][self.known])
-            lines.append(f"{'normal':<10} {'':>10} {'':>10} {'':>10} {error:>8.2g} degrees")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+        numbers = np.bincount(self.status.ravel(), minlength=len(STATUS))
+        numbers[OUTSIDE] = 0
+        kinds, inside = np.flatnonzero(numbers), int(numbers.sum())
+        return as_text(
+            f"maps of {inside:,} texels, {self.status.shape[0]} x {self.status.shape[1]} pixels",
+            {
+                "status": [STATUS[kind] for kind in kinds],
+                "texels": numbers[kinds],
+                "share": [f"{number / inside:.1%}" for number in numbers[kinds]],
+            },
+            self.columns,
+            notes=self.notes,
+        )

@@ -20,10 +20,10 @@ from .lighting import LightingSetup
 from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, first_weights, view_slices
 
 MEDIAN_OF_CHI = {1: 0.6745, 3: 0.8880}  # median of chi / sqrt(C) with C degrees of freedom, for C channels
-LEAST_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
+MIN_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
 
 
-class Minimum(eqx.Module):
+class TexelMinima(eqx.Module):
     """The minimum of every texel for one set of unknowns."""
 
     problem: TexelProblem
@@ -61,7 +61,7 @@ def find_minimum(
     max_steps: Int[Array, ""],
     options: FitOptions,
     start: Vec3 | None = None,
-) -> Minimum:
+) -> TexelMinima:
     """Find the minimum of every texel, from the normals `start` or, without them, from photometric stereo."""
     problem, n, weight = begin(setup, known, geometry, block, options, sigma)
     n = n if start is None else start
@@ -75,7 +75,7 @@ def find_minimum(
     variance = jnp.ones_like(residual_variance) if options.known_noise else residual_variance
     ambient = "k_a" in known.fitted
     out_of_plane = geometry.out_of_plane(setup, descent.weight, found.n, ambient=ambient)
-    return Minimum(problem, descent, lit, freedom, variance, residual_variance, out_of_plane)
+    return TexelMinima(problem, descent, lit, freedom, variance, residual_variance, out_of_plane)
 
 
 def _lit(problem: TexelProblem, n: Vec3, x: Array) -> Float[Array, " texels"]:
@@ -88,7 +88,7 @@ def _lit(problem: TexelProblem, n: Vec3, x: Array) -> Float[Array, " texels"]:
     return jax.lax.scan(add, jnp.zeros(x.shape), view_slices(problem, None))[0]
 
 
-def lower_and_other(one: Minimum, other: Minimum) -> tuple[Minimum, Minimum]:
+def lower_and_other(one: TexelMinima, other: TexelMinima) -> tuple[TexelMinima, TexelMinima]:
     """Return the lower of two minima of each texel, and the other one.
 
     For a robust loss the first argument counts as the lower one, because a lower cost may mean only that the loss
@@ -99,10 +99,10 @@ def lower_and_other(one: Minimum, other: Minimum) -> tuple[Minimum, Minimum]:
     return choose_minimum(first, one, other), choose_minimum(first, other, one)
 
 
-def choose_minimum(condition: Bool[Array, " texels"], a: Minimum, b: Minimum) -> Minimum:
+def choose_minimum(condition: Bool[Array, " texels"], a: TexelMinima, b: TexelMinima) -> TexelMinima:
     """Choose texel by texel between two minima of one problem."""
-    names = [field.name for field in dataclasses.fields(Minimum) if field.name != "problem"]
-    return Minimum(a.problem, *(choose(condition, getattr(a, name), getattr(b, name)) for name in names))
+    names = [field.name for field in dataclasses.fields(TexelMinima) if field.name != "problem"]
+    return TexelMinima(a.problem, *(choose(condition, getattr(a, name), getattr(b, name)) for name in names))
 
 
 @partial(jax.jit, static_argnames="options")
@@ -126,6 +126,6 @@ def residual_sizes(
         m = features(problem, view, found.n, found.x, ()).predicted(found.k)
         return jnp.sqrt(jnp.mean((m - view.target.astype(found.x.dtype)) ** 2, 0))
 
-    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), LEAST_FREEDOM, 1.0)
+    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), MIN_FREEDOM, 1.0)
     scale = MEDIAN_OF_CHI[block.observed.channels] * jnp.sqrt(left)
     return jax.lax.map(of_view, view_slices(problem, None)) / scale[None]

@@ -10,8 +10,8 @@ from ..core.fields import Array
 from ..model.vectors import Vec3, normalize, where
 from .linear_systems import solve
 
-DARKEST, BRIGHTEST = 0.2, 0.7  # ranks of the observations that are used: below are shadows, above highlights
-LEAST = 4.0  # observations used at least
+MIN_RANK, MAX_RANK = 0.2, 0.7  # ranks of the observations that are used: below are shadows, above highlights
+MIN_USED = 4.0  # observations used at least
 
 
 def photometric_stereo(
@@ -36,8 +36,8 @@ def photometric_stereo(
     per_light = jnp.where(usable, shown / jnp.where(size > 0.0, size, 1.0), jnp.inf)
     number = jnp.sum(usable, 0, dtype=float)
     ordered = jnp.sort(per_light, 0)
-    first = jnp.floor(DARKEST * number)
-    last = jnp.minimum(jnp.maximum(jnp.ceil(BRIGHTEST * number), first + LEAST), number) - 1.0
+    first = jnp.floor(MIN_RANK * number)
+    last = jnp.minimum(jnp.maximum(jnp.ceil(MAX_RANK * number), first + MIN_USED), number) - 1.0
     low, high = (jnp.take_along_axis(ordered, jnp.maximum(i, 0.0).astype(int)[None], 0)[0] for i in (first, last))
     middle = usable & (per_light >= low[None]) & (per_light <= high[None])
     L = [jnp.where(middle, c / jnp.where(size > 0.0, size, 1.0), 0.0) for c in (arriving.x, arriving.y, arriving.z)]

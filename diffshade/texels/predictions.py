@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.data.recording import developed
-from ..inverse.data.views import View, has_alpha, is_grey
+from ..inverse.data.samples import kept
+from ..inverse.data.views import View, is_grey
 from ..inverse.result import Prediction
 from ..io.images import without_alpha
 
@@ -15,9 +16,7 @@ def prediction_of(view: View, radiance: Float[np.ndarray, "h w 3"], inside: Bool
     """Return a photograph without its sensor and, inside its mask and alpha channel and the maps, what it should be."""
     view = developed(view)
     image = np.asarray(view.image, np.float64)
-    counts = inside if view.mask is None else inside & view.mask
-    if has_alpha(view):
-        counts = counts & (image[..., -1] >= 0.5)
+    counts = inside & kept(view, image)
     target = without_alpha(image)
     radiance = radiance.mean(-1, keepdims=True) if is_grey(view) else radiance
     expected = np.where(counts[..., None], float(view.exposure) * radiance + float(view.black), target)

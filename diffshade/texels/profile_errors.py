@@ -23,7 +23,7 @@ from ..model.vectors import Vec3, dot
 from .blocks import TexelBlock
 from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MAX_TILT, moved, tilted
 from .linear_systems import solve
-from .minima import Minimum
+from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
 from .standard_errors import Numbers, with_ridge
 
@@ -33,14 +33,14 @@ STEPS = 2  # places on each way, for each loss, each nearer to the best of the o
 MAX_RISE = 36.0  # of the cost, in variances: errors are to hold up to 25, and a place is not quite at its best
 MIN_RISE = 0.01  # least rise of the cost, in variances, where the valley is flat
 STIFFNESS = 1e6  # how firmly the unknown along the way is held, relative to the curvature
-MAX_RELATIVE_K_S = 10.0  # largest change of k_s that counts, relative to the brightest sample: some k_s are unbounded
+MAX_K_S_CHANGE = 10.0  # largest change of k_s that counts, relative to the brightest sample: some k_s are unbounded
 
 
 def profile_errors(
-    minimum: Minimum, other: Minimum | None, block: TexelBlock, values: Numbers, errors: Numbers
+    minimum: TexelMinima, other: TexelMinima | None, block: TexelBlock, values: Numbers, errors: Numbers
 ) -> dict[str, Array]:
     """Return the errors, enlarged to hold along the valley of each texel and, if given, at its `other` minimum."""
-    limit = MAX_RELATIVE_K_S * block.brightest[None]
+    limit = MAX_K_S_CHANGE * block.brightest[None]
     ways = _ways(minimum)
     step, fixed = (jnp.stack([jnp.stack(way) for way in each]) for each in zip(*ways, strict=True))
     both_sides = jnp.concatenate([step, -step]), jnp.concatenate([fixed, fixed])
@@ -54,7 +54,7 @@ def profile_errors(
     return dict(errors)
 
 
-def _required(minimum: Minimum, values: Numbers, limit: Array, n: Vec3, there: NormalEquations) -> dict[str, Array]:
+def _required(minimum: TexelMinima, values: Numbers, limit: Array, n: Vec3, there: NormalEquations) -> dict[str, Array]:
     """Return the error of each number for which this place is as improbable as the rise of its cost says."""
     problem, found = minimum.problem, minimum.descent.found
     rise = 2.0 * jnp.maximum(there.cost - found.cost, 0.0) / minimum.variance
@@ -68,7 +68,7 @@ def _required(minimum: Minimum, values: Numbers, limit: Array, n: Vec3, there: N
     return {name: off * scale for name, off in change.items()}
 
 
-def _required_along(minimum: Minimum, values: Numbers, limit: Array, step: Array, fixed: Array) -> dict[str, Array]:
+def _required_along(minimum: TexelMinima, values: Numbers, limit: Array, step: Array, fixed: Array) -> dict[str, Array]:
     """Return the errors required a step away and nearer to the best there, while `fixed` . unknowns stays the same."""
     problem, found = minimum.problem, minimum.descent.found
     count = len(found.P)
@@ -87,7 +87,7 @@ def _required_along(minimum: Minimum, values: Numbers, limit: Array, step: Array
     return _largest(jax.lax.scan(improve, (n, x), None, STEPS * len(problem.losses))[1])
 
 
-def _ways(minimum: Minimum) -> list[tuple[list[Array], list[Array]]]:
+def _ways(minimum: TexelMinima) -> list[tuple[list[Array], list[Array]]]:
     """Return the ways along the valley: a step of the unknowns, and the combination of unknowns that it changes."""
     problem, found = minimum.problem, minimum.descent.found
     count = len(found.P)
@@ -106,7 +106,7 @@ def _ways(minimum: Minimum) -> list[tuple[list[Array], list[Array]]]:
     return ways
 
 
-def _along(minimum: Minimum, S: Sequence[Sequence[Array]], direction: Sequence[Array]) -> list[Array]:
+def _along(minimum: TexelMinima, S: Sequence[Sequence[Array]], direction: Sequence[Array]) -> list[Array]:
     """Return the step that changes `direction` . unknowns by `REACH` standard errors at the least cost."""
     problem, found = minimum.problem, minimum.descent.found
     step = solve(S, direction)

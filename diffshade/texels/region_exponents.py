@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from ..core.fields import Array
 from .blocks import FitOptions, TexelBlock, begin, geometry_of
-from .descent import HIGH, LEAST_CURVATURE, LOW, MAX_LOG_N_S_STEP, costs_on_grid, descend
+from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MIN_CURVATURE, costs_on_grid, descend
 from .lighting import LightingSetup
 from .linear_systems import solve
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
@@ -69,7 +69,7 @@ def _curvature(found: NormalEquations, *, fit_normal: bool) -> Float[Array, " te
         column = [row[-1] for row in S[:2]]
         z = solve([row[:2] for row in S[:2]], column)
         curvature = curvature - sum(a * b for a, b in zip(z, column, strict=True))
-    return jnp.maximum(curvature, LEAST_CURVATURE * found.P[-1][-1])
+    return jnp.maximum(curvature, MIN_CURVATURE * found.P[-1][-1])
 
 
 def _shows_highlight(without: TexelProblem, weight: Array, found: NormalEquations, freedom: Array) -> Array:

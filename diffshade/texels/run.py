@@ -26,12 +26,12 @@ from .prediction import COEFFICIENTS, KnownCoefficients
 from .region_exponents import CONVERGED, MAX_PASSES, by_region, grid_costs, next_exponents, slopes
 from .status import TypicalResidual
 from .tile_runner import TileRunner
-from .tiles import Piece, TexelTile
+from .tiles import TexelPart, TexelTile
 
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
 NOISE_SAMPLE = 4096  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
-SCALE_ROUNDS, SCALE_TOLERANCE, LEAST_SCALE = 4, 0.01, 1e-12
+SCALE_ROUNDS, SCALE_TOLERANCE = 4, 0.01  # of the scale of a robust loss, and the relative change that ends them
 
 
 class Exponents(NamedTuple):
@@ -195,7 +195,7 @@ class TexelRun:
             new = float(np.median(sizes)) if len(sizes) else 1.0
             if abs(new - sigma) <= SCALE_TOLERANCE * new:
                 break
-            sigma, options = max(new, LEAST_SCALE), self.options._replace(loss="huber")
+            sigma, options = max(new, np.finfo(float).eps), self.options._replace(loss="huber")
         return sigma
 
     def _residual_sizes(self, tile: TexelTile, options: FitOptions, sigma: float) -> Float[np.ndarray, " observations"]:
@@ -204,7 +204,7 @@ class TexelRun:
         def program(block: TexelBlock) -> Float[np.ndarray, "views texels"]:
             return residual_sizes(self.setup, self.known, block, np.asarray(sigma), np.asarray(MORE_STEPS), options)
 
-        def of_piece(piece: Piece) -> Float[np.ndarray, " observations"]:
+        def of_piece(piece: TexelPart) -> Float[np.ndarray, " observations"]:
             return self.tiles.evaluate(program, piece)[tile.counts[:, piece.part]]
 
         found = self.tiles.on_all(of_piece, self.tiles.reader.pieces(tile, self._log_n_s_of(tile)))
@@ -243,7 +243,7 @@ class TexelRun:
         def of_tile(tile: TexelTile) -> np.ndarray:
             region = region_of[tile.pixels]
 
-            def of_piece(piece: Piece) -> np.ndarray:
+            def of_piece(piece: TexelPart) -> np.ndarray:
                 return by_region(self.tiles.evaluate(program, piece), region[piece.part], regions)
 
             pieces = self.tiles.reader.pieces(tile, self._log_n_s_of(tile, exponents))  # none without the object

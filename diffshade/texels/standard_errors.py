@@ -13,7 +13,7 @@ from ..core.fields import Array
 from .blocks import FitOptions, TexelBlock
 from .light_directions import COPLANAR
 from .linear_systems import RIDGE, inverse_diagonal
-from .minima import Minimum
+from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
 
 Numbers = Mapping[str, Float[Array, "_ texels"]]
@@ -31,7 +31,7 @@ class NamedNumbers(NamedTuple):
     """Whether the coefficients but k_s can be separated from each other and from the rest."""
 
 
-def named_numbers(minimum: Minimum, block: TexelBlock, options: FitOptions) -> NamedNumbers:
+def named_numbers(minimum: TexelMinima, block: TexelBlock, options: FitOptions) -> NamedNumbers:
     """Return the numbers of a minimum and their standard errors."""
     problem, found = minimum.problem, minimum.descent.found
     deviations = _deviations(minimum, block, options)
@@ -60,7 +60,7 @@ class _Deviations(NamedTuple):
     separable: Bool[Array, " texels"]
 
 
-def _deviations(minimum: Minimum, block: TexelBlock, options: FitOptions) -> _Deviations:
+def _deviations(minimum: TexelMinima, block: TexelBlock, options: FitOptions) -> _Deviations:
     """Return the root of variance times the diagonal of the inverse normal equations, no coefficient held at 0."""
     found, region = _with_region_exponent(minimum, options)
     size = len(found.k)
@@ -71,7 +71,7 @@ def _deviations(minimum: Minimum, block: TexelBlock, options: FitOptions) -> _De
     return _Deviations(deviation[:size], [d[0] for d in deviation[size:]], separable)
 
 
-def _with_region_exponent(minimum: Minimum, options: FitOptions) -> tuple[NormalEquations, bool]:
+def _with_region_exponent(minimum: TexelMinima, options: FitOptions) -> tuple[NormalEquations, bool]:
     """Return the normal equations, with a region's n_s as an unknown of the texel, and whether there is one."""
     problem, found = minimum.problem, minimum.descent.found
     if not options.shared or problem.fit_exponent or problem.known.k_s is not None:
@@ -80,7 +80,7 @@ def _with_region_exponent(minimum: Minimum, options: FitOptions) -> tuple[Normal
     return dataclasses.replace(found, B=with_exponent.B, P=with_exponent.P), True
 
 
-def _joint_system(minimum: Minimum, found: NormalEquations, block: TexelBlock | None) -> list[list[Array]]:
+def _joint_system(minimum: TexelMinima, found: NormalEquations, block: TexelBlock | None) -> list[list[Array]]:
     """Return, for each channel, the normal equations of its coefficients and of the unknowns that channels share.
 
     The other channels' coefficients are eliminated. `block` adds what its region knows of n_s, the last unknown.
@@ -103,7 +103,7 @@ def _joint_system(minimum: Minimum, found: NormalEquations, block: TexelBlock | 
 
 
 def _separable(
-    minimum: Minimum, joint: list[list[Array]], inverse: Sequence[Array], deviation: Sequence[Array]
+    minimum: TexelMinima, joint: list[list[Array]], inverse: Sequence[Array], deviation: Sequence[Array]
 ) -> Bool[Array, " texels"]:
     """Return where no coefficient but k_s has a large error that comes from the other unknowns.
 

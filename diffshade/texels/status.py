@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, UInt8
 
 from ..core.fields import Array
+from ..core.robust_scale import OUTLIER
 from .descent import HIGH, LOW
-from .minima import Minimum
+from .minima import TexelMinima
 from .standard_errors import NamedNumbers, Numbers
 
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
@@ -21,11 +22,10 @@ MAX_RELATIVE_K_S = 100.0  # k_s, relative to the brightest sample, above which t
 MAX_LOG_N_S_ERROR = 0.5  # largest standard error of log n_s of a determined highlight
 MAX_RELATIVE_K_S_ERROR = 1.0  # largest standard error of k_s of a determined highlight, relative to k_s
 MAX_NORMAL_ERROR = 0.2  # largest standard error of k_d n, relative to its length, of a determined normal
-LARGEST = 1e30  # a larger value does not fit into a float32 map
+LARGEST = float(jnp.finfo(jnp.float32).max)  # a larger value does not fit into a map
 MISFIT_FACTOR = 1.5  # a texel's residuals may exceed those of typical texels by this factor, besides chance
-CHANCE_DEVIATIONS = 4.0  # standard deviations of chi squared that count as chance
 ROUNDING = 1e-4  # residuals below this share of the signal are rounding, not misfit
-LEAST_LIT_WITH_NORMAL = 3  # observations that a light must reach where the normal is free
+MIN_LIT_WITH_NORMAL = 3  # observations that a light must reach where the normal is free
 
 
 class TypicalResidual(eqx.Module):
@@ -37,19 +37,19 @@ class TypicalResidual(eqx.Module):
     def accounts_for(self, variance: Array, level: Array, freedom: Array) -> Bool[Array, " texels"]:
         """Return where a residual variance is typical up to chance (chi squared; Wilson and Hilferty 1931)."""
         spread = 2.0 / (9.0 * jnp.maximum(freedom, 1.0))
-        chance = (1.0 - spread + CHANCE_DEVIATIONS * jnp.sqrt(spread)) ** 3
+        chance = (1.0 - spread + OUTLIER * jnp.sqrt(spread)) ** 3
         typical = jnp.maximum(jnp.maximum(self.variance, self.relative_variance * level), ROUNDING**2 * level)
         return variance <= MISFIT_FACTOR**2 * chance * typical
 
 
-def highlight_is_significant(full: Minimum, plain: Minimum) -> Bool[Array, " texels"]:
+def highlight_is_significant(full: TexelMinima, plain: TexelMinima) -> Bool[Array, " texels"]:
     """Return where the fit with a highlight is better than the one without by more than chance, by an F test."""
     numbers = full.problem.unknowns - plain.problem.unknowns
     explained = 2.0 * (plain.descent.found.cost - full.descent.found.cost) / numbers
     return (explained > HIGHLIGHT_F * jnp.where(full.variance > 0.0, full.variance, 0.0)) & (full.freedom > 0.0)
 
 
-def highlight_is_plausible(full: Minimum, brightest: Array) -> Bool[Array, " texels"]:
+def highlight_is_plausible(full: TexelMinima, brightest: Array) -> Bool[Array, " texels"]:
     """Return where the fit with a highlight converged to a k_s that is not out of all proportion."""
     found = full.descent.found
     k_s = found.k[full.problem.known.fitted.index("k_s")]
@@ -57,7 +57,7 @@ def highlight_is_plausible(full: Minimum, brightest: Array) -> Bool[Array, " tex
     return in_proportion & full.descent.converged & (found.cost < LARGEST)
 
 
-def highlight_is_determined(full: Minimum, numbers: NamedNumbers) -> Bool[Array, " texels"]:
+def highlight_is_determined(full: TexelMinima, numbers: NamedNumbers) -> Bool[Array, " texels"]:
     """Return where n_s and k_s, those that are fitted, have small errors by the curvature at the minimum."""
     values, errors = numbers.values, numbers.errors
     determined = jnp.ones(full.lit.shape, bool)
@@ -71,7 +71,7 @@ def highlight_is_determined(full: Minimum, numbers: NamedNumbers) -> Bool[Array,
     return determined
 
 
-def rest_is_determined(minimum: Minimum, values: Numbers, errors: Numbers) -> Bool[Array, " texels"]:
+def rest_is_determined(minimum: TexelMinima, values: Numbers, errors: Numbers) -> Bool[Array, " texels"]:
     """Return where all numbers but the highlight's have finite errors, and the normal a small one."""
     determined = jnp.ones(minimum.lit.shape, bool)
     for name, error in errors.items():

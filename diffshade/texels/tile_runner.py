@@ -16,9 +16,9 @@ from ..inverse.data.views import View
 from ..model.scenes import Scene
 from ..parallel.devices import DeviceGroup
 from ..parallel.run_store import RunStore
-from ..parallel.threads import in_order, on_all_cores
+from ..parallel.threads import on_all_cores, one_ahead
 from .blocks import TexelBlock
-from .tiles import SQUARE, Piece, TexelTile, ViewReader
+from .tiles import SQUARE, TexelPart, TexelTile, ViewReader
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -61,7 +61,7 @@ class TileRunner:
             )
         height, rows = self.reader.shape[0], self.reader.rows_of(memory)
         if self.device_group is not None:  # every device gets a tile
-            rows = min(rows, -(-height // self.device_group.count))
+            rows = min(rows, -(-height // len(self.device_group.devices)))
         if self.reader.with_position:  # no square of texels that share their lamps' directions is cut
             rows = max(rows // SQUARE, 1) * SQUARE
         self.store = RunStore(out, problem, rows, lambda rows: -(-height // rows), self.device_group)
@@ -71,7 +71,7 @@ class TileRunner:
     def own(self) -> Sequence[int]:
         """The tiles of this process."""
         group = self.device_group
-        return [t for t in range(self.count) if group is None or t % group.count in group.own]
+        return [t for t in range(self.count) if group is None or t % len(group.devices) in group.own]
 
     def close(self) -> None:
         """Release the store's folder."""
@@ -100,7 +100,7 @@ class TileRunner:
             first, last = self.rows_of(t)
             return t, self.reader.read(max(first - margin, 0), min(last + margin, height), rows + 2 * margin)
 
-        for k, (t, tile) in enumerate(in_order(read, todo, threads=1, ahead=1)):
+        for k, (t, tile) in enumerate(one_ahead(read, todo)):
             work(t, tile)
             self.report_progress(verb, (len(own) - len(todo) + k + 1) / len(own))
 
@@ -108,7 +108,7 @@ class TileRunner:
         """Return work(piece) for each piece, in order: on all cores, or each on the next device of the mesh."""
         if self.device_group is None:
             return on_all_cores(work, pieces)
-        devices = list(self.device_group.here.devices.flat)
+        devices = self.device_group.here
 
         def on_device(item: tuple[int, S]) -> T:
             k, piece = item
@@ -117,7 +117,7 @@ class TileRunner:
 
         return on_all_cores(on_device, list(enumerate(pieces)))
 
-    def evaluate(self, program: Callable[[TexelBlock], T], piece: Piece) -> T:
+    def evaluate(self, program: Callable[[TexelBlock], T], piece: TexelPart) -> T:
         """Return what a compiled program gives for a piece, as NumPy arrays without the padding."""
         found = program(self.reader.lay_out(piece))
         return jax.tree.map(lambda leaf: np.asarray(leaf)[..., : len(piece.part)], found)
@@ -137,4 +137,4 @@ class TileRunner:
         if self.device_group is None or not self.device_group.several:
             return shares.sum(0)
         mine = np.zeros(shape) + sum(shares[t] for t in self.own)
-        return self.device_group.total([mine, *[np.zeros_like(mine)] * (len(self.device_group.own) - 1)])
+        return self.device_group.total(mine)

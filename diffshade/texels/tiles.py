@@ -13,7 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array
-from ..inverse.data.views import View, find_repeats, is_grey
+from ..inverse.data.samples import SensorRange, brightest_of, kept, not_finite
+from ..inverse.data.view_sets import ViewSet
+from ..inverse.data.views import View, is_grey
 from ..inverse.forward.rendered import projection_of
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer
@@ -24,9 +26,10 @@ from .blocks import TexelBlock
 from .prediction import Observations
 
 SAMPLED_ROWS = 64  # rows from which a sample of texels is taken
-MOST_OF_ROW = 4  # times its even share that a row may have of a sample
+MAX_OF_ROW = 4  # times its even share that a row may have of a sample
 BLOCK = 4096  # texels in one call of a compiled program at most: what a view needs of them stays in a core's cache
-SMALLEST_BLOCK = 64
+MIN_BLOCK = 64
+LEARNING_SAMPLE = 2048  # texels from which is learned what all of an object share
 SQUARE = 16  # side of a square of the image over which the directions to near lamps may be taken as one
 
 
@@ -65,7 +68,7 @@ def _evenly(tile: TexelTile, most: int) -> TexelTile:
     return tile.part(np.unique(np.linspace(0, max(count - 1, 0), min(most, count)).astype(int))[:count])
 
 
-class Piece(NamedTuple):
+class TexelPart(NamedTuple):
     """Some texels of a tile that make one block."""
 
     tile: TexelTile
@@ -90,7 +93,8 @@ class ViewReader:
         near = self.camera.local_viewer or any(light.is_local for light in scene.lights)
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
-        self.repeated = find_repeats(scene, views)
+        self.repeated = ViewSet.of(scene, views).repeats
+        self.brightest = [brightest_of(view) for view in views]
 
     def rows_of(self, memory: int) -> int:
         """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
@@ -115,15 +119,10 @@ class ViewReader:
         seen = []
         for i, view in enumerate(self.views):
             image = np.asarray(view.image[first:last])
-            image = image.reshape(-1, image.shape[-1] if image.ndim == 3 else 1)
-            alpha = image.shape[1] in (2, 4)
-            counts = inside.copy() if view.mask is None else inside & view.mask[first:last].reshape(-1)
+            counts = inside & kept(view, image, first).reshape(-1)
             if i in self.repeated:  # the same numbers again are no further observation
                 counts[:] = False
-            if alpha:
-                counts &= image[:, -1] >= 0.5
-                image = image[:, :-1]
-            seen.append((i, view, image, counts))
+            seen.append((i, view, image.reshape(-1, image.shape[2])[:, : self.channels], counts))
         pixels = np.flatnonzero(np.logical_or.reduce([counts for *_, counts in seen]))
         which = slice(None) if len(pixels) == len(inside) else pixels  # a slice makes no copy
         # one type for all views, in native byte order, which compiled programs require
@@ -133,15 +132,16 @@ class ViewReader:
         for i, view, image, counts in seen:
             given, values = image[which].T, target[i]
             values[:] = given
-            usable[i] = counts[which] & ~_clipped(view, given).any(0)
             finite = np.isfinite(values).all(0)
+            shown = counts[which]
+            brightest = self.brightest[i]
+            if brightest is None:  # of an image that is not read as a whole
+                brightest = float(given[:, shown & finite].max(initial=-np.inf))
+            usable[i] = shown & (SensorRange.of(view, brightest).clipped(given) == 0).all(0)
             if (bad := usable[i] & ~finite).any():
-                row, column = divmod(int(pixels[bad.argmax()]), width)
-                raise ValueError(
-                    f"views[{i}]: the image must be finite inside the mask; got {values[:, bad.argmax()]} at row "
-                    f"{first + row}, column {column}. Mask it out."
-                )
-            values[:, ~(finite & counts[which])] = 0.0
+                where = pixels[bad] + first * width
+                raise ValueError(f"views[{i}]: {not_finite(values[:, bad].T, where, width)}")
+            values[:, ~(finite & shown)] = 0.0
         position = None if position is None else position[which]
         return TexelTile(pixels + first * width, normal[which], position, target, usable)
 
@@ -153,7 +153,7 @@ class ViewReader:
         for row in rows:
             tile = self.read(int(row), int(row) + 1, 1)
             counts.append(len(tile.pixels))
-            tiles.append(_evenly(tile, MOST_OF_ROW * most // len(rows)))  # the rest need not stay in memory
+            tiles.append(_evenly(tile, MAX_OF_ROW * most // len(rows)))  # the rest need not stay in memory
         share = most / max(sum(counts), 1)
         # as many of a row as its share of the object
         return joined([_evenly(tile, int(np.ceil(share * n))) for tile, n in zip(tiles, counts, strict=True)])
@@ -177,7 +177,7 @@ class ViewReader:
 
     def pieces(
         self, tile: TexelTile, log_n_s: Float[np.ndarray, "2 n"], which: Int[np.ndarray, " m"] | None = None
-    ) -> list[Piece]:
+    ) -> list[TexelPart]:
         """Cut a tile into pieces of at most one block each.
 
         Args:
@@ -186,11 +186,11 @@ class ViewReader:
             which: Indices of the texels; by default all.
         """
         index = np.arange(len(tile.pixels)) if which is None else which
-        size = min(BLOCK, max(SMALLEST_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
+        size = min(BLOCK, max(MIN_BLOCK, 1 << int(np.ceil(np.log2(max(len(tile.pixels), 1))))))
         starts = range(0, len(index), size)
-        return [Piece(tile, index[start : start + size], size, log_n_s) for start in starts]
+        return [TexelPart(tile, index[start : start + size], size, log_n_s) for start in starts]
 
-    def lay_out(self, piece: Piece) -> TexelBlock:
+    def lay_out(self, piece: TexelPart) -> TexelBlock:
         """Return the block of a piece, padded with texels that no view counts."""
         tile, part, size = piece.tile, piece.part, piece.size
         whole = len(part) == size and part[-1] - part[0] == size - 1  # a slice then serves, and makes no copy
@@ -210,17 +210,6 @@ class ViewReader:
 
 def _parts(v: Vec3) -> tuple[Array, Array, Array]:
     return v.x, v.y, v.z
-
-
-def _clipped(view: View, values: Float[np.ndarray, "c n"]) -> Bool[np.ndarray, "c n"]:
-    """Return which samples lie at an end of the sensor's range.
-
-    The upper end is `View.saturation`. Without one it is the value 1 exactly, where the range of an integer file ends;
-    an image whose range goes beyond 1 has hardly a sample at 1 exactly.
-    """
-    kind = values.dtype.type
-    top = values == 1.0 if view.saturation is None else values >= kind(view.saturation)
-    return top if view.floor is None else top | (values <= kind(view.floor))
 
 
 @jax.jit

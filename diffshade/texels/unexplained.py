@@ -24,12 +24,12 @@ from ..model.vectors import Vec3
 
 WIDTHS = (0.1, 0.2, 0.4, 0.8)  # in units of a unit vector's change
 NOISES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # lambda
-LEAST_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
-MOST_PARTS = 192  # the page that draws them has room for so many in its program
-MOST_BYTES = 100e6  # of all texels' parts, where more than the least are kept
+MIN_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
+MAX_PARTS = 192  # the page that draws them has room for so many in its program
+MAX_BYTES = 100e6  # of all texels' parts, where more than the least are kept
 PARTS_OF_VIEW = 4  # parts that are kept at most for each view: more lights than these were learned of
-LEAST_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
-LEAST_SPREAD = 1e-6  # of a combination of lights, relative to the largest
+MIN_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
+MIN_SPREAD = 1e-6  # of a combination of lights, relative to the largest
 
 
 class Interpolation(NamedTuple):
@@ -102,8 +102,8 @@ class Unexplained(NamedTuple):
 
 def most_parts(numbers: int, views: int) -> int:
     """Return how many parts are kept of so many residuals of each view: texels times channels."""
-    room = int(MOST_BYTES / (np.float16(0).itemsize * numbers))
-    return max(LEAST_PARTS, min(PARTS_OF_VIEW * views, MOST_PARTS, room))
+    room = int(MAX_BYTES / (np.float16(0).itemsize * numbers))
+    return max(MIN_PARTS, min(PARTS_OF_VIEW * views, MAX_PARTS, room))
 
 
 class Smoothing(NamedTuple):
@@ -143,7 +143,7 @@ def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "v
         error = float(np.mean(left_out**2))
         if error < best:
             best, chosen = error, Smoothing(width, noise)
-    return chosen if 0.0 < best <= (1.0 - LEAST_GAIN) ** 2 * size else None
+    return chosen if 0.0 < best <= (1.0 - MIN_GAIN) ** 2 * size else None
 
 
 def interpolation_of(
@@ -161,7 +161,7 @@ def interpolation_of(
     smooth = K @ np.linalg.inv(_noisy(toward, *smoothing))  # from residuals to what is interpolated at the same lights
     light = smooth @ np.asarray(residual, np.float64)
     largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :parts]
-    return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, LEAST_SPREAD) @ largest)
+    return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, MIN_SPREAD) @ largest)
 
 
 def _noisy(toward: Float[np.ndarray, "views 3"], width: float, noise: float) -> Float[np.ndarray, "views views"]:

@@ -12,12 +12,12 @@ from synthetic import light_positions, seen_by, standard_scene
 
 import diffshade as ds
 from diffshade.core.backend import jit_quickly
-from diffshade.inverse.data.views import is_grey
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.forward.features import FeatureModel, features_can_serve
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.forward.rendered import RenderedModel
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
 from diffshade.inverse.solve.solvers import evaluate
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
@@ -54,13 +54,13 @@ class Case(NamedTuple):
     bounds: tuple[str, ...] = ("k_d", "k_s")
 
     def problem(self, *, rendered: bool) -> FitProblem:
-        grey = all(is_grey(view) for view in self.views)
+        data = ViewSet.of(self.scene, self.views)
         bounds = {name: BOUNDS[name] for name in self.bounds} if self.shared else None
         options = (self.free, self.tied, bounds, self.constraints)
-        unknowns = find_unknowns(self.scene, self.views, *options, grey=grey)
-        samples, counts = samples_for(self.scene, self.views, unknowns, self.clipped)
-        of = (self.scene, self.views, unknowns, samples, counts, self.loss, self.clipped)
-        return fit_problem(*of, rendered=rendered).with_scale(0.2 if self.loss != "squares" else 1.0, self.loss)
+        unknowns = find_unknowns(self.scene, self.views, *options, grey=bool(data.grey))
+        data = with_samples_for(self.scene, data, unknowns, self.clipped)
+        problem = fit_problem(self.scene, data, unknowns, self.loss, rendered=rendered)
+        return problem.with_scale(0.2 if self.loss != "squares" else 1.0, self.loss)
 
 
 def noise(seed: int, *channels: int) -> np.ndarray:

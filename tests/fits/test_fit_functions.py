@@ -105,7 +105,7 @@ def check_surfaces(tolerance):
     assert all(found.determined[name].all() for name in FREE[:3])
     assert np.isfinite(slopes).all()
     np.testing.assert_array_equal(slopes[2], 0)  # all at their bounds
-    assert np.abs(slopes[1]).max() < 1
+    assert np.abs(slopes[1]).max() < 10
     alone = jax.jit(jax.grad(lambda image: sum(function(image).values.values())))(images[0])
     np.testing.assert_allclose(slopes[0], alone, atol=tolerance * np.abs(alone).max())
 

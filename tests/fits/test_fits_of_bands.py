@@ -12,8 +12,8 @@ import pytest
 from refusals import refuses
 
 import diffshade as ds
-from diffshade.inverse.data.views import in_channels_of
-from diffshade.inverse.problem import fit_problem, samples_for
+from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
 
@@ -67,9 +67,9 @@ def test_a_fit_by_rendering_finds_bands_too():
 @pytest.mark.parametrize("steepest", [None, 0.3])
 def test_derivatives_by_bands_are_those_by_each_unknown(steepest):
     true = scene(5, fresnel=ds.Schlick())
-    views = in_channels_of(true, [view(true)])
-    unknowns = find_unknowns(true, views, ("k_d", "k_s", "n_s", "lights.0.position"))
-    problem = fit_problem(true, views, unknowns, *samples_for(true, views, unknowns, "hinge"), "huber", "hinge")
+    data = ViewSet.of(true, [view(true)])
+    unknowns = find_unknowns(true, data.views, ("k_d", "k_s", "n_s", "lights.0.position"))
+    problem = fit_problem(true, with_samples_for(true, data, unknowns, "hinge"), unknowns, "huber")
     limits = None if steepest is None else np.full(len(unknowns), steepest)
     model = jax.tree.map(jnp.asarray, dataclasses.replace(problem.model, steepest=limits))
     dense = eqx.tree_at(lambda m: m.setting.of_bands, model, None)

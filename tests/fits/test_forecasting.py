@@ -38,11 +38,12 @@ def test_what_is_not_determined_has_no_number():
     said = ds.Forecast(
         ("k_d", "n_s"), np.array([0.5, 20.0]), np.array([0.01, np.inf]), np.array([True, False]), ("Fix.",)
     )
-    head, k_d, n_s, note = str(said).splitlines()
-    assert k_d.split() == ["k_d", "0.5", "0.01"]
-    assert n_s.split() == ["n_s", "20", "not", "determined"]
+    title, head, k_d, n_s, note = str(said).splitlines()
+    assert title.startswith("forecast")
+    assert head.split() == ["parameter", "value", "error"]
+    assert k_d.split() == ["k_d", "0.500", "0.010"]
+    assert n_s.split() == ["n_s", "not", "determined"]
     assert note == "- Fix."
-    assert len(head) == len(k_d) == len(n_s)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from refusals import refuses
 from reliefs import Relief, covered, off, relative, relief, stepped
 
 import diffshade as ds
-from diffshade.texels.heights.curl import Level, noise_scale
+from diffshade.texels.heights.curl import PyramidLevel, noise_scale
 from diffshade.texels.heights.differences import differences, rays_of, smoothed
 
 SIZE = 48
@@ -294,7 +294,7 @@ def test_noise_is_told_from_the_curl():
     sigma = np.full(surface.mask.shape, np.deg2rad(1.0) / np.sqrt(2.0))
     both = differences(surface.noisy(1.0), sigma, surface.mask, rays_of(surface.camera))
     assert noise_scale(surface.mask, *both) == pytest.approx(1.0, abs=0.05)
-    curl = Level.of(surface.mask, *both).coarser().curl()
+    curl = PyramidLevel.of(surface.mask, *both).coarser().curl()
     assert np.median(np.abs(curl)) / 0.6745 == pytest.approx(1.0, abs=0.1)
     assert np.abs(curl[:, 22:25]).max() > 5.0
 

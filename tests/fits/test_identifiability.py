@@ -19,8 +19,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.data.samples import Counts
-from diffshade.inverse.data.views import find_repeats, note_repeats, setups
+from diffshade.inverse.data.view_sets import Counts, ViewSet
 from diffshade.inverse.statistics.identifiability import (
     condition_number,
     relative_errors,
@@ -31,7 +30,16 @@ from diffshade.inverse.statistics.identifiability import (
     weak_directions,
     weak_notes,
 )
-from diffshade.inverse.summary import _at_bounds, _beyond_noise, _clipped, _jumps, _scales, _too_bright, _Values
+from diffshade.inverse.summary import (
+    _at_bounds,
+    _beyond_noise,
+    _clipped,
+    _jumps,
+    _repeated,
+    _scales,
+    _too_bright,
+    _Values,
+)
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown
 
@@ -89,7 +97,8 @@ def test_what_no_pixel_shows_is_said_by_channel_or_as_a_whole():
 
 
 def test_the_remedy_is_of_what_is_lost():
-    unknowns = unknowns_of("k_a", "k_d", "k_s", "n_s", "linear", "constant", tied=("linear", "constant"))
+    free = ("k_a", "k_d", "k_s", "n_s", "linear", "constant", "lights.0.position")
+    unknowns = unknowns_of(*free, tied=("linear", "constant"))
     for names, words in (
         (["k_d", "linear", "n_s"], ("Fix one, for example linear,", "three distances")),
         (["linear", "constant", "k_s"], ("Fix one, for example constant,", "three distances")),
@@ -208,13 +217,12 @@ def test_how_a_view_says_which_lights_are_on_does_not_hide_that_it_is_one_again(
     scene = standard_scene(lights=SCENE.lights[:2])
     image, noise = clean_images()[0], clean_images()[1]
     views = [ds.View(image, CAMERA), ds.View(noise, CAMERA), ds.View(image, CAMERA, lit=lit)]
-    assert note_repeats([*find_repeats(scene, views).items()]) == [
-        "views[2] repeats views[0] and is not counted again."
-    ]
-    assert setups(scene, views) == [[0, 1, 2]]
+    data = ViewSet.of(scene, views)
+    assert _repeated([*data.repeats.items()]) == ["views[2] repeats views[0] and is not counted again."]
+    assert data.setups == [[0, 1, 2]]
     other = [*views, ds.View(image, CAMERA, lit=(1,)), ds.View(image, ds.Camera((0, 0.1, 4), fov=32, shape=(24, 24)))]
-    assert setups(scene, other) == [[0, 1, 2], [3], [4]]
-    assert len(find_repeats(scene, other)) == 1
+    assert ViewSet.of(scene, other).setups == [[0, 1, 2], [3], [4]]
+    assert len(ViewSet.of(scene, other).repeats) == 1
 
 
 # --- fits and forecasts

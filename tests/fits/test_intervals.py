@@ -13,15 +13,16 @@ from synthetic import forget, noisy, one_light_each, standard_scene
 
 import diffshade as ds
 from diffshade.core.fields import Parameter
-from diffshade.diagnosis.intervals import FAR, Profile, intervals
+from diffshade.diagnosis.intervals import FAR, LikelihoodProfile, intervals
 from diffshade.diagnosis.patches import (
-    MOST,
+    MAX_PATCHES,
     correlation_length,
     cut_in_patches,
     find_clusters,
     patch_width,
     residual_images,
 )
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.statistics.clusters import Clusters
 
 LEVELS = (0.68, 0.95)
@@ -30,7 +31,7 @@ LEVELS = (0.68, 0.95)
 # --- the search for an end
 
 
-class Curve(Profile):
+class Curve(LikelihoodProfile):
     """A profile of one unknown, the best at 2, whose cost is said to be a power of the distance away."""
 
     def __init__(self, power: float = 1.0, bounds: tuple[float, float] = (-np.inf, np.inf), error: float = 0.1):
@@ -88,7 +89,7 @@ def test_of_a_linear_problem_they_are_the_textbooks():
     fit = ds.fit(standard_scene(), one_light_each(images), free=("k_a", "k_d"))
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
-        profile = Profile(fit, clusters)
+        profile = LikelihoodProfile(fit, clusters)
         interval_68, interval_95 = intervals(profile, LEVELS)
     errors = clusters.standard_errors()
     reach = np.abs(interval_95 - fit.values[:, None]) / errors[:, None]
@@ -105,7 +106,7 @@ def test_an_end_is_where_a_fit_that_is_bounded_there_costs_so_much_more():
     fit = noisy_fit()
     with jax.enable_x64(True):
         clusters = find_clusters(fit)
-        interval_95 = intervals(Profile(fit, clusters), (0.95,))[0]
+        interval_95 = intervals(LikelihoodProfile(fit, clusters), (0.95,))[0]
     assert np.all((interval_95[:, 0] < fit.values) & (interval_95[:, 1] > fit.values))
     for name, side in (("n_s", 1), ("quadratic", -1)):
         j = fit.names.index(name)
@@ -121,7 +122,7 @@ def test_they_end_at_bounds_and_are_one_sided_there():
     n_s = fit.names.index("n_s")
     assert fit.at_lower[n_s]
     with jax.enable_x64(True):
-        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][n_s]
+        low, high = intervals(LikelihoodProfile(fit, find_clusters(fit)), (0.95,))[0][n_s]
     assert low == 55.0
     assert 55.0 < high < 60.0
 
@@ -183,22 +184,25 @@ def test_the_correlation_length_is_that_of_the_error_under_white_noise():
     assert abs(correlation_length(mixed, everywhere) - alone) <= 2
     assert correlation_length([np.ones((5, 9))], [np.ones((5, 9), bool)]) == 4  # no lag is long enough
     assert correlation_length([np.ones((5, 9))], [np.zeros((5, 9), bool)]) == 0
-    assert patch_width(smooth, everywhere) == max(2 * alone + 1, int(np.ceil(np.sqrt(4 * 96**2 / MOST))))
+    assert patch_width(smooth, everywhere) == max(2 * alone + 1, int(np.ceil(np.sqrt(4 * 96**2 / MAX_PATCHES))))
     assert patch_width(white[:1], everywhere[:1]) == 12  # 64 of them
 
 
 def test_patches_are_squares_and_those_of_views_taken_alike_are_one():
     fit = noisy_fit()
-    samples = list(fit.solved.problem.samples)
-    fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(fit.scene, (*fit.views[:2], fit.views[0])))
-    parts, patch = cut_in_patches(fit, samples[:2] + samples[:1], 8)
-    assert sum(len(part.pixels) for part in parts) == sum(len(s.pixels) for s in (*samples[:2], samples[0]))
-    seen = {}
-    for part, number in zip(parts, patch, strict=True):
-        row, column = np.divmod(part.pixels, 24)
-        (square,) = set(zip(row // 8, column // 8, strict=True))
-        assert seen.setdefault((part.view % 2, *square), number) == number
-    assert len(seen) == len(set(patch.tolist())) == patch.max() + 1
+    samples = fit.solved.problem.data.samples
+    again = ViewSet.of(fit.scene, (*fit.views[:2], fit.views[0]))
+    patches = cut_in_patches(again.with_samples((*samples[:2], samples[0])), 8)
+    kept = [[len(part[view].pixels) for part in patches.samples] for view in range(3)]
+    np.testing.assert_array_equal(np.sum(kept, 1), [len(of.pixels) for of in (*samples[:2], samples[0])])
+    seen = set()
+    for part in patches.samples:
+        assert sum(len(of.pixels) > 0 for of in part) == (1 if len(part[1].pixels) else 2)
+        for view, of in enumerate(part):
+            for row, column in {(p // 24 // 8, p % 24 // 8) for p in of.pixels.tolist()}:
+                seen.add((view % 2, row, column))
+    assert len(seen) == len(patches)
+    assert patches.words == f"{len(patches)} patches of 8 x 8 pixels"
 
 
 def test_residual_images_are_those_of_the_channels_together():
@@ -222,8 +226,9 @@ def test_one_view_has_patches_for_clusters():
             for image in (noisy([clean], 0.01, 1)[0], off)
         )
     assert "patches" in good.what
-    assert good.count == len(good.evidence.hessian) > 30
-    np.testing.assert_allclose(good.evidence.gradient.sum(0) / np.sqrt(np.diag(good.evidence.total)), 0.0, atol=1e-4)
+    assert good.count == good.evidence.count > 30
+    slope = np.asarray(good.evidence.clusters.gradient).sum(0)
+    np.testing.assert_allclose(slope / np.sqrt(np.diag(good.evidence.total)), 0.0, atol=1e-4)
     assert not good.by_jackknife.any()
     assert bad.by_jackknife.any()
     assert bad.count < good.count

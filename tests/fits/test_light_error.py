@@ -10,16 +10,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from grams import by_view, whole
 
 import diffshade as ds
 from diffshade.core.fields import parameter
-from diffshade.inverse.problem import fit_problem, samples_for
+from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.solve.descent import box_step
 from diffshade.inverse.solve.elimination import Arrowhead, Dense, nothing
 from diffshade.inverse.solve.solvers import evaluate, linear_step, minimise
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.gauges import sentence
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates
 from diffshade.inverse.unknowns.visibility import Arrow, arrow_of, seeds_of, shown_unknowns
 from tests.support.textured import lights_about
@@ -79,7 +82,8 @@ def problem_of(count: int, free: tuple[str, ...] = FREE, views: list[ds.View] | 
     scene, seen, _ = photographed(count)
     views = seen if views is None else views
     unknowns = find_unknowns(scene, views, free, light_error=2.0, from_scene=True)
-    return fit_problem(scene, views, unknowns, *samples_for(scene, views, unknowns, "hinge"), "squares", "hinge")
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    return fit_problem(scene, data, unknowns, "squares")
 
 
 def test_the_directions_of_each_light_are_a_block_and_the_material_is_the_border():
@@ -110,9 +114,9 @@ def test_elimination_gives_the_dense_solution(seed):
         task = problem.task(problem.sum_of_squares(problem.chunks()))
         point = evaluate(theta, task, problem.chunks())
         assert isinstance(point.total.hessian, Arrowhead)
-        H = np.asarray(point.total.hessian)
-        whole = np.asarray(point.views.total(len(H)).hessian) + np.asarray(task.priors.gram(theta).hessian)
-        np.testing.assert_allclose(H, whole, rtol=1e-12)
+        H = np.asarray(point.total.hessian.as_matrix())
+        added = point.views.total(len(H)) + np.asarray(task.priors.gram(theta).hessian.as_matrix())
+        np.testing.assert_allclose(H, added, rtol=1e-12)
         more = jnp.asarray(1e-3 * (np.diag(H) + 1.0))
         D, by_blocks = H + np.diag(more), point.total.hessian.plus(more)
         b = random.standard_normal(len(D))
@@ -120,7 +124,7 @@ def test_elimination_gives_the_dense_solution(seed):
             np.testing.assert_allclose(found, dense, rtol=1e-9)
         np.testing.assert_allclose(by_blocks.solve(jnp.asarray(b)), np.linalg.solve(D, b), rtol=1e-9)
         scale = jnp.asarray(random.uniform(0.5, 2.0, len(D)))
-        np.testing.assert_allclose(by_blocks.scaled(scale), D * np.outer(scale, scale), rtol=1e-12)
+        np.testing.assert_allclose(by_blocks.scaled(scale).as_matrix(), D * np.outer(scale, scale), rtol=1e-12)
         low, high = -random.uniform(0.0, 0.1, len(D)), random.uniform(0.0, 0.1, len(D))
         of = (jnp.asarray(b), jnp.full(len(D), 1e-6), jnp.asarray(low), jnp.asarray(high))
         step, dense = (np.asarray(box_step(A, *of)) for A in (by_blocks, Dense(jnp.asarray(D))))
@@ -242,18 +246,15 @@ def test_errors_from_the_grams_of_what_each_view_shows_are_those_of_whole_grams(
     scene, views, _ = photographed(9, noise=0.02)
     fit = ds.fit(scene, views, free=FREE, light_error=2.0)
     compact, p = fit.evidence, len(fit.values)
-    assert compact.shown is not None
-    H, g = np.zeros((9, p, p)), np.zeros((9, p))
-    for c, index in enumerate(compact.shown):
-        here = index < p
-        g[c, index[here]] = compact.gradient[c, here]
-        H[c][np.ix_(index[here], index[here])] = compact.hessian[c][np.ix_(here, here)]
-    whole = dataclasses.replace(compact, hessian=H, gradient=g, shown=None)
+    grams = whole(compact.clusters, p)
+    H = grams.hessian
+    assert compact.clusters.hessian.shape[1] < p
+    dense = dataclasses.replace(compact, clusters=by_view(H, np.asarray(grams.gradient)))
     some = np.arange(p) % 5 > 0
     pairs: list[tuple[Evidence, Evidence]] = [
-        (compact, whole),
-        (compact.of(some), whole.of(some)),
-        (compact.with_cluster(H[3], compact.regular), whole.with_cluster(H[3], whole.regular)),
+        (compact, dense),
+        (compact.of(some), dense.of(some)),
+        (compact.with_cluster(H[3], compact.regular), dense.with_cluster(H[3], dense.regular)),
     ]
     for one, other in pairs:
         np.testing.assert_allclose(one.total, other.total, rtol=1e-12)
@@ -299,8 +300,9 @@ def test_places_that_no_pixel_shows_are_said_to_move_or_to_grow_together(changes
     unknowns, found, direction = [], [], []
     for name in changes:
         for axis, value, change in zip("xyz", values[name], np.ravel(changes[name](values[name])), strict=False):
-            own = name if name == "radius" else f"{name}.{axis}"
-            unknowns.append(Unknown(own, name, -9.0, 9.0, 0.0, kinds[name]["parameter"]))
+            channel = "" if name == "radius" else axis
+            place = Place("objects", 0, ("surface", name))
+            unknowns.append(Unknown(name, channel, (place,), kinds[name]["parameter"], -9.0, 9.0, 0.0))
             found.append(value)
             direction.append(change)
     assert words in sentence(np.array(direction), unknowns, np.array(found))

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.inverse.problem import fit_problem, samples_for
+from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.solve.light_search import at_better_places
 from diffshade.inverse.solve.solvers import evaluate
-from diffshade.inverse.solve.start_search import candidates
+from diffshade.inverse.solve.start_search import groups_to_try
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import coordinates
 from diffshade.inverse.unknowns.visibility import arrow_of, places_apart
@@ -67,7 +68,8 @@ def test_lights_whose_narrow_highlights_lie_beside_the_photographs_are_found(n_s
 def laid_out(towards: np.ndarray, material: ds.Material = GLOSSY):
     scene, views = lit_from(towards, material), photographs(towards, material)
     unknowns = find_unknowns(scene, views, FREE, light_error=5.0, from_scene=True)
-    problem = fit_problem(scene, views, unknowns, *samples_for(scene, views, unknowns, "hinge"), "squares", "hinge")
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    problem = fit_problem(scene, data, unknowns, "squares")
     theta = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
     return problem, theta, places_apart(unknowns, problem.box.arrow)
 
@@ -77,7 +79,7 @@ def test_only_lights_whose_views_cost_more_elsewhere_are_moved_and_all_of_them_a
         towards = lights_about(12)
         problem, theta, lights = laid_out(towards)
         chunks = problem.chunks()
-        samples = 3.0 * np.array(problem.pixels)
+        samples = 3.0 * np.array(problem.data.pixels)
         task = problem.with_scale(0.005, "squares").task(problem.sum_of_squares(chunks))
 
         def better(theta):
@@ -103,10 +105,10 @@ def test_a_search_does_not_go_from_light_to_light_where_each_has_its_own_views()
     towards = lights_about(12)
     scene, views = lit_from(towards), photographs(towards)
     unknowns = find_unknowns(scene, views, FREE)
-    problem = fit_problem(scene, views, unknowns, *samples_for(scene, views, unknowns, "hinge"), "squares", "hinge")
-    theta = coordinates(np.array([unknown.start for unknown in unknowns]), unknowns)
-    assert len(candidates(unknowns, scene, theta)) == 13
-    assert len(candidates(unknowns, scene, theta, problem.box.arrow)) == 1
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    problem = fit_problem(scene, data, unknowns, "squares")
+    assert len(groups_to_try(unknowns, scene)) == 13
+    assert len(groups_to_try(unknowns, scene, problem.box.arrow)) == 1
 
 
 def test_spots_with_two_places_and_lights_that_are_on_together_are_searched_one_by_one():

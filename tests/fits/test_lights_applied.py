@@ -10,7 +10,7 @@ import diffshade as ds
 from diffshade.calibration.edges import find_edge
 from diffshade.calibration.object_lights import between
 from diffshade.inverse.data.masks import find_mask
-from diffshade.inverse.data.photographs import light_errors
+from diffshade.inverse.data.photographs import read_folder
 from diffshade.texels.lights.encoding import judge_encoding
 from tests.support.textured import lights_about, textured_ball
 
@@ -91,7 +91,7 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     positions = np.array([np.asarray(l.position) for l in scene.lights])  # pyright: ignore[reportAttributeAccessIssue]
     unit = float(views[0].camera.height) / applied.lights.picture_height  # pyright: ignore[reportAttributeAccessIssue]
     np.testing.assert_allclose(positions, applied.positions * unit, rtol=1e-8)
-    kept = light_errors(tmp_path / "ready")
+    kept = read_folder(tmp_path / "ready", normals=False, exif=True).light_errors
     assert kept is not None
     np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)
     np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)

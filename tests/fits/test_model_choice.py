@@ -15,11 +15,8 @@ from synthetic import CAMERA, FREE, MATERIAL, TIED, forget, one_light_each, stan
 import diffshade as ds
 from diffshade.diagnosis.model_choice import (
     ModelChoice,
-    _check_same_photographs,
-    _check_same_pixels,
-    _of_convergence,
-    _of_few_views,
-    _of_single_views,
+    _check_comparable,
+    _remarks,
     count_determined,
     least_ratio,
     paired_difference,
@@ -174,9 +171,12 @@ def test_renders_without_noise_are_told_apart_however_little_the_models_differ(v
 def verdict_on(
     difference: float, error: float, apart: float, worse: bool = False, rmse: float = 0.01, ratio: float = 1.0
 ) -> str:
-    differences, errors, images, ratios = (np.array([0.0, x]) for x in (difference, error, apart, ratio))
-    rmses, verdicts = np.array([rmse, rmse]), np.array([False, worse])
-    return verdict(["a", "b"], 1, differences, errors, images, rmses, verdicts, ratios)
+    differences, errors, images = (np.array([0.0, x]) for x in (difference, error, apart))
+    found: Any = SimpleNamespace(
+        names=["a", "b"], differences=differences, difference_errors=errors, image_differences=images,
+        rmse=[rmse, rmse], worse=[False, worse],
+    )  # fmt: skip
+    return verdict(found, 1, ratio)
 
 
 def test_a_verdict_says_why():
@@ -198,24 +198,25 @@ def test_a_verdict_says_why():
         assert not_said not in said, said
 
 
+def remarks(*, worse=True, by_view=True, held=(), converged=(True, True)) -> list[str]:
+    """What is said below the verdicts of two models but for the last line."""
+    choice: Any = SimpleNamespace(names=["b", "a"], worse=np.array([False, worse]), folds=8)
+    scores: Any = [SimpleNamespace(held=(), converged=True), SimpleNamespace(held=held, converged=converged[0])]
+    fits: Any = {"b": SimpleNamespace(converged=converged[1]), "a": SimpleNamespace(converged=True)}
+    *said, last = _remarks(choice, fits, scores, by_view=by_view)
+    assert "n = 8 folds" in last
+    return said
+
+
 def test_what_is_said_of_few_views_and_of_numbers_of_one():
-    patches, views = (SimpleNamespace(by_view=by_view) for by_view in (False, True))
-    told, not_told = np.array([False, True]), np.array([False, False])
-    few: Any = _of_few_views
-    assert [len(few(*of)) for of in ((patches, not_told), (patches, told), (views, not_told))] == [1, 0, 0]
-    scores: Any = {
-        "a": SimpleNamespace(held=("exposure",), converged=False),
-        "b": SimpleNamespace(held=(), converged=True),
-    }
-    fits: Any = {name: SimpleNamespace(converged=True) for name in "ab"}
-    (held,) = _of_single_views(["b", "a"], scores)
-    (failed,) = _of_convergence(["b", "a"], scores, fits)
+    assert remarks() == remarks(worse=False) == remarks(by_view=False) == []
+    (few,) = remarks(by_view=False, worse=False)
+    assert "Add photographs under other lights." in few
+    (held,) = remarks(held=("exposure",))
     assert held.startswith("exposure, determined by one view only")
-    assert failed.startswith("a fit of a did not converge")
-    scores["a"] = scores["b"]
-    assert _of_single_views(["b", "a"], scores) == _of_convergence(["b", "a"], scores, fits) == []
-    fits["b"].converged = False
-    assert "a fit of b did not" in _of_convergence(["b", "a"], scores, fits)[0]
+    for converged, names in (((False, True), "a"), ((True, False), "b"), ((False, False), "a and b")):
+        (failed,) = remarks(converged=converged)
+        assert failed.startswith(f"a fit of {names} did not converge")
 
 
 def test_the_unknowns_are_those_that_a_fit_determines():
@@ -240,7 +241,10 @@ def changed(**options: Any) -> ds.Fit:
         (lambda: changed(image=noisy_images(1)[7]), ("views[7] differs in its image",)),
         (lambda: changed(mask=np.ones(CAMERA.shape, bool)), ("views[7] differs in its mask",)),
         (lambda: changed(saturation=0.9), ("views[7] differs in its saturation",)),
-        (lambda: changed(noise=0.1), ("views[7] differs in its noise",)),
+        (
+            lambda: with_problem(noisy_fit(), [dataclasses.replace(view, noise=0.1) for view in noisy_fit().views]),
+            ("views[0] differs in its noise",),
+        ),
         (lambda: with_problem(noisy_fit(), clipped="tobit"), ("same clipped", "'hinge' and 'tobit'")),
         (
             lambda: with_problem(
@@ -258,15 +262,17 @@ def test_fits_of_other_photographs_or_losses_are_refused(other, words):
 
 
 def test_fits_of_the_same_photographs_in_other_scenes_are_not_refused_but_of_other_pixels_are():
-    _check_same_photographs("a", noisy_fit(), "b", with_problem(noisy_fit(), scene=MATTE))
-    one, other = (
-        SimpleNamespace(problem=SimpleNamespace(samples=[SimpleNamespace(pixels=np.arange(n))])) for n in (9, 1200)
-    )
-    check: Any = _check_same_pixels
-    check("a", one, "b", one)
+    fit = noisy_fit()
+    _check_comparable("a", fit, "b", with_problem(fit, scene=MATTE))
+    data = fit.solved.problem.data
+    first, *others = data.samples
+    fewer = dataclasses.replace(data, samples=(first.at(first.pixels[:9]), *others))
+    problem = dataclasses.replace(fit.solved.problem, data=fewer)
+    of_fewer = dataclasses.replace(fit, solved=dataclasses.replace(fit.solved, problem=problem))
     with pytest.raises(ValueError, match="must use the same pixels") as caught:
-        check("a", one, "b", other)
-    assert all(word in str(caught.value) for word in ("views[0]", "9 and 1,200", "Give the view a mask"))
+        _check_comparable("a", of_fewer, "b", fit)
+    words = ("views[0]", f"9 and {len(first.pixels):,}", "Give the view a mask")
+    assert all(word in str(caught.value) for word in words)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import cache
 
 import jax
@@ -11,12 +10,10 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis import intervals as module
-from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.intervals import LikelihoodProfile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.laid_out import LaidOut
 from diffshade.inverse.own_views import OwnViews
-from diffshade.inverse.unknowns.unknown import Product, Unknown
-from diffshade.inverse.unknowns.visibility import part_of
 from tests.support.textured import lights_about
 
 CAMERA = ds.OrthographicCamera((0.0, 0.0, 4.0), shape=(20, 20), height=2.2, local_viewer=False)
@@ -57,11 +54,11 @@ def scaled(name: str, *more: str, count: int = 16, k_s: float = 0.3, noise: floa
     return ds.fit(ds.Scene(ball, stated), views, free=("k_d", "k_s", *more, name), tied=tied, **SCALES[name])
 
 
-def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, Profile]:
-    with jax.enable_x64(True):
-        profile = Profile(fit, find_clusters(fit))
+def found(fit: ds.Fit, *, alone: bool = True) -> tuple[np.ndarray, LikelihoodProfile]:
+    with jax.enable_x64(True), pytest.MonkeyPatch.context() as patch:
         if not alone:
-            profile.others = None
+            patch.setattr(module, "blocks", lambda *_: [])
+        profile = LikelihoodProfile(fit, find_clusters(fit))
         return intervals(profile, LEVELS), profile
 
 
@@ -75,7 +72,6 @@ def test_intervals_by_own_views_are_those_by_all_views(loss, monkeypatch):
     reach = np.abs(by_all - fit.values[:, None]).max((0, 2))
     assert np.all(np.abs(by_own - by_all).max((0, 2)) < 1e-4 * reach)
     np.testing.assert_allclose(by_own, by_all, rtol=1e-6 if loss == "squares" else 3e-6)
-    assert profile.others is not None
     assert all(len(points) >= 4 for points in profile.evaluated)
 
 
@@ -167,28 +163,3 @@ def test_where_own_views_say_something_else_all_views_are_asked(monkeypatch):
     np.testing.assert_allclose(found(fit)[0], by_all, rtol=1e-12)
     monkeypatch.setattr(module, "ALIKE", 0)
     assert np.abs(found(fit)[0] - by_all).max() > 1e-4
-
-
-def test_a_part_of_a_scene_has_its_unknowns_at_their_places():
-    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((k, 0.0, -1.0)) for k in range(3)])
-    image = np.ones((20, 20, 3))
-    views = [ds.View(image, CAMERA, lit=(0, 1)), ds.View(image, CAMERA, lit=2), ds.View(image, CAMERA, lit=(2, 1))]
-    unknowns = [
-        Unknown("k_d", "k_d", 0.0, 1.0, 0.5, places=[("objects.0.material.k_d", 0)]),
-        Unknown("x", "x", 0.0, 1.0, 0.5, places=[("lights.0.direction", 0), ("lights.2.direction", 1)]),
-        Unknown("shared", "shared", 0.0, 1.0, 0.5, places=[("views.0.exposure", 0), ("views.2.exposure", 0)]),
-        Unknown(
-            "y",
-            "y",
-            0.0,
-            1.0,
-            0.5,
-            products=[Product("lights.1.intensity", 0, 2.0, 1), Product("lights.0.intensity", 0, 3.0)],
-        ),
-    ]
-    part, taken, of = part_of(scene, views, unknowns, [2], [1, 2, 3])
-    assert [scene.lights.index(light) for light in part.lights] == [1, 2]
-    assert [view.lit for view in taken] == [(1, 0)]
-    assert [u.places for u in of] == [[("lights.1.direction", 1)], [("views.0.exposure", 0)], []]
-    assert [dataclasses.astuple(x)[:4] for x in of[2].products] == [("lights.0.intensity", 0, 2.0, 0)]
-    assert unknowns[1].places[0] == ("lights.0.direction", 0)

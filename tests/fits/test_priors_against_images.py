@@ -10,8 +10,9 @@ from scenarios import noisy_fit, noisy_images, standard_fit
 from synthetic import CAMERA, noisy, photograph
 
 import diffshade as ds
-from diffshade.inverse.statistics.intensities import taken_as_exact
+from diffshade.inverse.statistics.gauges import taken_as_exact
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.contradictions import check_priors
 
 
@@ -64,7 +65,7 @@ def test_that_intensities_are_taken_as_exact_is_said_where_they_are():
     (k_d,) = [u for u in fit.unknowns if u.name == "k_d.r"]
     (n_s,) = [u for u in fit.unknowns if u.name == "n_s"]
     assert taken_as_exact([n_s], 2, 2) == ""
-    for path in ("lights.{}.intensity", "views.{}.exposure"):
-        senders = [dataclasses.replace(k_d, places=[(path.format(i), 0)]) for i in range(2)]
+    for owner, name in (("lights", "intensity"), ("views", "exposure")):
+        senders = [dataclasses.replace(k_d, places=(Place(owner, i, (name,), 0),)) for i in range(2)]
         assert taken_as_exact([k_d, *senders], 2, 2) == ""
         assert taken_as_exact([k_d, senders[0]], 2, 2).startswith("k_d scales")  # the other one is still exact

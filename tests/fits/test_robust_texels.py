@@ -21,7 +21,7 @@ from diffshade.texels.robust.disagreement import CELLS, disagreements
 from diffshade.texels.robust.highlight_shape import EXPONENTS, HighlightShape, shape_of
 from diffshade.texels.robust.learning import first_model
 from diffshade.texels.robust.neighbours import geometric_median, scatter_of
-from diffshade.texels.robust.observations import Lights, Observed
+from diffshade.texels.robust.observations import BlockObservations, Lights
 from diffshade.texels.robust.robust_descent import around, system
 from diffshade.texels.robust.stated_errors import COLUMNS, SpreadColumns
 from diffshade.texels.unexplained import interpolation_of, smoothing_of
@@ -266,7 +266,7 @@ def test_bounced_light_turns_normals_as_far_as_is_said():
     model = eqx.tree_at(lambda m: m.bounced, model, np.asarray(size, np.float32))
 
     def at_minimum(y):
-        observed = Observed(jnp.asarray(y, jnp.float32), seen, seen, jnp.ones(3, jnp.float32), lights)
+        observed = BlockObservations(jnp.asarray(y, jnp.float32), seen, seen, jnp.ones(3, jnp.float32), lights)
         return observed, lowest_state(observed, model)
 
     observed, state = at_minimum(shade)

@@ -67,7 +67,7 @@ def test_a_part_has_its_share_of_every_highlight_and_every_row(count):
 
 def test_every_view_has_its_share_whatever_memory_there_is(views):
     part = ds.fit(synthetic.standard_scene(), views, free=("k_d",), memory=1.0)
-    pixels = [len(s.pixels) for s in part.solved.problem.samples]
+    pixels = [len(s.pixels) for s in part.solved.problem.data.samples]
     assert pixels == [256] * len(views)
 
 

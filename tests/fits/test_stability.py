@@ -73,7 +73,8 @@ def test_what_is_left_out_is_said_and_is_left_out():
     shine = highlight(fit.scene, fit.views[0])
     seen = shine[shine > 0.02 * shine.max()]
     np.testing.assert_array_equal(bright[0], ~(shine > np.median(seen)))
-    few = dataclasses.replace(fit.evidence, hessian=fit.evidence.hessian[:3])
+    three = jax.tree.map(lambda leaf: leaf[:3], fit.evidence.clusters)
+    few = dataclasses.replace(fit.evidence, clusters=three)
     fewer = dataclasses.replace(fit, clusters=dataclasses.replace(fit.clusters, evidence=few))
     assert next(left_out(fewer))[0].startswith("saturated")
     assert _enough(fit, [None] * 8)

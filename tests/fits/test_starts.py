@@ -9,20 +9,20 @@ from scenarios import clean_fit, clean_images, noisy_fit, noisy_images, same_but
 from synthetic import CAMERA, noisy, one_light_each, photographs, seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.core.progress import silent
-from diffshade.inverse.problem import fit_problem, samples_for
+from diffshade.inverse.data.view_sets import ViewSet
+from diffshade.inverse.problem import fit_problem, with_samples_for
 from diffshade.inverse.solve import start_search
 from diffshade.inverse.solve.solvers import FAR, NEAR
 from diffshade.inverse.solve.start_search import (
     _distinct,
     _lowest,
-    candidates,
+    groups_to_try,
     is_local,
     steepest,
     turned,
     with_wide_edges,
 )
-from diffshade.inverse.starting import find_start
+from diffshade.inverse.solving import find_start, lay_out_part
 from diffshade.inverse.unknowns.parameters import find_unknowns
 
 SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(8, 8))
@@ -79,12 +79,9 @@ def test_a_start_is_near_where_the_search_reached_the_minimum_of_the_same_model(
         scene = standard_scene()
         views = one_light_each(photographs(scene, SMALL), SMALL, sensor=sensor)
         unknowns = find_unknowns(scene, views, ("k_d", "n_s"))
-        samples, counts = samples_for(scene, views, unknowns, "hinge")
-        problem = fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge")
-        parts = problem.pieces(None, problem.block_size)
-        laid = problem.lay_out(parts, problem.block_size)
-        start = find_start(problem, parts, laid, from_scene=False, report_progress=silent)
-    assert start.damping == (NEAR if near else FAR)
+        data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+        _, damping = find_start(lay_out_part(fit_problem(scene, data, unknowns, "squares")))
+    assert damping == (NEAR if near else FAR)
 
 
 # --- what a search tries
@@ -94,8 +91,8 @@ def tries(scene: ds.Scene, *free: str) -> np.ndarray:
     """Return the values that the only group of unknowns is tried with; n_s as its logarithm."""
     views = [ds.View(np.zeros((8, 8, 3)), SMALL)]
     unknowns = find_unknowns(scene, views, free)
-    (tried,) = candidates(unknowns, scene, np.array([u.start for u in unknowns]))
-    return tried
+    (group,) = groups_to_try(unknowns, scene)
+    return group.at(np.array([u.start for u in unknowns]))
 
 
 BALL = ds.Scene(ds.Object(ds.Sphere((1, 2, 3), 0.5)), ds.PointLight((1, 2, 5)))
@@ -162,7 +159,8 @@ def test_groups_are_tried_one_by_one_and_unknowns_of_a_kind_together():
     views = [ds.View(np.zeros((8, 8, 3)), SMALL)]
     unknowns = find_unknowns(BALL, views, ("k_d", "n_s", "radius"))
     begin = np.arange(1.0, 6.0)
-    for name, at in zip(("radius", "n_s"), candidates(unknowns, BALL, begin), strict=True):
+    for name, group in zip(("radius", "n_s"), groups_to_try(unknowns, BALL), strict=True):
+        at = group.at(begin)
         moved = np.array([u.kind == name for u in unknowns])
         np.testing.assert_array_equal(at[:, ~moved], np.tile(begin[~moved], (len(at), 1)))
         assert np.ptp(at[:, moved]) > 0

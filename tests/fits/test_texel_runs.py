@@ -74,7 +74,7 @@ def of(material: ds.Material) -> ds.Scene:
         (ds.Scene(SPHERE, LAMP, ambient=0.0), [VIEW] * 3, {"free": ("k_a", "k_d")}, "ambient"),
         (SCENE, [VIEW, ds.View(VIEW.image, ds.Camera(eye=(0, 1, 4), shape=(8, 8)))], {}, "another camera"),
         (SCENE, [VIEW, ds.View(VIEW.image[..., :1], CAMERA)], {}, "both be grey or both be colour"),
-        (SCENE, [VIEW, ds.View(VIEW.image, CAMERA, noise=0.1)], {}, "both have noise, or neither"),
+        (SCENE, [VIEW, ds.View(VIEW.image, CAMERA, noise=0.1)], {}, "Give noise for all or none"),
         (SCENE, [VIEW, ds.View(VIEW.image, CAMERA, lit=(3,))], {}, r"views\[1\].lit.*got 3"),
         (of(ds.Material(fresnel=ds.Schlick())), [VIEW] * 3, {}, "fresnel"),
         (of(ds.Material(k_d=ds.Chequer(0.2, 0.6))), [VIEW] * 3, {}, "a pattern"),

@@ -6,23 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grams import by_view
 from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
 
-from diffshade.inverse.data.samples import Counts, find_samples
+from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.view_sets import Counts
 from diffshade.inverse.statistics.clusters import compared
 from diffshade.inverse.statistics.evidence import Evidence
 from diffshade.inverse.statistics.identifiability import condition_number, null_directions
 from diffshade.inverse.statistics.uncertainty import (
-    deciding_view,
-    jackknife_covariance,
-    jackknife_of_noise,
+    SINGULAR,
+    Jackknife,
+    inverse,
     on_unit_vectors,
-    plain_covariance,
-    single_views,
+    regular_inverse,
+    scaled,
     standard_errors,
-    without_single_views,
 )
 from diffshade.inverse.summary import _clusters_in_words
 from diffshade.inverse.unknowns.slots import put_back
@@ -42,10 +43,41 @@ def jacobian(*null_space: list[float], rows: int = 40) -> np.ndarray:
 # --- the algebra
 
 
+def jackknifed(H: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """The covariance without priors."""
+    deviations = Jackknife(H, np.zeros(H.shape[1:])).deviations(g[..., None], np.zeros((H.shape[1], 1)))[..., 0]
+    return deviations.T @ deviations
+
+
+def test_a_matrix_that_is_surely_regular_has_the_inverse_of_its_eigenvalues_and_no_other_has():
+    A, _ = scaled(jacobian().T @ jacobian())
+    found = regular_inverse(A, SINGULAR**2)
+    assert found is not None
+    np.testing.assert_allclose(found, np.linalg.inv(A), rtol=1e-12)
+    assert regular_inverse(A, 0.5) is None  # no smallest eigenvalue is half of the largest
+    singular = A.copy()
+    singular[3], singular[:, 3] = 0.0, 0.0
+    blind = jacobian([1, 1, 0, 0, 0, 0])
+    for none in (singular, scaled(blind.T @ blind)[0]):
+        assert regular_inverse(none, SINGULAR**2) is None
+
+
+def test_many_inverses_are_those_of_each_and_leave_null_directions_out():
+    random = np.random.default_rng(0)
+    J = random.standard_normal((5, 9, 4))
+    J[3, :, 1] = 2.0 * J[3, :, 0]
+    H = np.swapaxes(J, 1, 2) @ J
+    for found, each in zip(inverse(H), H, strict=True):
+        np.testing.assert_allclose(found, inverse(each), rtol=1e-10)
+    for k in (0, 1, 2, 4):
+        np.testing.assert_allclose(inverse(H)[k] @ H[k], np.eye(4), atol=1e-10)
+    assert np.abs(inverse(H)[3]).max() < 1e3
+
+
 def test_the_plain_covariance_is_sigma2_times_the_inverse_in_any_units():
     J = jacobian()
     expected = np.linalg.inv((J * UNITS).T @ (J * UNITS)) * np.outer(UNITS, UNITS)
-    np.testing.assert_allclose(plain_covariance(J.T @ J, 0.25), 0.25 * expected, rtol=1e-9)
+    np.testing.assert_allclose(0.25 * inverse(J.T @ J), 0.25 * expected, rtol=1e-9)
 
 
 def test_the_condition_number_is_that_of_columns_of_unit_length():
@@ -79,24 +111,29 @@ def test_a_column_of_zeros_is_told_apart_from_a_direction():
 def test_what_is_determined_has_the_errors_it_has_with_the_gauge_fixed():
     J = jacobian([1, 1, 1, 0, 0, 0])
     fixed = np.delete(J, 0, axis=1)  # one unknown of the gauge is known
-    expected = np.diag(plain_covariance(fixed.T @ fixed, 1.0))[2:]
-    np.testing.assert_allclose(np.diag(plain_covariance(J.T @ J, 1.0))[3:], expected, rtol=1e-6)
+    expected = np.diag(inverse(fixed.T @ fixed))[2:]
+    np.testing.assert_allclose(np.diag(inverse(J.T @ J))[3:], expected, rtol=1e-6)
 
 
 def test_a_view_that_alone_determines_something_is_found():
     H = np.array([np.diag([1.0, 0.0]), np.diag([1.0, 0.0]), np.diag([1.0, 1.0])])
-    assert deciding_view(H, np.zeros((2, 2))) == 2
-    assert deciding_view(H, np.eye(2)) is None
+    assert Jackknife(H, np.zeros((2, 2))).deciding() == 2
+    assert Jackknife(H, np.eye(2)).deciding() is None
 
 
 def test_an_unknown_at_a_bound_adds_nothing_to_the_errors_of_the_others():
     J = jacobian()
-    covariance = lambda which: plain_covariance(J[:, which].T @ J[:, which], 1.0)  # noqa: E731
+
+    def covariance(which: np.ndarray) -> np.ndarray:
+        found = np.zeros((6, 6))
+        found[np.ix_(which, which)] = inverse(J[:, which].T @ J[:, which])
+        return found
+
     at_bound = np.array([False, True, False, False, True, False])
     errors = standard_errors(covariance, at_bound)
-    np.testing.assert_allclose(errors[~at_bound] ** 2, np.diag(covariance(~at_bound)), rtol=1e-12)
+    np.testing.assert_allclose(errors[~at_bound] ** 2, np.diag(covariance(~at_bound))[~at_bound], rtol=1e-12)
     released = ~at_bound | (np.arange(6) == 4)
-    variance_of_4 = np.diag(covariance(released))[np.sum(released[:4])]
+    variance_of_4 = covariance(released)[4, 4]
     np.testing.assert_allclose(errors[4] ** 2, variance_of_4, rtol=1e-12)
 
 
@@ -120,13 +157,12 @@ def test_the_jackknife_of_a_linear_model_is_that_of_fits_without_each_view(own):
     best = solve([*range(5)])
     J = np.array([design(v) for v in range(5)])
     H, g = np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, J @ best - b[..., 0])
-    single_view = single_views(np.diagonal(H, axis1=1, axis2=2))
-    assert single_view.tolist() == [-1, -1, 0, 1, 2, 3, 4][:p]
-    covariance = jackknife_covariance(
-        *without_single_views(((np.arange(p), *of) for of in zip(H, g, strict=True)), known, single_view),
-        known[:2, :2],
-        (known @ best)[:2],
+    yes = np.ones(p, bool)
+    evidence = Evidence(
+        by_view(H, g), known, known @ best, best, ~yes, yes, np.zeros((0, 3), int), 1.0, np.array([150, 1, 1, 150, 150])
     )
+    assert evidence.single_view.tolist() == [-1, -1, 0, 1, 2, 3, 4][:p]
+    covariance = evidence.clustered_covariance(yes)[:2, :2]
     without = np.array([solve([w for w in range(5) if w != v])[:2] for v in range(5)])
     deviations = without - without.mean(0)
     np.testing.assert_allclose(covariance, 4 / 5 * deviations.T @ deviations, rtol=1e-9)
@@ -141,10 +177,10 @@ def test_what_the_jackknife_expects_of_noise_is_what_it_then_has():
     for v in range(G):
         by_noise = np.concatenate([H[v] @ whole @ j.T - (j.T if w == v else 0.0) for w, j in enumerate(J)], 1)
         share[v] = np.sum((np.linalg.inv(H.sum(0) - H[v]) @ by_noise) ** 2, 1)
-    variances, freedom = jackknife_of_noise(H, np.zeros((3, 3)))
+    variances, freedom = Jackknife(H, np.zeros((3, 3))).of_noise()
     np.testing.assert_allclose(variances, (G - 1) / G * share.sum(0), rtol=1e-9)
     np.testing.assert_allclose(freedom, share.sum(0) ** 2 / (share**2).sum(0), rtol=1e-9)
-    known = jackknife_of_noise(H[:, :1, :1], np.array([[1e6]]))[0]
+    known = Jackknife(H[:, :1, :1], np.array([[1e6]])).of_noise()[0]
     np.testing.assert_allclose(known, (G - 1) / G * H[:, :1, :1].sum(0)[0] / 1e12, rtol=1e-3)
 
 
@@ -171,7 +207,7 @@ def linear(shared: float = 0.0, rows: int = 30, clusters: int = 6) -> tuple[Evid
     units = np.zeros((0, 3), int)
     squares = float(np.sum(r**2))
     spread = np.array([n, squares, squares, n, n])
-    return Evidence(H, g, none, np.zeros(2), best, ~yes, yes, units, squares / (n - 2), spread), J, b
+    return Evidence(by_view(H, g), none, np.zeros(2), best, ~yes, yes, units, squares / (n - 2), spread), J, b
 
 
 def test_the_errors_of_a_line_are_the_textbooks():
@@ -201,14 +237,15 @@ def test_whether_clusters_agree_is_chows_test(shared):
 def test_what_shakes_is_found_by_its_jackknife():
     evidence, _, _ = linear(0.05)
     p_value, freedom = evidence.independence_p_values()
-    expected, of_noise = jackknife_of_noise(evidence.hessian, np.zeros((2, 2)))
-    jackknife = jackknife_covariance(evidence.hessian, evidence.gradient, np.zeros((2, 2)), np.zeros(2))
+    H, g = np.asarray(evidence.clusters.hessian), np.asarray(evidence.clusters.gradient)
+    expected, of_noise = Jackknife(H, np.zeros((2, 2))).of_noise()
+    jackknife = jackknifed(H, g)
     np.testing.assert_allclose(evidence.clustered_errors(), np.sqrt(np.diag(jackknife)), rtol=1e-12)
     np.testing.assert_allclose(freedom, np.minimum(of_noise, 5.0), rtol=1e-12)
     ratio = np.diag(jackknife) / evidence.sigma2 / expected
     np.testing.assert_allclose(p_value, stats.chi2.sf(freedom * ratio, freedom), rtol=1e-9)
     assert p_value[0] < 0.05 < p_value[1]  # they share an offset, no slope
-    two = dataclasses.replace(evidence, hessian=evidence.hessian[:2], gradient=evidence.gradient[:2])
+    two = dataclasses.replace(evidence, clusters=by_view(H[:2], g[:2]))
     assert [of.tolist() for of in two.independence_p_values()] == [[1.0, 1.0], [np.inf, np.inf]]
     robust = dataclasses.replace(evidence, spread=evidence.spread * [1, 1, 1, 0.4, 0.8])
     assert robust.loss_ratio == pytest.approx(2.0)  # of a robust loss the jackknife takes the slopes
@@ -222,11 +259,11 @@ def test_what_shakes_is_found_by_its_jackknife():
 def test_what_one_cluster_alone_sees_has_its_plain_error():
     evidence, _, _ = linear()
     H, g = np.zeros((6, 3, 3)), np.zeros((6, 3))
-    H[:, :2, :2], g[:, :2] = evidence.hessian, evidence.gradient
+    H[:, :2, :2], g[:, :2] = evidence.clusters.hessian, evidence.clusters.gradient
     H[4, 2, 2], H[4, 0, 2], H[4, 2, 0] = 3.0, 1.0, 1.0
     no = np.zeros(3, bool)
     of_three = dataclasses.replace(
-        evidence, hessian=H, gradient=g, known_hessian=np.zeros((3, 3)), known_gradient=np.zeros(3),
+        evidence, clusters=by_view(H, g), known_hessian=np.zeros((3, 3)), known_gradient=np.zeros(3),
         values=np.ones(3), at_bound=no, regular=~no,
     )  # fmt: skip
     assert of_three.single_view.tolist() == [-1, -1, 4]
@@ -236,8 +273,9 @@ def test_what_one_cluster_alone_sees_has_its_plain_error():
     assert not compared(of_three, 6, "6 views").by_jackknife[2]
     one_decides = np.ones((6, 2, 2))
     one_decides[1] = 2.0 * np.eye(2)  # all others see the sum alone
-    assert dataclasses.replace(evidence, hessian=one_decides).deciding() == 1
-    assert not compared(dataclasses.replace(evidence, hessian=one_decides), 6, "6 views").by_jackknife.any()
+    by_one = dataclasses.replace(evidence, clusters=by_view(one_decides, np.zeros((6, 2))))
+    assert by_one.deciding() == 1
+    assert not compared(by_one, 6, "6 views").by_jackknife.any()
     assert _clusters_in_words([[0], [1, 2]], Counts(3, 9, 9, 0, 0)) == "3 views in 2 setups"
     assert _clusters_in_words([[0], [1], [2]], Counts(3, 9, 9, 0, 0)) == "3 views"
 
@@ -285,8 +323,7 @@ def test_the_covariance_is_that_of_a_jacobian_by_finite_differences():
 def test_the_jackknife_is_that_of_the_jacobians_of_the_views():
     J, r = jacobians()
     H, g = (np.array([j.T @ of for j, of in zip(J, ofs, strict=True)]) for ofs in (J, r))
-    p = len(H[0])
-    expected = np.sqrt(np.diag(jackknife_covariance(H, g, np.zeros((p, p)), np.zeros(p))))
+    expected = np.sqrt(np.diag(jackknifed(H, g)))
     np.testing.assert_allclose(noisy_fit().evidence.clustered_errors(), expected, rtol=1e-3)
 
 

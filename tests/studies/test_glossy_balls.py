@@ -29,7 +29,7 @@ def test_one_photograph_of_a_glossy_ball():
     assert np.isinf(found.fit_errors[found.fit.names.index("center.z")])
     for words in ("card of known reflectance", "far away", "Blinn", "intrinsics"):
         assert any(words in note for note in found.notes)
-    assert "center.z    not determined" in str(found)
+    assert ["center.z", "not", "determined"] in [line.split() for line in str(found).splitlines()]
     np.testing.assert_allclose(found.fit.material.n_s, 30, rtol=0.02)
 
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 from synthetic import FREE, TIED, forget, noisy, one_light_each, photographs, point_lights, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.intervals import LikelihoodProfile, intervals
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.unknowns.unknown import coordinates
 
@@ -27,7 +27,7 @@ def covered(
         for seed in seeds:
             fit = ds.fit(forget(scene), one_light_each(images(seed))[:views], free=FREE, tied=TIED)
             clusters = find_clusters(fit)
-            profile = Profile(fit, clusters)
+            profile = LikelihoodProfile(fit, clusters)
             truth = coordinates(fit.values_in(scene), fit.unknowns)
             away = np.array([profile.errors_away(j, t) for j, t in enumerate(truth)])
             inside.append([away < clusters.quantiles(level) for level in LEVELS])
@@ -121,7 +121,7 @@ def test_an_interval_holds_the_truth_exactly_where_one_refit_says_so(fits):
             views = one_light_each(independent(seed))[: 1 + seed % 8]
             fit = ds.fit(forget(standard_scene()), views, free=FREE, tied=TIED)
             clusters = find_clusters(fit)
-            profile = Profile(fit, clusters)
+            profile = LikelihoodProfile(fit, clusters)
             reach = clusters.quantiles(0.95)
             truth = fit.values_in(standard_scene())
             inner = coordinates(truth, fit.unknowns)
@@ -138,6 +138,6 @@ def test_they_end_at_bounds_and_are_one_sided_there():
     linear = fit.names.index("linear")
     assert fit.at_lower[linear]
     with jax.enable_x64(True):
-        low, high = intervals(Profile(fit, find_clusters(fit)), (0.95,))[0][linear]
+        low, high = intervals(LikelihoodProfile(fit, find_clusters(fit)), (0.95,))[0][linear]
     assert low == 0.0
     assert 0.09 < high < 1.0

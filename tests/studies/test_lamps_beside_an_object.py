@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import diffshade as ds
-from diffshade.inverse.data.photographs import light_distances
+from diffshade.inverse.data.photographs import read_folder
 
 PIXELS = 25.0  # a scene unit
 APART, WIDE = 6.0, 5.0
@@ -104,7 +104,7 @@ def test_cropped_photographs_say_where_the_lamps_are(frames, tmp_path):
     unit_of_file = 2.2 / applied.lights.picture_height
     np.testing.assert_allclose([np.asarray(l.position) for l in lamps], applied.positions * unit_of_file, rtol=1e-6)
     np.testing.assert_allclose(
-        light_distances(tmp_path / "ready", [f"{i}" for i in range(12)]),
+        read_folder(tmp_path / "ready", normals=False, exif=True).distances,
         np.linalg.norm(applied.positions, axis=-1) / applied.lights.picture_height,
     )
     held = [3, 8]

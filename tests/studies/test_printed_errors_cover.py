@@ -11,7 +11,7 @@ import pytest
 from synthetic import forget, light_positions, noisy, one_light_each, photographs, standard_scene
 
 import diffshade as ds
-from diffshade.diagnosis.intervals import Profile, intervals
+from diffshade.diagnosis.intervals import LikelihoodProfile, intervals
 from diffshade.inverse.statistics.clusters import independent
 
 pytestmark = pytest.mark.slow
@@ -91,7 +91,7 @@ def test_one_view_with_independent_noise_raises_no_alarm(runs):
         looked = ds.examine(fit)
         remarked += any(is_alarm(note) for note in looked.notes)
         with jax.enable_x64(True):
-            ranges = intervals(Profile(known, independent(known.evidence, "1 view")), (0.95,))[0]
+            ranges = intervals(LikelihoodProfile(known, independent(known.evidence, "1 view")), (0.95,))[0]
         both = looked.determined & known.determined
         wider.extend((np.diff(looked.interval_95) / np.diff(ranges))[both, 0])
     print(f"one view: remarks in {remarked} of {runs}; widths {np.quantile(wider, [0.5, 0.9, 1.0]).round(3)}")

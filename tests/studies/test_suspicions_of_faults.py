@@ -22,7 +22,7 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.diagnosis.misfit.regions import GRAZING
+from diffshade.diagnosis.misfit.regions import GRAZING_COSINE
 from diffshade.diagnosis.misfit.suspicions import suspicions
 
 MATERIAL_FREE = ("k_a", "k_d", "k_s", "n_s")
@@ -248,7 +248,7 @@ def test_a_bright_rim_is_found(clean):
     for only in (None, (1,)):
         (found,) = suspicions(fitted(noisy([image + extra for image in clean], 0.005, 0), only=only))
         assert found.kind == "rim"
-        expected = grazing() > 1.0 - GRAZING
+        expected = grazing() > 1.0 - GRAZING_COSINE
         assert found.region is not None
         assert all((region == expected).mean() > 0.95 for region in found.region)
 

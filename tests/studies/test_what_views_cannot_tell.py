@@ -114,7 +114,7 @@ def test_two_photographs_taken_alike_are_one_for_the_jackknife():
     views = [*one_light_each(noisy(clean, SIGMA, 0))[:2], *one_light_each(noisy(clean, SIGMA, 1))[:2]]
     fit = ds.fit(forget(scene), views, free=("k_a", "k_d", "k_s", "n_s"))
     assert fit.counts.views == 4
-    assert len(fit.evidence.hessian) == 2
+    assert fit.evidence.count == 2
     assert not fit.clusters.by_jackknife.any()
     assert "4 views in 2 setups" in str(fit)
 

@@ -9,7 +9,8 @@ from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
 import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.diagnosis.misfit.explanations import at_minimum, of_all_views
-from diffshade.diagnosis.misfit.residual_correlation import CERTAIN, SIDES, cell_correlation, residuals
+from diffshade.diagnosis.misfit.residual_correlation import CELL_SIDES, cell_correlation, residuals
+from diffshade.diagnosis.misfit.score_tests import CERTAIN_ERRORS
 from diffshade.diagnosis.misfit.suspicions import suspicions
 
 
@@ -83,7 +84,7 @@ def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
         fit = fitted(set_up(seed), None)
         with in_float64(fit) as own:
             found = [str(fault) for fault in of_all_views(at_minimum(own))[0]]
-            alike = [side for side in SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN]
+            alike = [side for side in CELL_SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN_ERRORS]
         if found or alike or any("outline" in note or "the prior" in note for note in fit.notes):
             alarms.append((seed, found, alike))
     assert len(alarms) <= 5, alarms

@@ -7,7 +7,7 @@ import numpy as np
 
 import diffshade as ds
 from diffshade.exchange.hex_colours import from_hex
-from diffshade.exchange.metallic_roughness import Surface
+from diffshade.exchange.metallic_roughness import MetallicRoughness
 from diffshade.exchange.povray import tint
 from diffshade.exchange.reference import ANGLES, EDGE, Reference, radiance
 
@@ -42,7 +42,7 @@ def shown(path, points):
         head_on = np.minimum(0.04 * np.array(specular.get("specularColorFactor", [1] * 3)), 1)
         head_on = head_on * specular["specularFactor"]
         base = np.array(pbr["baseColorFactor"][:3])
-        return Surface(pbr["roughnessFactor"], base, head_on, specular["specularFactor"]).reflected(points)
+        return MetallicRoughness(pbr["roughnessFactor"], base, head_on, specular["specularFactor"]).reflected(points)
     if path.suffix == ".inc":
         return _povray(text, points)
     return radiance(ds.read_material(path), points)  # OpenGL, MTL and VTK compute this library's own terms

@@ -2,16 +2,18 @@
 
 import numpy as np
 
-from diffshade.inverse.forward.gram import Gram, ViewGrams
+from diffshade.inverse.forward.gram import ByView, Gram
 
 
-def whole(views: ViewGrams, p: int) -> Gram:
+def by_view(H: np.ndarray, g: np.ndarray) -> ByView:
+    """Return what views say that all show every unknown."""
+    return ByView(np.zeros(len(H)), g, H, None)
+
+
+def whole(views: ByView, p: int) -> Gram:
     """Return the Gram of each view for all p unknowns, 0 where the view shows none of it."""
-    cost, g, H = (np.asarray(of) for of in (views.of.cost, views.of.gradient, views.of.hessian))
-    shown = np.broadcast_to(np.arange(p), g.shape) if views.shown is None else np.asarray(views.shown)
-    gradient, hessian = np.zeros((len(g), p)), np.zeros((len(g), p, p))
-    for v, index in enumerate(shown):
-        here = index < p
-        gradient[v, index[here]] = g[v, here]
-        hessian[v][np.ix_(index[here], index[here])] = H[v][np.ix_(here, here)]
-    return Gram(cost, gradient, hessian)
+    gradient, hessian = np.zeros((len(views.cost), p)), np.zeros((len(views.cost), p, p))
+    for v, (index, H, g) in enumerate(views.parts(np.ones(p, bool))):
+        gradient[v, index] = g
+        hessian[v][np.ix_(index, index)] = H
+    return Gram(np.asarray(views.cost), gradient, hessian)

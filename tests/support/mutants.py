@@ -34,15 +34,15 @@ GROUPS = {
         "inverse/laid_out inverse/solving inverse/solved inverse/data/samples "
         "inverse/solve/descent inverse/solve/solvers inverse/solve/start_search inverse/unknowns/constraints "
         "inverse/unknowns/names inverse/unknowns/parameters inverse/unknowns/ranges inverse/unknowns/slots "
-        "inverse/starting inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
+        "inverse/solving inverse/forward/sums texels/linear_systems texels/descent texels/normal_equations "
         "texels/region_exponents texels/geometry"
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
         "diagnosis/misfit/explanations diagnosis/misfit/found diagnosis/misfit/regions diagnosis/misfit/scores "
         "diagnosis/misfit/suspicions diagnosis/model_choice "
-        "diagnosis/patches diagnosis/plan_notes diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
-        "diagnosis/shot_ranking diagnosis/shots inverse/verdicts/stability "
+        "diagnosis/patches diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
+        "diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"
     ),
     "readers": (

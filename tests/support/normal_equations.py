@@ -12,10 +12,11 @@ from synthetic import TIED, light_positions, seen_by, standard_scene
 
 import diffshade as ds
 from diffshade.inverse.data.samples import find_samples
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.gram import Gram
 from diffshade.inverse.pixels.blocks import total
-from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
 from diffshade.inverse.unknowns.unknown import Unknown
 from diffshade.parallel.threads import on_all_cores
 
@@ -25,8 +26,8 @@ SMALL = ds.Camera(eye=(0, 0, 4), fov=32, shape=(10, 12))
 
 
 def problem_of(scene: ds.Scene, views: Sequence[ds.View], unknowns: list[Unknown]) -> FitProblem:
-    samples, counts = samples_for(scene, views, unknowns, "hinge")
-    return fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=True)
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    return fit_problem(scene, data, unknowns, "squares", rendered=True)
 
 
 @jax.jit
@@ -53,16 +54,10 @@ def dense_gram(
         changed = scene, tuple(views)
         for j, u in enumerate(unknowns):
             value = jnp.exp(q[j]) if u.logarithmic else q[j]
-            for path, c in u.places:
-
-                def where(both, path=path):
-                    node = both[1] if path.startswith("views.") else both[0]
-                    for segment in path.removeprefix("views.").split("."):
-                        node = node[int(segment)] if segment.isdigit() else getattr(node, segment)
-                    return node
-
-                new = lambda leaf, c=c, value=value: value if leaf.ndim == 0 else jnp.asarray(leaf).at[c].set(value)  # noqa: E731
-                changed = eqx.tree_at(where, changed, replace_fn=new)
+            for place in u.places:
+                leaf = place.value_in(*changed)
+                new = value if leaf.ndim == 0 else jnp.asarray(leaf).at[place.channel].set(value)
+                changed = eqx.tree_at(lambda both, place=place: place.value_in(*both), changed, new)
         return changed
 
     def image(q, camera, on, i):
@@ -83,9 +78,10 @@ def dense_gram(
         target = np.where(samples.inside[..., None], samples.photograph, 0.0)
         if is_grey(view):
             J, predicted = J.mean(2, keepdims=True), predicted.mean(2, keepdims=True)
-        measured = (target > samples.floor) & (target < samples.level)
-        short = (target >= samples.level) & (predicted < target)
-        over = (target <= samples.floor) & (predicted > target)
+        floor, level = samples.sensor_range
+        measured = (target > floor) & (target < level)
+        short = (target >= level) & (predicted < target)
+        over = (target <= floor) & (predicted > target)
         counts = samples.inside[..., None] & (measured | short | over)
         J, r = J[counts], (predicted - target)[counts]
         grams.append(Gram(np.asarray(0.5 * r @ r), J.T @ r, J.T @ J))

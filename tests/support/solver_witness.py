@@ -20,10 +20,11 @@ from synthetic import (
 )
 
 import diffshade as ds
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.forward.gram import Gram, Point
 from diffshade.inverse.forward.interface import AbstractForwardModel
 from diffshade.inverse.pixels.blocks import Block
-from diffshade.inverse.problem import FitProblem, fit_problem, samples_for
+from diffshade.inverse.problem import FitProblem, fit_problem, with_samples_for
 from diffshade.inverse.solve.solvers import Minimum, minimise
 from diffshade.inverse.unknowns.parameters import find_unknowns
 from diffshade.inverse.unknowns.unknown import Unknown, coordinates
@@ -54,11 +55,8 @@ def three_views(
     scene = standard_scene(material, point_lights(attenuation))
     views = one_light_each(noisy(photographs(scene), sigma, seed))[:3]
     unknowns = find_unknowns(scene, views, free, TIED, bounds)
-    samples, counts = samples_for(scene, views, unknowns, "hinge")
-    fast, generic = (
-        fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", rendered=form)
-        for form in (rendered, True)
-    )
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    fast, generic = (fit_problem(scene, data, unknowns, "squares", rendered=form) for form in (rendered, True))
     chunks, (chunk,) = fast.chunks(), generic.chunks()
     squares = fast.sum_of_squares(chunks)
     ends = (
@@ -106,7 +104,7 @@ def assert_is_a_minimum_within_bounds(theta, gram: Gram, solver: Solver) -> None
 
     The slope is measured in the lengths of the Jacobian's columns and of the residual: it is their cosine.
     """
-    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian)
+    g, H = np.asarray(gram.gradient), np.asarray(gram.hessian.as_matrix())
     lengths = np.sqrt(np.diag(H) * 2.0 * float(gram.cost))
     slope = np.where(lengths > 0, g / np.where(lengths > 0, lengths, 1.0), 0.0)
     low, high = at_ends(theta, solver)
@@ -121,8 +119,9 @@ def assert_gram_is_that_of_a_dense_jacobian(point: Point, solver: Solver) -> Non
     theta = np.asarray(point.theta)
     r, J = (np.asarray(f(theta, solver.witness)) for f in (dense_residuals, dense_jacobian))
     np.testing.assert_allclose(float(point.total.cost), cost(theta, solver.witness), rtol=1e-10)
-    np.testing.assert_allclose(whole(point.views, len(theta)).hessian.sum(0), point.total.hessian, rtol=1e-12)
-    np.testing.assert_allclose(point.total.hessian, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
+    H = point.total.hessian.as_matrix()
+    np.testing.assert_allclose(whole(point.views, len(theta)).hessian.sum(0), H, rtol=1e-12)
+    np.testing.assert_allclose(H, J.T @ J, rtol=1e-8, atol=1e-8 * np.abs(J.T @ J).max())
     np.testing.assert_allclose(point.total.gradient, J.T @ r, atol=1e-8 * np.abs(J).sum() * np.abs(r).max())
 
 

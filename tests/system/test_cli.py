@@ -286,6 +286,9 @@ def test_a_fit_prints_its_table_and_writes_scene_and_materials(typed):
     assert all(parameter["determined"] and not parameter["at_bound"] for parameter in told["parameters"])
     assert told["photographs"] == list(PHOTOS)
     assert told["rmse"] == pytest.approx(0.003, rel=0.05)
+    assert told["errors"].startswith("for independent noise")
+    errors = [parameter["plain_error"] for parameter in told["parameters"]]
+    np.testing.assert_allclose(np.sqrt(np.diag(told["covariance"])), errors, rtol=1e-12)
     fitted = ds.read_scene("fitted.toml")
     assert fitted.objects[0].material.n_s == pytest.approx(found["n_s"])
     assert len(fitted.lights) == 8
@@ -460,6 +463,7 @@ def test_a_balls_lights_are_found_and_compared_with_a_list(typed):
     told = typed(*words, "--against", "list.txt", "-o", "ready", "--json").told
     assert max(told["against"]["degrees"]) < 10
     assert told["photographs"] == list(PHOTOS)
+    assert told["balls"] == [{key: told[key] for key in told["balls"][0]}]
     np.testing.assert_allclose(np.loadtxt("ready/light_directions.txt"), told["directions"], atol=1e-6)
     known = typed(*words, "--directions", "list.txt", "--json").told
     np.testing.assert_allclose(known["directions"], np.loadtxt("list.txt"), atol=1e-6)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grams import by_view
 
 from diffshade.inverse.statistics.clusters import Clusters, compared, independent
 from diffshade.inverse.statistics.evidence import Evidence
@@ -17,8 +18,7 @@ def evidence(J: np.ndarray, y: np.ndarray, *, at_bound: np.ndarray | None = None
     r = J @ theta - y
     count, squares = float(r.size), float(np.sum(r**2))
     return Evidence(
-        hessian=np.einsum("vni,vnj->vij", J, J),
-        gradient=np.einsum("vni,vn->vi", J, r),
+        clusters=by_view(np.einsum("vni,vnj->vij", J, J), np.einsum("vni,vn->vi", J, r)),
         known_hessian=BESIDE[0],
         known_gradient=BESIDE[1],
         values=theta,

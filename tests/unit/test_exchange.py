@@ -14,7 +14,7 @@ import pytest
 import diffshade as ds
 from diffshade.exchange import threejs
 from diffshade.exchange.hex_colours import from_hex, to_hex
-from diffshade.exchange.metallic_roughness import Surface, ggx, kept
+from diffshade.exchange.metallic_roughness import MetallicRoughness, ggx, kept
 from diffshade.exchange.reference import Reference, differences, radiance, reference, reference_of
 
 PHONG = ds.Material((0.1, 0.05, 0.02), (0.7, 0.25, 0.2), 0.4, 40, k_e=(0, 0.1, 0))
@@ -158,7 +158,7 @@ def test_ggx_keeps_light():
     rough = kept(n_v, 1.0)
     assert (rough < 1).all()
     assert (rough > 0.3).all()
-    flat = Surface(1.0, np.full(3, 0.5), np.zeros(3), 0.0)
+    flat = MetallicRoughness(1.0, np.full(3, 0.5), np.zeros(3), 0.0)
     points = reference(10.0)
     np.testing.assert_allclose(flat.reflected(points), 0.5 * points.n_l[:, None] * np.ones(3))
     assert np.isfinite(ggx(points, 0.05**2)).all()
@@ -297,7 +297,7 @@ def test_gltf_is_what_the_specification_wants(tmp_path):
     points = reference_of(BLINN)
     head_on = np.minimum(0.04 * np.array(specular["specularColorFactor"]), 1) * specular["specularFactor"]
     edge = specular["specularFactor"]
-    surface = Surface(pbr["roughnessFactor"], np.array(pbr["baseColorFactor"][:3]), head_on, edge)
+    surface = MetallicRoughness(pbr["roughnessFactor"], np.array(pbr["baseColorFactor"][:3]), head_on, edge)
     np.testing.assert_allclose(
         differences(radiance(BLINN, points), surface.reflected(points)), [written.rms, written.largest], rtol=1e-9
     )

@@ -10,7 +10,19 @@ import pytest
 from refusals import untyped
 
 import diffshade as ds
-from diffshade.core.fields import as_array, as_colour, check, is_concrete, quantities
+from diffshade.core.fields import (
+    Checked,
+    Scalar,
+    Vector,
+    as_array,
+    as_colour,
+    as_scalar,
+    as_vector,
+    check,
+    is_concrete,
+    parameter,
+    quantities,
+)
 from diffshade.core.words import did_you_mean
 
 
@@ -182,12 +194,12 @@ def test_tracers_pass():
     assert np.isfinite(jax.grad(lambda r: ds.Sphere(radius=r).radius ** 2)(1.0))
 
 
-def test_quantities_are_named_by_their_paths():
+def test_quantities_come_with_the_keys_that_lead_to_them():
     scene = ds.Scene(
         [ds.Object(ds.Sphere()), ds.Object(ds.GBuffer(np.ones((1, 1, 3)) / np.sqrt(3), np.zeros((1, 1, 3))))],
         [ds.DirectionalLight((1, 0, 0)), ds.SpotLight((0, 0, 1), (0, 0, -1))],
     )
-    names = [name for name, _, _ in quantities(scene)]
+    names = [".".join(map(str, keys)) for keys, _, _ in quantities(scene)]
     material = ["k_a", "k_d", "k_s", "n_s", "k_e"]
     of_spot = ["position", "direction", "intensity", "cutoff", "exponent"]
     attenuation = ["constant", "linear", "quadratic"]
@@ -200,7 +212,7 @@ def test_quantities_are_named_by_their_paths():
         "ambient",
         "background",
     ]
-    _, value, field = next(q for q in quantities(scene) if q[0] == "lights.1.cutoff")
+    _, value, field = next(q for q in quantities(scene) if q[0] == ("lights", 1, "cutoff"))
     assert value == 45
     assert (field.metadata["lower"], field.metadata["upper"]) == (0, 90)
 
@@ -210,3 +222,19 @@ def test_did_you_mean():
     assert did_you_mean("kd", names) == "Did you mean 'k_d'?"
     assert did_you_mean("intensty", names) == "Did you mean 'intensity'?"
     assert did_you_mean("xyzzy", [*names, "a.path", "*"]) == "Known names: intensity, k_d, k_s."
+
+
+def test_open_ends_and_directions_are_said_by_the_field():
+    class Part(Checked):
+        size: Scalar = eqx.field(converter=as_scalar, default=1.0, metadata={"above": 0, "below": 2})
+        along: Vector = eqx.field(converter=as_vector, default=(1.0, 0.0, 0.0), metadata=parameter("direction"))
+
+    Part(size=1e-9, along=(0, 0, 1e-9))
+    for size in (0, -1, 2, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"Part\.size must be (above 0 and below 2|finite); got"):
+            Part(size=size)
+    with pytest.raises(
+        ValueError, match=r"Part\.along must not be the zero vector; got \[0, 0, 0\]\. Give a direction"
+    ):
+        Part(along=(0, 0, 0))
+    jax.jit(lambda size: Part(size=size).size)(0.0)  # tracers pass

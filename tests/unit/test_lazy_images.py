@@ -96,7 +96,7 @@ def test_tiles_and_pixels_are_read_few_rows_at_once(monkeypatch):
     [
         ("no.npy", None, FileNotFoundError, "there is no such file"),
         ("x.png", b"", ValueError, r"the suffix '.png' is not read by rows. Write it as .npy"),
-        ("x.npy", b"\x93NUMPY", OSError, "empty, truncated, damaged or no image"),
+        ("x.npy", b"\x93NUMPY", OSError, "it is no NPY, or is empty, truncated or damaged"),
         ("x.npy", np.zeros((3, 4, 5, 6)), ValueError, r"shape \(3, 4, 5, 6\)"),
         ("x.npy", np.zeros((3, 4, 5)), ValueError, r"shape \(3, 4, 5\)"),
         ("x.npy", np.zeros((3, 0)), ValueError, r"shape \(3, 0\)"),

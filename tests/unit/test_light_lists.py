@@ -7,8 +7,8 @@ import pytest
 
 import diffshade as ds
 from diffshade.cli import main
+from diffshade.inverse.data.folders import by_name, list_folder
 from diffshade.inverse.data.light_lists import numbers_in, read_lp
-from diffshade.inverse.data.photograph_names import by_name
 
 LIGHTS = np.array([(0.6, 0, 0.8), (0, 0.6, 0.8), (-0.6, 0, 0.8), (0, -0.6, 0.8)])
 ROWS = ["0.6 0 0.8", "0 0.6 0.8", "-0.6 0 0.8", "0 -0.6 0.8"]
@@ -61,7 +61,6 @@ def test_a_raw_file_is_meant_rather_than_what_was_made_of_it(tmp_path):
     dome(tmp_path, [f"{i}.png" for i in range(4)], [f"{i}.tif" for i in range(4)])
     for i in range(4):
         (tmp_path / f"{i}.dng").write_bytes(b"")
-    from diffshade.inverse.data.folders import list_folder
 
     assert list_folder(tmp_path).names == tuple(f"{i}.dng" for i in range(4))
 

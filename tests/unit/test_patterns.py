@@ -53,6 +53,6 @@ def test_only_the_smooth_one_has_a_derivative():
 
 def test_a_pattern_that_is_none():
     for period in (0.0, -1.0):
-        refuses(lambda period=period: ds.Chequer(A, B, period), "Chequer.period", "above 0", str(period))
+        refuses(lambda period=period: ds.Chequer(A, B, period), "Chequer.period", "above 0", f"got {period:g}")
     refuses(lambda: ds.Chequer((), B), "Chequer.a", "colour of 1 or 3 numbers", "(0,)")
     refuses(lambda: ds.Material(k_d=ds.Sphere()), "Material.k_d", "Pattern", "Sphere", "Chequer", error=TypeError)

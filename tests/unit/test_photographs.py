@@ -182,7 +182,7 @@ def test_a_list_of_lights_names_the_photographs_and_the_directions(folder, caplo
     assert "no light_intensities.txt: all lights are taken to have the intensity 1" in caplog.text
     _, names, directions, _ = read_lp(folder / "dome.lp")
     assert names == ("0.jpg", "1.JPG", "2.png")
-    (folder / "again.lp").write_text(as_lp(names, directions))
+    (folder / "again.lp").write_text("\n".join(as_lp(names, directions)))
     np.testing.assert_allclose(read_lp(folder / "again.lp").directions, directions, atol=1e-9)
 
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from grams import by_view
 from scipy import ndimage
 
 import diffshade as ds
@@ -62,7 +63,7 @@ def test_of_cells_the_share_is_the_variance_that_sums_have_beyond_independent_on
 def test_errors_are_widened_where_residuals_are_correlated_and_the_views_have_not_said_so(monkeypatch):
     none, square = np.zeros(2), np.zeros((2, 2))
     known, units = none == 0.0, np.zeros((0, 3), int)
-    evidence = Evidence(square[None], none[None], square, none, none, ~known, known, units, 1.0, np.ones(5))
+    evidence = Evidence(by_view(square[None], none[None]), square, none, none, ~known, known, units, 1.0, np.ones(5))
     clusters, fit = independent(evidence, "1 view"), object.__new__(ds.Fit)
     for found, times in ((white(), 1.0), ([ndimage.gaussian_filter(r, (2, 2, 0)) for r in white()], 6.0)):
         monkeypatch.setattr(residual_correlation, "residuals", lambda fit, found=found: (found, COUNTS))

@@ -19,14 +19,17 @@ from refusals import refuses
 from synthetic import seen_by, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.data.samples import Samples, find_samples
+from diffshade.inverse.data.samples import Samples, SensorRange, find_samples
+from diffshade.inverse.data.view_sets import ViewSet
 from diffshade.inverse.data.views import is_grey
 from diffshade.inverse.forward.features import FeatureModel
 from diffshade.inverse.pixels import blocks
 from diffshade.inverse.pixels.blocks import block_size, pieces
-from diffshade.inverse.problem import PART, fit_problem, samples_for
+from diffshade.inverse.problem import PART, fit_problem, with_samples_for
 from diffshade.inverse.unknowns.parameters import find_unknowns
+from diffshade.io.lazy_images import LazyImage
 from diffshade.parallel.threads import on_all_cores
+from diffshade.texels.tiles import ViewReader
 
 BALL = ds.Scene(ds.Object(ds.Sphere()), [ds.PointLight((2, 3, 4))])
 SILHOUETTE = (6, 5)  # a pixel on the ball in SMALL
@@ -181,7 +184,12 @@ def test_a_corner_outside_the_silhouette_may_hold_anything():
 )
 def test_a_view_that_leaves_nothing_to_fit_is_named_by_its_number(view, words):
     views = [ds.View(DARK, SMALL), view]
-    refuses(lambda: samples_for(BALL, views, find_unknowns(BALL, views, ("k_d",)), "hinge"), "views[1]: ", *words)
+    unknowns = find_unknowns(BALL, views, ("k_d",))
+    refuses(
+        lambda: with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "hinge"),
+        "views[1]: ",
+        *words,
+    )
 
 
 def test_a_moving_surface_needs_a_mask_and_loses_one_pixel_of_its_edge():
@@ -210,14 +218,32 @@ def test_counts_add_up_over_views_of_all_kinds():
         ds.View(DARK, SMALL, mask=changed(np.zeros((10, 12), bool), at=SILHOUETTE, value=True)),
     ]
     unknowns = find_unknowns(BALL, views, ("k_d",))
-    samples, counts = samples_for(BALL, views, unknowns, "hinge")
+    data = with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "hinge")
+    samples, counts = data.samples, data.counts
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette + 1, 3, 0)
     assert counts.samples == (3 + 1 + 3) * silhouette + 3
     assert [len(s.pixels) for s in samples] == [silhouette] * 3 + [1]
-    samples, counts = samples_for(BALL, views, unknowns, "exclude")  # one pixel
+    data = with_samples_for(BALL, ViewSet.of(BALL, views), unknowns, "exclude")  # one pixel
+    samples, counts = data.samples, data.counts
     assert (counts.views, counts.pixels, counts.clipped, counts.left_out) == (4, 3 * silhouette, 0, 3)
     assert counts.samples == (3 + 1 + 3) * silhouette - 3 + 3
     assert [len(s.pixels) for s in samples] == [silhouette, silhouette, silhouette - 1, 1]
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+def test_texels_count_by_the_same_rule(lazy):
+    clipped = changed(DARK, at=(*SILHOUETTE, 1), value=1.0)
+    bright = changed(clipped, at=(SILHOUETTE[0], SILHOUETTE[1] + 1, 0), value=3.0)  # its 1 is no end of a file's range
+    masked = np.concatenate([DARK, changed(np.ones((10, 12, 1)), at=SILHOUETTE, value=0.2)], -1)
+    images = [
+        LazyImage(lambda a, b, i=i: i[a:b], i.shape, i.dtype) if lazy else i
+        for i in (clipped, bright, masked, bright / 2)
+    ]
+    views = [*(ds.View(image, SMALL) for image in images[:3]), ds.View(images[3], SMALL, saturation=0.5, floor=0.1)]
+    tile = ViewReader(BALL, views).read(0, 10, 10)
+    for view, counts in zip(views, tile.counts, strict=True):
+        samples = find_samples(BALL, view)
+        np.testing.assert_array_equal(tile.pixels[counts], samples.pixels[(samples.ends() == 0).all(-1)])
 
 
 # --- blocks, padding and stacking change nothing
@@ -270,7 +296,7 @@ def test_padding_has_no_weight_and_clipped_samples_are_marked():
         assert seen.clipped is not None
         weight = np.asarray(seen.weight)
         assert set(np.unique(weight)) == {0.0, 1.0}
-        silhouette = work.pixels[0]
+        silhouette = work.data.pixels[0]
         assert weight.sum(-1).tolist() == [[silhouette] * 3, [silhouette, 0, 0]]
         marks = np.asarray(seen.clipped) * weight
         assert (marks > 0).sum(-1).tolist() == [[0, 1, 0], [0, 0, 0]]
@@ -297,7 +323,8 @@ def test_a_part_of_the_pixels_is_spread_over_every_view_and_all_of_them_are_each
     mask[25:35, 25:35] = True
     picture = np.full((*large.shape, 3), 0.5)
     views = [ds.View(picture, large), ds.View(picture, large, mask=mask)]
-    samples, counts = samples_for(scene, views, find_unknowns(scene, views, ("k_d",)), "hinge")
+    data = with_samples_for(scene, ViewSet.of(scene, views), find_unknowns(scene, views, ("k_d",)), "hinge")
+    samples, counts = data.samples, data.counts
     everything = pieces(samples, 64)
     for view, s in enumerate(samples):
         pixels = np.concatenate([part.pixels for part in everything if part.view == view])
@@ -336,8 +363,8 @@ def shared_problem(views: list, lights: int, free: str, **options) -> tuple:
     """Return a problem of views of a ball, and its samples."""
     scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight((0.1 * k, 0.2, -1)) for k in range(lights)])
     unknowns = find_unknowns(scene, views, (free,))
-    samples, counts = samples_for(scene, views, unknowns, "hinge")
-    return fit_problem(scene, views, unknowns, samples, counts, "squares", "hinge", **options), samples
+    data = with_samples_for(scene, ViewSet.of(scene, views), unknowns, "hinge")
+    return fit_problem(scene, data, unknowns, "squares", **options), data.samples
 
 
 @pytest.mark.parametrize(
@@ -385,7 +412,7 @@ def test_what_a_camera_shows_is_found_once_for_all_lights(monkeypatch):
 
 
 def test_one_program_serves_a_part_and_the_whole_of_a_large_photograph():
-    samples = [Samples(np.ones((1, 1), bool), np.arange(60_000), np.ones((60_000, 1, 3)), 0.0, 1.0, 1.0)]
+    samples = [Samples(np.ones((1, 1), bool), np.arange(60_000), np.ones((60_000, 1, 3)), SensorRange(), 1.0)]
     part, whole = (blocks.chunks(pieces(samples, blocks.BLOCK, at_most)) for at_most in (PART, None))
     assert {len(chunk) for chunk in part} == {len(chunk) for chunk in whole} == {blocks.OF_PART}
 
@@ -410,7 +437,7 @@ def test_views_under_the_same_known_lights_share_their_fields():
 @pytest.mark.parametrize(("of_view", "views", "length"), [(1, 12, 6), (2, 24, 24), (5, 12, 30), (40, 3, 20), (3, 5, 8)])
 def test_chunks_of_views_with_the_same_pixels_have_the_same_pieces(of_view, views, length):
     """The last of these, 6 blocks at once, would leave too many of them empty."""
-    samples = [Samples(np.ones((1, 1), bool), np.arange(of_view * 10), np.ones((1, 1, 3)), 0.0, 1.0, 1.0)] * views
+    samples = [Samples(np.ones((1, 1), bool), np.arange(of_view * 10), np.ones((1, 1, 3)), SensorRange(), 1.0)] * views
     found = blocks.chunks(pieces(samples, 10))
     assert {len(chunk) for chunk in found} == {length}
     assert len(found) & (len(found) - 1) == 0 or of_view > blocks.CHUNK

@@ -99,7 +99,7 @@ BAD = {
     "version.ptm": (ptm("LRGB", b"", version="PTM_2"), "begins with 'PTM_2'"),
     "size.ptm": (ptm("LRGB", b"", size="-3\n2"), "its size is -3 x 2"),
     "huge.ptm": (ptm("LRGB", b"", size="99999\n99999"), "pixels need"),
-    "word.ptm": (ptm("LRGB", b"", size="3\nx"), "its size must be 2 numbers"),
+    "word.ptm": (ptm("LRGB", b"", size="3\nx"), "its size, scale and bias must be 14 numbers"),
     "empty.rti": (b"", "its header ends early"),
     "order.rti": (b"#\n" + struct.pack("<4i", 1, 1, 3, 7) + bytes(999), "49 terms"),
     "nan.rti": (struct.pack("<4i", 1, 1, 3, 2) + b"\xff" * 32 + bytes(12), "are not finite"),

@@ -200,11 +200,15 @@ BAD = [  # what stands there, what is written instead, and what is said after th
     ("[2, 3, 4]", "[2, nan, 4]", ": lights[0]: PointLight.position must be finite; got (2, nan, 4)."),
     ("[0, 0, -1]", "[0, 0, 0]", ": lights[1]: DirectionalLight.direction must not be the zero vector; got [0, 0, 0]."),
     ("{ quadratic = 1 }", "{ constant = 0 }", ": lights[0].attenuation: RadialAttenuation needs one of constant,"),
-    ("k_d = 0.7", "k_d = { a = 1, b = 0, period = 0 }", ": Chequer.period must be above 0; got 0.0."),
+    ("k_d = 0.7", "k_d = { a = 1, b = 0, period = 0 }", ": Chequer.period must be above 0; got 0."),
     ("ambient = 0.3", "atmosphere = { z_f = 3, z_b = 2 }", ": atmosphere: DepthCueing.z_f must be less than z_b;"),
     ("k_d = 0.7", "k_t = 1.5", ": objects[0].material: Material.k_t must be between 0 and 1; got (1.5, 1.5, 1.5)."),
     ('surface = "Sphere"', 'surface = "Sphere"\nname = "my ball"', ": objects[0]: Object.name must be one word"),
-    ('"Sphere"', '{ type = "Box", size = [1, 0, 1] }', ": objects[0].surface: Box.size must be above 0; got [1. 0. 1."),
+    (
+        '"Sphere"',
+        '{ type = "Box", size = [1, 0, 1] }',
+        ": objects[0].surface: Box.size must be above 0; got (1, 0, 1).",
+    ),
     # of a light without a type, which it may be; and what is no TOML
     ('type = "DirectionalLight"', "", "lights[1] without a type is a PointLight, which has no key 'direction'."),
     ("[2, 3, 4]\natt", "[0, 3, 0]\ndirection = [0, 1, 0]\natt", "has no key 'direction'. Write type = \"SpotLight\"."),
@@ -225,7 +229,7 @@ BAD_CAMERAS = [
     (
         "fov = 35",
         "fov = 180",
-        ": camera: Camera.fov must be above 0 and below 180 degrees; got 180.0.",
+        ": camera: Camera.fov must be above 0 and below 180; got 180.",
     ),
     ("[12, 16]", "[12, 16, 3]", ": camera: Camera.shape must be (height, width) in pixels, two whole numbers above"),
     ("[camera]", "[[camera]]", ": camera must be a table of eye, target, up, fov, shape, local_"),

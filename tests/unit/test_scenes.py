@@ -140,7 +140,7 @@ def test_normals_alone_do_for_a_light_and_a_viewer_at_infinity():
             ("objects.0.material.k_d", "2 numbers", "three (R, G, B)"),
         ),
         (lambda s: s.objects[0].material.n_s, np.array(-1.0), ("Material.n_s", "at least 0", "-1.")),
-        (lambda s: s.objects[0].surface.radius, np.array(0.0), ("Sphere.radius", "above 0", "0.0")),
+        (lambda s: s.objects[0].surface.radius, np.array(0.0), ("Sphere.radius", "above 0", "got 0")),
         (lambda s: s.lights[0].attenuation.constant, np.array(0.0), ("RadialAttenuation", "constant")),
         (lambda s: s.lights[0].position, np.array([1, np.nan, 0]), ("PointLight.position", "finite")),
         (lambda s: s.ambient, np.array(-1 + np.zeros(3)), ("Scene.ambient", "at least 0")),
@@ -161,4 +161,4 @@ def test_render_refuses_what_tree_at_put_in(where, value, words):
 
 def test_render_refuses_a_camera_that_tree_at_made():
     camera = eqx.tree_at(lambda c: c.height, FLAT, np.array(-1.0))
-    refuses(lambda: ds.render(ds.Scene(BALL), camera), "OrthographicCamera.height", "above 0", "-1.0")
+    refuses(lambda: ds.render(ds.Scene(BALL), camera), "OrthographicCamera.height", "above 0", "got -1")

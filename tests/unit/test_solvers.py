@@ -19,7 +19,7 @@ from solver_witness import (
 from synthetic import CAMERA, FREE, TIED, one_light_each, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.forward.gram import Gram, Point, ViewGrams
+from diffshade.inverse.forward.gram import ByView, Gram, Point
 from diffshade.inverse.solve.descent import BoxNewton, GainRatio, GramLevenbergMarquardt, at_bound
 from diffshade.inverse.solve.elimination import Dense
 from diffshade.inverse.solve.solvers import PriorResiduals
@@ -152,8 +152,8 @@ def test_a_singular_hessian_gives_a_finite_step(H):
 
 def one_view(y, cost, gradient, hessian):
     """What the solver wants of a function: its cost, and the point with its Gram in total and by view, here one."""
-    of_view = jax.tree.map(lambda leaf: leaf[None], Gram(cost, gradient, hessian))
-    return cost, Point(y, Gram(cost, gradient, Dense(hessian)), ViewGrams(of_view, None))
+    of_view = ByView(cost[None], gradient[None], hessian[None], None)
+    return cost, Point(y, Gram(cost, gradient, Dense(hessian)), of_view)
 
 
 def linear_least_squares(y, args):
@@ -263,7 +263,7 @@ def test_priors_and_unit_vectors_are_residuals_beside_those_of_the_views():
     J[[0, 1], index] = weight
     for k, unit in enumerate(units):
         J[2 + k, unit] = unit_weight * theta[unit]
-    np.testing.assert_allclose(gram.hessian, J.T @ J, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(gram.hessian.as_matrix(), J.T @ J, rtol=1e-12, atol=1e-12)
 
 
 def test_nothing_known_beside_the_views_adds_nothing():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diffshade.calibration.highlights import FINEST, largest_disc, without_streaks
-from diffshade.calibration.two_balls import BACKWARD, Lamps, find_lamps
+from diffshade.calibration.highlights import MIN_DISC, largest_disc, without_streaks
+from diffshade.calibration.two_balls import LampPlaces, find_lamps
 
 RADIUS, NOISE = 0.25, 0.15  # in distances between the balls; degrees about each axis
 BASELINE = np.array([0.98, 0.15, 0.13]) / np.linalg.norm([0.98, 0.15, 0.13])
@@ -30,12 +30,12 @@ def seen(x: np.ndarray, seed: int) -> np.ndarray:
     for side in (-0.5, 0.5):
         p = np.broadcast_to(side * BASELINE, x.shape)
         for _ in range(20):  # the point of the ball where its normal halves the angle
-            p = side * BASELINE + RADIUS * unit(unit(x - p) + BACKWARD)
+            p = side * BASELINE + RADIUS * unit(unit(x - p) + np.array([0.0, 0.0, 1.0]))
         found.append(unit(unit(x - p) + np.deg2rad(NOISE) * random.normal(size=x.shape)))
     return np.array(found)
 
 
-def found_from(x: np.ndarray, seed: int, baseline: np.ndarray | None = None) -> Lamps:
+def found_from(x: np.ndarray, seed: int, baseline: np.ndarray | None = None) -> LampPlaces:
     return find_lamps(seen(x, seed), np.full((2, len(x)), NOISE * np.sqrt(2.0)), RADIUS, baseline)
 
 
@@ -88,4 +88,4 @@ def test_a_highlight_loses_its_streaks_and_keeps_its_middle():
     assert np.hypot(*(np.array(np.nonzero(core)).mean(1) - (30, 40))) < 0.5
     assert np.array(np.nonzero(streaked)).mean(1)[0] > 36
     assert largest_disc(streaked) == pytest.approx(9, abs=1)
-    assert largest_disc((row < 5) & (column < 5)) < FINEST  # too few pixels for a streak to be seen
+    assert largest_disc((row < 5) & (column < 5)) < MIN_DISC  # too few pixels for a streak to be seen

@@ -2,32 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from ...inverse.data.recording import photograph
 from ...inverse.data.views import View, channels, lights_on
 from ...inverse.result import Fit
+from ...inverse.statistics.uncertainty import Vector
+from ...inverse.unknowns.places import Place
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
-from ...model.materials import Highlight
+from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
 from .linearised import Linearised
-from .states import Move
 
-LEAST_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
-BLURS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-SPHERES = 4  # with more spheres, their places are not tested
-FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
+BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+MAX_SPHERES = 4  # with more spheres, their places are not tested
+EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """How a fault of one amount or several moves the numbers of a set-up."""
+
+    rows: Float[np.ndarray, "k p"]
+    """To first order."""
+    along: Callable[[Vector, Vector], Vector]
+    """The numbers after a move, from those before and the amount."""
+
+    @staticmethod
+    def shift(index: Sequence[int], p: int, scale: float = 1.0) -> Move:
+        """Return the move that adds amounts to some numbers."""
+        rows = scale * np.eye(p)[list(index)]
+        return Move(rows, lambda theta, amount: theta + amount @ rows)
+
+    @staticmethod
+    def turn(arms: Sequence[tuple[list[int], Vector]], axes: Float[np.ndarray, "k 3"], theta: Vector) -> Move:
+        """Return the move that turns places about their centres, by degrees about each axis."""
+        rows = np.zeros((len(axes), len(theta)))
+        for index, center in arms:
+            rows[:, index] = np.deg2rad(np.cross(axes, theta[index] - center))
+
+        def along(theta: Vector, amount: Vector) -> Vector:
+            there, turned = theta.copy(), Rotation.from_rotvec(np.deg2rad(amount @ axes))
+            for index, center in arms:
+                there[index] = center + turned.apply(theta[index] - center)
+            return there
+
+        return Move(rows, along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,21 +76,22 @@ class Case:
     """The views that it affects; None for all."""
 
 
-def exposures(fit: Fit) -> list[str]:
-    """Return the paths of the exposures."""
-    return [f"views.{i}.exposure" for i in range(len(fit.views))]
+def exposures(fit: Fit) -> list[Place]:
+    """Return the places of the exposures."""
+    return [Place("views", i, ("exposure",)) for i in range(len(fit.views))]
 
 
-def places(fit: Fit) -> list[str]:
-    """Return the paths of where the lights that are on are, and where they point."""
+def places(fit: Fit) -> list[Place]:
+    """Return the places of where the lights that are on are, and where they point."""
     on = sorted({i for view in fit.views for i in lights_on(fit.scene, view)})
-    return [f"lights.{i}.{name}" for i in on for name in fit.scene.lights[i].placement]
+    return [Place("lights", i, (name,)) for i in on for name in fit.scene.lights[i].placement]
 
 
-def of_spheres(fit: Fit, part: str) -> list[str]:
-    """Return the paths of a part of all spheres."""
-    names = [x.name or str(i) for i, x in enumerate(fit.scene.objects) if isinstance(x.surface, Sphere)]
-    return [f"objects.{name}.surface.{part}" for name in names if len(names) <= SPHERES]
+def of_spheres(part: str, fit: Fit) -> list[Place]:
+    """Return the places of a part of all spheres."""
+    items = [(i, item) for i, item in enumerate(fit.scene.objects) if isinstance(item.surface, Sphere)]
+    few = items if len(items) <= MAX_SPHERES else []
+    return [Place("objects", i, ("surface", part), name=item.name) for i, item in few]
 
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:
@@ -71,26 +106,26 @@ def of_gamma(at: Linearised) -> Iterator[Case]:
 
 def of_blur(at: Linearised) -> Iterator[Case]:
     """Yield pictures blurred by some widths."""
-    for k, sigma in enumerate(BLURS):
+    for k, sigma in enumerate(BLUR_SIGMAS):
         blurred = [ndimage.gaussian_filter(x, (sigma, sigma, 0), mode="nearest") - x for x in at.pictures]
         yield Case(k, at.of(blurred)[None])
 
 
 def of_lobe(at: Linearised) -> Iterator[Case]:
     """Yield the other lobe."""
-    yield from _of_scene(at, 0, other_lobe(at.fit.scene))
+    yield from _of_material(at, 0, with_other_lobe)
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
     """Yield second highlights, sharper and wider."""
-    for k, factor in enumerate(FACTORS):
-        yield from _of_scene(at, k, _with_second_highlight(at.fit.scene, factor))
+    for k, factor in enumerate(EXPONENT_FACTORS):
+        yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
 
 
 def of_exposure(at: Linearised) -> Iterator[Case]:
     """Yield a view's exposure, relative to the given one."""
     for i, view in enumerate(at.set_up.fit.views):
-        if index := at.set_up.places.get(f"views.{i}.exposure"):
+        if index := at.set_up.places.get(Place("views", i, ("exposure",))):
             yield Case(i, Move.shift(index, len(at.state.theta), float(view.exposure)), views=(i,))
 
 
@@ -99,7 +134,7 @@ def of_light(at: Linearised) -> Iterator[Case]:
     lit = at.set_up.lit
     for i in sorted(set().union(*lit)):
         name = next(iter(at.fit.scene.lights[i].placement), "")
-        if index := at.set_up.places.get(f"lights.{i}.{name}"):
+        if index := at.set_up.places.get(Place("lights", i, (name,))):
             center = _center(at, name)
             axes = np.linalg.svd((at.set_up.laid.theta[index] - center)[None])[2][1:]
             views = tuple(v for v, of_view in enumerate(lit) if i in of_view)
@@ -109,24 +144,16 @@ def of_light(at: Linearised) -> Iterator[Case]:
 def of_rotation(at: Linearised) -> Iterator[Case]:
     """Yield all lights turned together, by degrees about three axes, if the places of all are known."""
     lights = [(i, at.fit.scene.lights[i].placement) for i in sorted(set().union(*at.set_up.lit))]
-    arms = [(at.set_up.places.get(f"lights.{i}.{name}", []), _center(at, name)) for i, of in lights for name in of]
+    known = at.set_up.places
+    arms = [(known.get(Place("lights", i, (name,)), []), _center(at, name)) for i, of in lights for name in of]
     if arms and all(of for _, of in lights) and all(index for index, _ in arms):
         yield Case(0, Move.turn(arms, np.eye(3), at.state.theta))
 
 
-def of_radius(at: Linearised) -> Iterator[Case]:
-    """Yield the radius of each sphere."""
-    yield from _of_sphere(at, "radius")
-
-
-def of_center(at: Linearised) -> Iterator[Case]:
-    """Yield the centre of each sphere."""
-    yield from _of_sphere(at, "center")
-
-
-def _of_sphere(at: Linearised, part: str) -> Iterator[Case]:
+def of_sphere(part: str, at: Linearised) -> Iterator[Case]:
+    """Yield a part of each sphere."""
     for i, item in enumerate(at.fit.scene.objects):
-        index = at.set_up.places.get(f"objects.{item.name or i}.surface.{part}")
+        index = at.set_up.places.get(Place("objects", i, ("surface", part)))
         if index and isinstance(item.surface, Sphere):
             yield Case(i, Move.shift(index, len(at.state.theta)))
 
@@ -135,8 +162,9 @@ def _center(at: Linearised, name: str) -> np.ndarray:
     return np.zeros(3) if name == "direction" else at.set_up.center
 
 
-def _of_scene(at: Linearised, which: int, scene: Scene | None) -> Iterator[Case]:
-    """Yield the change of the pictures by another scene."""
+def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
+    """Yield the change of the pictures by a change of each material that shines."""
+    scene = with_materials(at.fit.scene, change)
     if scene is not None:
         changed = [photograph(scene, v) - x for v, x in zip(at.fit.views, at.pictures, strict=True)]
         yield Case(which, at.of(changed)[None])
@@ -150,30 +178,29 @@ def _rho2(view: View) -> np.ndarray:
     return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
 
 
-def _with_second_highlight(scene: Scene, factor: float) -> Scene | None:
-    """Return the scene with a second highlight as strong as the first, of n_s by a factor; None if nothing shines."""
+def with_materials(scene: Scene, change: Callable[[Material], Material | None]) -> Scene | None:
+    """Return a scene with all materials that shine changed; None if there are none, or one cannot be changed."""
     shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        m = scene.objects[i].material
-        if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
-            return None
-        second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), LEAST_EXPONENT), m.lobe)
-        second = widened(second, len(scene.channels))  # of one band its colour was made RGB
-        scene = eqx.tree_at(lambda s, i=i: s.objects[i].material.highlights, scene, (second,))
-    return scene if shiny else None
+    changed = [change(scene.objects[i].material) for i in shiny]
+    if not shiny or any(material is None for material in changed):
+        return None
+    return eqx.tree_at(lambda s: [s.objects[i].material for i in shiny], scene, changed)
 
 
-def other_lobe(scene: Scene) -> Scene | None:
-    """Return the scene with Blinn's highlights of four times n_s for Phong's, and the other way round."""
-    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    for i in shiny:
-        material = scene.objects[i].material
-        if not isinstance(material.lobe, Phong | Blinn):
-            return None
-        lobe, factor = (Phong(), 0.25) if isinstance(material.lobe, Blinn) else (Blinn(), 4.0)
-        n_s = factor * np.asarray(material.n_s, np.float64)
-        scene = eqx.tree_at(lambda s, i=i: (s.objects[i].material.lobe, s.objects[i].material.n_s), scene, (lobe, n_s))
-    return scene if shiny else None
+def _with_second_highlight(factor: float, bands: int, m: Material) -> Material | None:
+    """Return a material with a second highlight as strong as the first, of n_s by a factor."""
+    if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
+        return None
+    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), MIN_EXPONENT), m.lobe)
+    return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
+
+
+def with_other_lobe(m: Material) -> Material | None:
+    """Return a material with Blinn's highlight of four times n_s for Phong's, or the other way round."""
+    if not isinstance(m.lobe, Phong | Blinn):
+        return None
+    lobe, factor = (Phong(), 0.25) if isinstance(m.lobe, Blinn) else (Blinn(), 4.0)
+    return replace(m, lobe=lobe, n_s=factor * np.asarray(m.n_s, np.float64))
 
 
 def shines(k_s: Any) -> bool:

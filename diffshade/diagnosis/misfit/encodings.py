@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import Samples
+from ...inverse.data.samples import MIN_PIXELS, Samples, SensorRange, share_of
 from ...inverse.forward.losses import LOSSES
 from ...inverse.problem import fit_problem
 from ...inverse.result import Fit
@@ -18,111 +16,67 @@ from ...inverse.solving import solve
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...io.encodings import srgb_decode, srgb_encode
-from .explanations import EXPLAINED
-from .regional import AGREED
-from .residual_correlation import CERTAIN, correlation_of
+from .explanations import MIN_EXPLAINED
+from .regional import MIN_AGREEMENT
+from .residual_correlation import correlation_of
+from .set_up import PIXELS
 
-PIXELS = 1 << 13  # number of pixels, in all views together, on which encodings are judged
-STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
-MOST = 0.7  # fraction of that structure by the other encoding, where another fault explains half as much
+MIN_STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class Encoding:
-    """A fit with the images in the other encoding, compared in the images' own values."""
+def better_encoding(fit: Fit, rival: float) -> str | None:
+    """Return a sentence if the images fit so much better in the other encoding that it is believed. Runs in float64.
 
-    decoded: bool
-    """Whether the images were decoded from sRGB for it (they were read as linear); else they were encoded."""
-    before: Float[np.ndarray, "views 3"]
-    """Of each view the cost, the sum of squares and the number of samples, in the images' own values."""
-    after: Float[np.ndarray, "views 3"]
-
-    @property
-    def share(self) -> float:
-        """The fraction of the cost that is explained."""
-        before, after = self.before[:, 0].sum(), self.after[:, 0].sum()
-        return float(1.0 - after / before) if before > 0 else 0.0
-
-    @property
-    def agreed(self) -> float:
-        """The fraction of the views that fit better."""
-        seen = self.before[:, 0] > 0
-        return float(np.mean((self.after < self.before)[seen, 0])) if seen.any() else 0.0
-
-    def believed(self, structure: float, rival: float) -> bool:
-        """Whether it explains most of the structure in the residuals, in most views, and nothing else does.
-
-        Args:
-            structure: Its fraction of the cost.
-            rival: The largest fraction of the cost that another fault explains.
-        """
-        least = MOST if self.share < 2.0 * rival else EXPLAINED
-        return self.agreed >= AGREED and self.share > max(rival, least * structure)
-
-    def __str__(self) -> str:
-        """Return what it is, what it explains and the remedy."""
-        what, remedy = (
-            ("sRGB-encoded, but were read as linear: decoded", "srgb=True")
-            if self.decoded
-            else ("linear, but were decoded from sRGB: encoded again", "srgb=False")
-        )
-        before, after = (
-            np.sqrt(of[:, 1].sum() / max(self.before[:, 2].sum(), 1.0)) for of in (self.before, self.after)
-        )
-        return (
-            f"the images seem to be {what}, they fit with RMSE {after:.3g} instead of {before:.3g}. Read them with "
-            f"ds.read_image(path, {remedy})."
-        )
-
-
-def better_encoding(fit: Fit, rival: float) -> Encoding | None:
-    """Return the other encoding if the images fit so much better in it that it is believed. Runs in float64.
+    It explains most of the structure in the residuals, in most views, and more than anything else does.
 
     Args:
         fit: The fit.
         rival: The largest fraction of the cost that another fault explains.
     """
     structure = correlation_of(fit)
-    if structure.share < STRUCTURE or structure.errors < CERTAIN:
+    if structure.share < MIN_STRUCTURE or not structure.least > 0.0:
         return None
-    both = (_other_encoding(fit, decoded=decoded) for decoded in (True, False))
-    return next((encoding for encoding in both if encoding.believed(structure.share, rival)), None)
+    before = _misfits(fit, lambda image: image)
+    for to, back, what, remedy in (
+        (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded", "srgb=True"),
+        (srgb_encode, srgb_decode, "linear, but were decoded from sRGB: encoded again", "srgb=False"),
+    ):
+        after = _misfits(_refitted(fit, to), back)
+        share = 1.0 - after[:, 0].sum() / before[:, 0].sum()
+        agreed = np.mean((after < before)[before[:, 0] > 0, 0])
+        if agreed >= MIN_AGREEMENT and share > max(rival, MIN_EXPLAINED * structure.share):
+            rmse = [np.sqrt(of[:, 1].sum() / before[:, 2].sum()) for of in (before, after)]
+            return (
+                f"the images seem to be {what}, they fit with RMSE {rmse[1]:.3g} instead of {rmse[0]:.3g}. Read them "
+                f"with ds.read_image(path, {remedy})."
+            )
+    return None
 
 
-def _other_encoding(fit: Fit, *, decoded: bool) -> Encoding:
-    """Fit the images in the other encoding, and compare in the images' own values."""
-    to, back = (srgb_decode, srgb_encode) if decoded else (srgb_encode, srgb_decode)
-    samples = _thinned(fit.solved.problem.samples)
+def _refitted(fit: Fit, curve: Curve) -> Fit:
+    """Return a fit with the scene and views that are found where the images go through a curve."""
+    data, loss = fit.solved.problem.data, fit.likelihood.loss
+    part = PIXELS / data.counts.pixels
+    samples = [_through(curve, share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS))) for s in data.samples]
     start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    views = tuple(eqx.tree_at(lambda v: v.noise, v, None, is_leaf=lambda node: node is None) for v in fit.views)
-    changed, clipped = [_through(to, s) for s in samples], "hinge" if fit.clipped == "tobit" else fit.clipped
-    loss = fit.likelihood.loss
-    _, end, _ = solve(fit_problem(fit.scene, views, start, changed, fit.counts.of(samples), loss, clipped))
+    views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
+    clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
+    data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
+    _, end = solve(fit_problem(fit.scene, data, start, loss))
     scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
-    again = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
-    return Encoding(decoded, _misfit(fit, lambda image: image), _misfit(again, back))
-
-
-def _thinned(samples: Sequence[Samples]) -> list[Samples]:
-    """Return the samples of about PIXELS pixels at most, evenly spread."""
-    total = sum(len(s.pixels) for s in samples)
-
-    def thin(s: Samples) -> Samples:
-        count = min(max(len(s.pixels) * PIXELS // total, 64), len(s.pixels))
-        return dataclasses.replace(s, pixels=s.pixels[np.arange(count) * len(s.pixels) // max(count, 1)])
-
-    return [thin(s) for s in samples]
+    return dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
 
 
 def _through(curve: Curve, s: Samples) -> Samples:
     """Return samples with a curve applied to them and to the sensor's range."""
     of = lambda level: float(curve(np.asarray(level))) if np.isfinite(level) else level  # noqa: E731
-    return Samples(s.inside, s.pixels, curve(s.whole()), of(s.floor), of(s.level), of(s.brightest))
+    ends = SensorRange(*map(of, s.sensor_range))
+    return Samples(s.inside, s.pixels, curve(s.photograph[:]), ends, of(s.brightest))
 
 
-def _misfit(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:
+def _misfits(fit: Fit, curve: Curve) -> Float[np.ndarray, "views 3"]:
     """Return the cost, the sum of squares and the number of measured samples of each view, with a curve applied."""
     sigma, rho, found = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss], []
     for view in fit.views:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.words import listing
 from ...inverse.result import Fit
 from ...inverse.statistics.uncertainty import Vector
+from ...inverse.unknowns.places import Place
 from .changes import Case
 from .linearised import Linearised
-from .set_up import SetUp
-from .states import MasksOf, State
+from .set_up import Corrected, MasksOf, SetUp
 
-REPORTED, AFFECTED = 1.0, 2.0  # errors by which a fault moves a value: it is reported; the value is not determined
-GROSS = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
+REPORTED_ERRORS, AFFECTED_ERRORS = (
+    1.0,
+    2.0,
+)  # errors by which a fault moves a value: it is reported; the value is not determined
+GROSS_SHARE = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +29,16 @@ class Fault:
     """Something that may be wrong with a set-up. It has `cases`, which are scored, or `regions`, which are left out."""
 
     kind: str
-    what: Callable[[Found], str]
-    """What it is and how large, in words."""
-    remedy: Callable[[Found], str]
+    what: str
+    """What it is and how large: a sentence that names `{f}`, what was found, and `words`."""
+    remedy: str
+    """As `what`."""
     cases: Callable[[Linearised], Iterable[Case]] | None = None
     """What it changes: of each view, light, object or width that it may concern."""
-    numbers: Callable[[Fit], Iterable[str]] = lambda fit: ()
-    """The paths of the numbers of the set-up that it moves, if any."""
+    numbers: Callable[[Fit], Iterable[Place]] = lambda fit: ()
+    """The places of the numbers of the set-up that it moves, if any."""
+    words: Callable[[Found], Mapping[str, Any]] = lambda f: {}
+    """What else the sentences name."""
     size: Callable[[int, Vector], float] = lambda which, amount: float(amount[0])
     """Its size in the units of the sentence, from which case it is and its amount."""
     plausible: tuple[float, float] = (-np.inf, np.inf)
@@ -46,13 +54,14 @@ class Fault:
     views together: then it explains part of the structure in the residuals."""
     relative: bool = False
     """Whether its size counts relative to that of the other views, if there are several."""
-    of_most: Callable[[Sequence[Found]], str] | None = None
-    """What is said where it is found in most views or of most lights, which probably has one cause."""
-    regions: Callable[[SetUp, State], MasksOf] | None = None
+    of_most: str = ""
+    """What is said where it is found in most views or of most lights, which probably has one cause: a sentence with
+    `{count}`, `{of}` how many, and the `{smallest}` and `{largest}` size."""
+    regions: Callable[[SetUp, Corrected], MasksOf] | None = None
     """The pixels of each view that it spoils."""
-    confirmed: Callable[[SetUp, State, State, MasksOf, Sequence[State]], MasksOf] | None = None
+    confirmed: Callable[[SetUp, Corrected, Corrected, MasksOf, Sequence[Corrected]], MasksOf] | None = None
     """Of which views to believe it, by the states before and after it is corrected and those that rivals lead to."""
-    described: Callable[[SetUp, State, MasksOf], tuple[str, MasksOf]] | None = None
+    described: Callable[[SetUp, Corrected, MasksOf], tuple[str, MasksOf]] | None = None
     """Where its pixels are and how dark or bright, in words, and which they are, when all else is corrected."""
 
 
@@ -74,12 +83,18 @@ class Found:
     """How far it moves the values, in their own units."""
     change: Float[np.ndarray, "k n"] = field(default_factory=lambda: np.zeros((0, 0)))
     """The change of each sample by an amount of 1."""
-    after: State | None = None
+    after: Corrected | None = None
     """The minimum with it corrected, if it was refitted."""
     masks: MasksOf = field(default_factory=dict)
     """The pixels that are left out."""
     where: str = ""
     """Of a region, in words: how dark or bright it is, and where."""
+
+    @property
+    def views_in_words(self) -> str:
+        """Its views as a phrase."""
+        names = [f"views[{i}]" for i in self.views]
+        return listing(names) if len(names) <= 4 else f"{len(names)} views ({names[0]} to {names[-1]})"
 
     @property
     def size(self) -> float:
@@ -97,18 +112,19 @@ class Found:
 
     def matters(self) -> bool:
         """Whether it is gross, or moves a value which the fit determines."""
-        return self.share > GROSS or bool(
-            np.any(self.given.determined & (np.abs(self.moves) > REPORTED * self.given.errors))
+        return self.share > GROSS_SHARE or bool(
+            np.any(self.given.determined & (np.abs(self.moves) > REPORTED_ERRORS * self.given.errors))
         )
 
     @property
     def affected(self) -> Bool[np.ndarray, " p"]:
         """The values that it moves so far that they are not determined."""
-        return self.given.determined & (np.abs(self.moves) > AFFECTED * self.given.errors)
+        return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.errors)
 
     def __str__(self) -> str:
         """Return what it is, its size, what it explains and moves, and the remedy."""
-        what, remedy, fit = self.fault.what(self), self.fault.remedy(self), self.given
+        fit, words = self.given, self.fault.words(self)
+        what, remedy = (text.format(f=self, **words) for text in (self.fault.what, self.fault.remedy))
         if self.fault.regions:
             return f"{what}. {remedy}"
         if self.fault.least_share:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import sparse
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
@@ -23,10 +24,8 @@ from ...inverse.pixels.blocks import Block
 from ...inverse.pixels.blocks import chunks as in_chunks
 from ...inverse.result import Fit
 from ...parallel.threads import on_all_cores
-from .jacobian import Jacobian
 from .score_tests import Rows
-from .set_up import SetUp
-from .states import State
+from .set_up import Corrected, SetUp
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +33,10 @@ class Linearised:
     """The samples of a state and their derivatives, on which faults are scored."""
 
     set_up: SetUp
-    state: State
+    state: Corrected
     predicted: Float[np.ndarray, " n"]
-    jacobian: Jacobian
-    """The derivatives by all numbers."""
+    jacobian: sparse.csr_array
+    """The derivatives by all numbers, (numbers, samples)."""
     rows: Rows
     """Those by the unknowns of the fit that are not at a bound."""
     count: int
@@ -63,21 +62,18 @@ class Linearised:
     @cached_property
     def at_rims(self) -> Bool[np.ndarray, " n"]:
         """Which samples are at grazing rims."""
-        shapes = [(*view.camera.shape, channels(view)) for view in self.fit.views]
-        return (
-            self.of([np.broadcast_to(r[..., None], s) for (r, _), s in zip(self.set_up.rims, shapes, strict=True)]) > 0
-        )
+        rims = zip(self.set_up.rims, self.fit.views, strict=True)
+        return self.of([np.repeat(rim[..., None], channels(view), 2) for (rim, _), view in rims]) > 0
 
     def of(self, pictures: Sequence[np.ndarray]) -> Float[np.ndarray, " n"]:
         """Return the samples of pictures (h, w, c), one for each view."""
-        at, found = self.set_up, np.zeros(len(self.predicted))
-        for i, picture in enumerate(pictures):
-            here = slice(*np.searchsorted(at.view, [i, i + 1]))
-            found[here] = picture.reshape(-1, picture.shape[2])[at.pixel[here], at.channel[here]]
-        return found
+        at = self.set_up
+        here = [slice(*ends) for ends in zip(at.first[:-1], at.first[1:], strict=True)]
+        flat = [picture.reshape(-1, picture.shape[2]) for picture in pictures]
+        return np.concatenate([x[at.pixel[of], at.channel[of]] for x, of in zip(flat, here, strict=True)]).astype(float)
 
 
-def linearise(set_up: SetUp, state: State) -> Linearised:
+def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     """Return the samples of a state and their derivatives."""
     found: list[list[np.ndarray]] = []
     theta, used = jnp.asarray(state.theta), [channels(view) for view in set_up.fit.views]
@@ -90,13 +86,16 @@ def linearise(set_up: SetUp, state: State) -> Linearised:
             c, n = used[part.view], len(part.pixels)
             found.append([of[b][..., :c, :n].reshape(*of[b].shape[:-2], c * n) for of in arrays])
     predicted, J, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
-    first = np.searchsorted(set_up.view, np.arange(len(used) + 1))
-    jacobian, known = Jacobian(J, set_up.shown, first, len(theta)), set_up.laid.prior_gram(state.theta)
+    index = set_up.shown[set_up.view].T
+    shown = index < len(theta)
+    places = index[shown], np.nonzero(shown)[1]
+    jacobian = sparse.csr_array((J[shown], places), shape=(len(theta), len(predicted)))
+    known = set_up.laid.prior_gram(state.theta)
     measured, inside, fit = base > 0, set_up.inside, set_up.fit
     noise, bend = ((of[measured] / base[measured]).sum() for of in (slope**2, weight))
     size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
     rows = Rows(
-        jacobian.of(np.isin(np.arange(len(theta)), inside)),
+        jacobian[inside],
         slope,
         weight,
         np.unique(set_up.view * size + set_up.pixel, return_inverse=True)[1],

@@ -14,7 +14,7 @@ from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...inverse.data.recording import record
 from ...inverse.data.samples import Samples
-from ...inverse.data.views import View, is_grey
+from ...inverse.data.views import View
 from ...inverse.result import Fit
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
@@ -23,18 +23,18 @@ from ...model.vectors import Vec3, dot
 
 Picture = Float[np.ndarray, "h w"]
 
-DARK = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution
-SHADED = 0.25  # the most that the median pixel of a cast shadow shows of a light's contribution
-CLEAR = 6.0  # standard deviations of the residuals: the least contribution for a shadow
-BRIGHT = 0.1  # the least contribution for a shadow, over the light's brightest one
-LEAST = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least FEWEST
-FEWEST = 12
-GRAZING = 0.35  # n.v below which a pixel belongs to the rim
+DARK_SHARE = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution
+SHADED_SHARE = 0.25  # the most that the median pixel of a cast shadow shows of a light's contribution
+CLEAR_SIGMAS = 6.0  # standard deviations of the residuals: the least contribution for a shadow
+BRIGHT_SHARE = 0.1  # the least contribution for a shadow, over the light's brightest one
+MIN_SHADOW_SHARE = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least MIN_SHADOW_PIXELS
+MIN_SHADOW_PIXELS = 12
+GRAZING_COSINE = 0.35  # n.v below which a pixel belongs to the rim
 SECTORS = 8  # number of sectors of a rim, whose excesses are compared
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class MeanPrediction:
     """A view's photograph and its prediction, the mean of the channels, and the pixels that can be compared."""
 
     photograph: Picture
@@ -81,36 +81,24 @@ def predicted(fit: Fit, view: View, lit: Sequence[int] | None) -> Picture:
     return record(np.asarray(render(fit.scene, view.camera, lit=lit)), view).mean(-1)
 
 
-def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> Seen:
+def see(fit: Fit, view: View, samples: Samples, excluded: Mask | None) -> MeanPrediction:
     """Return a view and its prediction; excluded pixels and samples clipped at the top of the range do not count.
 
     Samples clipped at the bottom count: they may be in a shadow.
     """
-    photograph = samples.whole()
-    photograph = (photograph[..., 0] if is_grey(view) else photograph.mean(-1)).astype(np.float64)
+    photograph = samples.photograph[:].astype(np.float64).mean(-1)
     counts = np.zeros(photograph.shape, bool)
     counts.reshape(-1)[samples.pixels] = (samples.ends() <= 0).all(-1)
     if excluded is not None:
         counts &= ~excluded
-    return Seen(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
+    return MeanPrediction(np.where(counts, photograph, 0.0), predicted(fit, view, view.lit), counts)
 
 
-def level(seen: Seen, black: float) -> float:
-    """Return the median ratio of photograph to prediction, over pixels predicted to be bright; 1 if there is none."""
-    light = np.where(seen.counts, seen.predicted - black, 0.0)
-    if not light.any():
-        return 1.0
-    bright = light > 0.3 * float(np.quantile(light[seen.counts], 0.95))
-    if not bright.any():
-        return 1.0
-    return max(float(np.median((seen.photograph - black)[bright] / light[bright])), 1e-9)
-
-
-def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:
+def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture]) -> list[Shadow]:
     """Return the regions that face some lights but are not reached by them.
 
-    In a shadow the photograph shows less than DARK of the lights' contribution, and lacks no more than all of it. Only
-    pixels count whose contribution is well above the noise and not small compared with its brightest. A region is
+    In a shadow the photograph shows less than DARK_SHARE of the lights' contribution, and lacks no more than all of it.
+    Only pixels count whose contribution is well above the noise and not small compared with its brightest. A region is
     connected, and has a pixel with all of its neighbours inside. Of overlapping regions the one is kept whose missing
     light matches best.
 
@@ -119,21 +107,19 @@ def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[S
         unlit: The prediction without some lights, for each set of lights to test.
     """
     found = []
-    least = max(FEWEST, LEAST * seen.counts.sum())
+    least = max(MIN_SHADOW_PIXELS, MIN_SHADOW_SHARE * seen.counts.sum())
     for lights, without in unlit.items():
         part = np.where(seen.counts, seen.predicted - without, 0.0)
         if not part.any():  # these lights reach no pixel that counts
             continue
-        clear = part > max(CLEAR * seen.noise, BRIGHT * float(np.quantile(part[seen.counts], 0.95)))
+        clear = part > max(CLEAR_SIGMAS * seen.noise, BRIGHT_SHARE * float(np.quantile(part[seen.counts], 0.95)))
         shown = np.where(clear, (seen.photograph - without) / np.where(clear, part, 1.0), 1.0)
-        dark = np.abs(shown) < DARK if len(unlit) > 1 else shown < DARK
-        labels = np.asarray(ndimage.label(dark)[0])  # pyright: ignore[reportIndexIssue]
-        count = int(labels.max())
-        for label in range(1, count + 1):
-            mask = labels == label
+        dark = np.abs(shown) < DARK_SHARE if len(unlit) > 1 else shown < DARK_SHARE
+        labels, count = ndimage.label(dark)  # pyright: ignore[reportGeneralTypeIssues]
+        for mask in (labels == label for label in range(1, count + 1)):
             if mask.sum() < least or not ndimage.binary_erosion(mask, np.ones((3, 3))).any():
                 continue
-            if (median := float(np.median(shown[mask]))) < SHADED:
+            if (median := float(np.median(shown[mask]))) < SHADED_SHARE:
                 found.append(Shadow(lights, mask, median))
     kept: list[Shadow] = []
     for shadow in sorted(found, key=lambda s: abs(s.shown)):
@@ -143,16 +129,16 @@ def cast_shadows(seen: Seen, unlit: Mapping[tuple[int, ...], Picture]) -> list[S
 
 
 def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.ndarray]:
-    """Return the pixels at a grazing angle, n.v < GRAZING, and the sector of each pixel."""
+    """Return the pixels at a grazing angle, n.v < GRAZING_COSINE, and the sector of each pixel."""
     n_v = np.asarray(_n_v(objects, camera))
     inside = n_v > -np.inf
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
     middle = [float(x[inside].mean()) if inside.any() else 0.0 for x in (row, column)]
     angle = np.arctan2(row - middle[0], column - middle[1])
-    return inside & (n_v < GRAZING), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    return inside & (n_v < GRAZING_COSINE), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
 
 
-def measure_rim(views: Iterable[tuple[Seen, Mask, np.ndarray]]) -> Rim | None:
+def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim | None:
     """Return the excess brightness of the rims; None if too little of them is visible."""
     excesses, by_view, brightness = [], [], []
     for seen, rim, sector in views:

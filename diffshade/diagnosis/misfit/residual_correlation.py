@@ -12,10 +12,10 @@ from ...core.masks import Mask
 from ...inverse.forward.losses import LOSSES
 from ...inverse.result import Fit
 from ...inverse.statistics.clusters import Clusters
+from .score_tests import CERTAIN_ERRORS
 
-CERTAIN = 5.0  # standard errors above which neighbouring residuals count as correlated
-SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are summed
-FEWEST = 40  # cells
+CELL_SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are summed
+MIN_CELLS = 40  # cells
 
 Residuals = Float[np.ndarray, "h w c"]
 
@@ -33,8 +33,8 @@ class ResidualCorrelation:
 
     @property
     def least(self) -> float:
-        """A lower limit of the share, by three standard errors; 0 if it is consistent with 0."""
-        return self.share * (1.0 - 3.0 / self.errors) if self.errors > 3.0 else 0.0
+        """A lower limit of the share; 0 if it is consistent with 0."""
+        return self.share * (1.0 - CERTAIN_ERRORS / self.errors) if self.errors > CERTAIN_ERRORS else 0.0
 
 
 def correlation_of(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> ResidualCorrelation:
@@ -46,20 +46,17 @@ def residuals(fit: Fit, excluded: Sequence[Mask | None] | None = None) -> tuple[
     """Return the weighted residuals of each view, 0 where a pixel does not count, and the pixels that count."""
     sigma, rho = float(fit.likelihood.sigma), LOSSES[fit.likelihood.loss]
     found, counted = [], []
-    for i, view in enumerate(fit.views):
+    for view, mask in zip(fit.views, excluded or [None] * len(fit.views), strict=True):
         seen = fit.predict(view)
-        counts = np.all(seen.counts, -1)
-        if excluded is not None and (mask := excluded[i]) is not None:
-            counts = counts & ~mask
-        r = seen.difference
-        if view.noise is not None:
-            r = r / np.sqrt(np.asarray(view.noise.variance(seen.image)))
-        found.append(np.where(np.expand_dims(counts, -1), r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
+        counts = np.all(seen.counts, -1) & (True if mask is None else ~mask)
+        noise = 1.0 if view.noise is None else np.sqrt(np.asarray(view.noise.variance(seen.image)))
+        r = seen.difference / noise
+        found.append(np.where(counts[..., None], r * np.asarray(rho.slope((r / sigma) ** 2)), 0.0))
         counted.append(counts)
     return found, counted
 
 
-def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask]) -> ResidualCorrelation:
+def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask], lag: int = 1) -> ResidualCorrelation:
     """Compare the products of neighbours' residuals with their own scatter, for any noise of each pixel.
 
     For residuals of noise and a smooth misfit, the share is the fraction of their squares by the misfit.
@@ -67,8 +64,8 @@ def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask]) -
     products, squares, power = 0.0, 0.0, 0.0
     for r, c in zip(found, counted, strict=True):
         for a, b, both in (
-            (r[1:], r[:-1], c[1:] & c[:-1]),
-            (r[:, 1:], r[:, :-1], c[:, 1:] & c[:, :-1]),
+            (r[lag:], r[:-lag], c[lag:] & c[:-lag]),
+            (r[:, lag:], r[:, :-lag], c[:, lag:] & c[:, :-lag]),
         ):
             product = np.sum(a * b, -1)[both]
             products += float(product.sum())
@@ -95,7 +92,7 @@ def cell_correlation(found: Sequence[Residuals], side: int) -> ResidualCorrelati
         power += float(squares[1].sum())
     every = np.concatenate(excess)
     scatter = float(np.sqrt(np.sum(every**2)))
-    if len(every) < FEWEST or not scatter > 0:
+    if len(every) < MIN_CELLS or not scatter > 0:
         return ResidualCorrelation(0.0, 0.0, side)
     return ResidualCorrelation(float(every.sum()) / power, float(every.sum()) / scatter, side)
 
@@ -109,7 +106,7 @@ def inflate_errors(fit: Fit, clusters: Clusters) -> tuple[Clusters, str]:
     if clusters.disagree or clusters.evidence.waves is not None:
         return clusters, ""
     of_pixels, _ = residuals(fit)
-    correlated = [found for side in SIDES if (found := cell_correlation(of_pixels, side)).errors > CERTAIN]
+    correlated = [found for side in CELL_SIDES if (found := cell_correlation(of_pixels, side)).errors > CERTAIN_ERRORS]
     if not correlated:
         return clusters, ""
     most = max(correlated, key=lambda found: found.share)

@@ -10,22 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import special
+from scipy import sparse, special
 
 from ...inverse.statistics.uncertainty import Matrix, Vector, inverse
-from .jacobian import Jacobian
 
-LEAST_LEFT = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
+FALSE_ALARM = 1e-4  # the significance level of every test of misfit: hundreds of them are made of one fit
+CERTAIN_ERRORS = 3.9  # standard errors of a normal number at that level
+MIN_INDEPENDENT_SHARE = 1e-6  # |d_perp|^2 / |d|^2; below it the unknowns imitate the fault, which is then undetectable
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
     """The samples of a fit as a linear problem at its minimum, a row each; a clipped sample may have weight 0."""
 
-    jacobian: Jacobian
+    jacobian: sparse.csr_array
+    """The derivatives of n samples by p unknowns, (p, n): each view shows some of these alone."""
     slope: Float[np.ndarray, " n"]
     """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
     weight: Float[np.ndarray, " n"]
@@ -45,8 +48,6 @@ class Score:
     """The result of the test of one fault, with one amount or several."""
 
     amount: Float[np.ndarray, " k"]
-    errors: Float[np.ndarray, " k"]
-    """Standard errors of the amounts, for independent noise and rounding."""
     gain: float
     """The decrease of twice the cost over sigma^2 with the fault corrected: chi^2 of k degrees if there is no fault."""
     p_value: float
@@ -59,9 +60,9 @@ class ScoreTests:
 
     def __init__(self, rows: Rows, named: Sequence[Float[np.ndarray, "k n"]] = ()):
         """Prepare tests; `named` are directions of faults already found, which count as unknowns."""
-        self.rows, self.count = rows, rows.jacobian.p
-        self.jacobian = rows.jacobian.beside(np.concatenate(named)) if named else rows.jacobian
-        hessian, self.gradient = self.jacobian.gram(rows.weight), self.jacobian.times(rows.slope[None])[0]
+        self.rows, self.count = rows, len(rows.known_gradient)
+        self.jacobian: Any = sparse.vstack([rows.jacobian, *map(np.atleast_2d, named)], format="csr")
+        hessian, self.gradient = gram(self.jacobian, rows.weight), self.jacobian @ rows.slope
         hessian[: self.count, : self.count] += rows.known_hessian
         self.gradient[: self.count] += rows.known_gradient
         self.inverse = inverse(hessian)
@@ -70,12 +71,12 @@ class ScoreTests:
         """Test a fault along one direction or several; None if the unknowns can imitate it."""
         rows = self.rows
         weighed = direction * rows.weight
-        to_unknowns = self.jacobian.times(weighed) @ self.inverse
-        beyond = direction - self.jacobian.moved(to_unknowns)
+        to_unknowns = (self.jacobian @ weighed.T).T @ self.inverse
+        beyond = direction - to_unknowns @ self.jacobian
         information = weighed @ beyond.T
         information = 0.5 * (information + information.T)
         whole = np.sum(weighed * direction, 1)
-        if not (np.diag(information) > LEAST_LEFT * np.maximum(whole, 1e-300)).all():
+        if not (np.diag(information) > MIN_INDEPENDENT_SHARE * np.maximum(whole, 1e-300)).all():
             return None
         score = direction @ rows.slope - to_unknowns @ self.gradient
         from_information = inverse(information)
@@ -89,8 +90,12 @@ class ScoreTests:
         # The channels of a pixel may have correlated noise, and the noise may differ from pixel to pixel.
         left = rows.slope + rows.weight * (amount @ beyond)
         p_value = max(float(special.chdtrc(len(direction), chi2)), _p_value_by_pixels(beyond * left, rows.pixel, score))
-        errors = np.sqrt(np.diag(from_information @ covariance @ from_information))
-        return Score(amount, errors, gain, p_value, (to_unknowns.T @ amount)[: self.count])
+        return Score(amount, gain, p_value, (to_unknowns.T @ amount)[: self.count])
+
+
+def gram(jacobian: sparse.csr_array, weight: Float[np.ndarray, " n"]) -> Matrix:
+    """Return J W J^T."""
+    return ((jacobian * weight[None]) @ jacobian.T).toarray()
 
 
 def _p_value_by_pixels(each: Float[np.ndarray, "k n"], pixel: Int[np.ndarray, " n"], score: Vector) -> float:

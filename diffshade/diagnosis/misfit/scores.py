@@ -8,16 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ...inverse.unknowns.unknown import coordinate_slopes
-from .changes import Case
+from .changes import Case, Move
 from .found import Fault, Found
 from .linearised import Linearised, linearise
-from .score_tests import Score, ScoreTests
-from .states import Move, State
+from .score_tests import FALSE_ALARM, Score, ScoreTests
 
-FALSE_ALARM = 1e-4  # significance level of the test of one fault
-STEPS = 8  # of a fault's amount
-REDUCTIONS = 3  # the most reductions of a step that does not lower the cost
-CLOSE = 1e-3  # relative decrease of the cost below which a refit stops
+MAX_STEPS = 8  # of a fault's amount
+MIN_DECREASE = 1e-3  # relative decrease of the cost below which a refit stops
 
 
 def scored(at: Linearised, faults: Iterable[Fault], named: Sequence[Found] = ()) -> list[Found]:
@@ -44,16 +41,19 @@ def refitted(at: Linearised, found: Found) -> Found:
     Each step of its amount is followed by a minimisation over the fit's unknowns.
     """
     before, state, key = at.state, at.state, (found.fault.kind, found.which)
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         case, change = next((case, x) for case, x in _changes(at, found.fault) if case.which == found.which)
-        if not isinstance(case.change, Move):
+        if not isinstance(case.change, Move) or (score := ScoreTests(at.rows).test(change)) is None:
             break
-        score = ScoreTests(at.rows).test(change)
-        then = None if score is None else _stepped(at, case.change, score, key)
-        if then is None:
+        theta = state.theta.copy()
+        theta[at.set_up.inside] -= score.moves
+        amounts = {**state.amounts, key: state.amounts.get(key, 0.0) + score.amount}
+        then = at.set_up.minimise(case.change.along(theta, score.amount), state.excluded, amounts)
+        less = state.share(then)
+        if less <= 0.0:
             break
-        less, state = state.share(then), then
-        if less < CLOSE:
+        state = then
+        if less < MIN_DECREASE:
             break
         at = linearise(at.set_up, state)
     if state is before:
@@ -68,24 +68,11 @@ def refitted(at: Linearised, found: Found) -> Found:
     )
 
 
-def _stepped(at: Linearised, move: Move, score: Score, key: tuple[str, int]) -> State | None:
-    """Return the minimum after a step of a fault's amount, reduced until it lowers the cost; None if none does."""
-    state, set_up = at.state, at.set_up
-    for k in range(REDUCTIONS):
-        amount, theta = 0.25**k * score.amount, state.theta.copy()
-        theta[set_up.inside] -= 0.25**k * score.moves
-        amounts = {**state.amounts, key: state.amounts.get(key, 0.0) + amount}
-        then = set_up.minimise(move.along(theta, amount), state.excluded, amounts)
-        if then.costs.sum() < state.costs.sum():
-            return then
-    return None
-
-
 def _changes(at: Linearised, fault: Fault) -> list[tuple[Case, np.ndarray]]:
     """Return the cases of a fault with the change of each sample by it, where that is linear and finite."""
     if fault.kind not in at.changes:
         cases = [] if fault.cases is None else list(fault.cases(at))
-        all_of_it = [at.jacobian.moved(c.change.rows) if isinstance(c.change, Move) else c.change for c in cases]
+        all_of_it = [c.change.rows @ at.jacobian if isinstance(c.change, Move) else c.change for c in cases]
         changes = [x if fault.at_rims else np.where(at.at_rims, 0.0, x) for x in all_of_it]
         at.changes[fault.kind] = [(c, x) for c, x in zip(cases, changes, strict=True) if np.isfinite(x).all()]
     return at.changes[fault.kind]

@@ -1,73 +1,99 @@
-"""Set-up: a fit laid out beside the numbers that faults move: exposures, the places of lights, spheres."""
+"""Set-up: a fit laid out beside the numbers that faults move (exposures, places of lights, spheres), and its minima."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import Masks
-from ...inverse.data.views import channels, lights_on
+from ...core.masks import Mask
+from ...inverse.data.view_sets import Masks
 from ...inverse.pixels.blocks import Block
 from ...inverse.result import Fit
 from ...inverse.solve.solvers import NEAR
 from ...inverse.statistics.uncertainty import Vector
 from ...inverse.unknowns.parameters import find_unknowns
+from ...inverse.unknowns.places import Place
 from ...inverse.unknowns.slots import put_back
 from ...inverse.unknowns.unknown import values_at
 from ...inverse.unknowns.visibility import shown_unknowns
 from .regions import center_of, rims
-from .states import MasksOf, State
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
 RTOL = 1e-6  # of the cost: where the minimisations of refits stop
+
+MasksOf = Mapping[int, Mask]  # of some views, by their indices
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """The minimum over a fit's own unknowns, with numbers of the set-up changed and some pixels left out."""
+
+    theta: Vector
+    """The fit's unknowns and, after them, the numbers that faults move, in the solver's coordinates."""
+    fit: Fit
+    """The fit with the scene, the views and the values of this minimum; its other fields are unchanged."""
+    costs: Float[np.ndarray, " views"]
+    """The cost of each view; a pixel that is left out counts with the mean cost of its view."""
+    excluded: Masks
+    """The pixels of each view that are left out."""
+    amounts: Mapping[tuple[str, int], Vector]
+    """By how much each fault was corrected: of which kind, and which case of it."""
+
+    def share(self, after: Corrected, views: Iterable[int] | None = None) -> float:
+        """Return the fraction of the cost that another minimum explains, in some views or in all."""
+        which = slice(None) if views is None else list(views)
+        cost = float(self.costs[which].sum())
+        return 1.0 - float(after.costs[which].sum()) / cost if cost > 0 else 0.0
 
 
 class SetUp:
     """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
 
-    def __init__(self, fit: Fit, numbers: Iterable[str]):
-        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the paths of what faults move."""
-        self.fit, self.samples = fit, fit.solved.problem.samples
+    def __init__(self, fit: Fit, numbers: Iterable[Place]):
+        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the places of what faults move."""
+        data = fit.solved.problem.data
+        self.fit, self.samples, self.lit = fit, data.samples, data.lit
         self.center = center_of(fit.scene.objects, fit.views[0].camera)
-        self.lit = [tuple(lights_on(fit.scene, view)) for view in fit.views]
         self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
-        own = {path for u in fit.unknowns for path, _ in u.places} | {p.path for u in fit.unknowns for p in u.products}
-        paths = [path for path in dict.fromkeys(numbers) if path not in own]
+        own = {place.whole for unknown in fit.unknowns for place in unknown.all_places}
+        paths = [place.path for place in dict.fromkeys(numbers) if place not in own]
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
         self.laid = fit.solved.beside(added).laid_out(PIXELS)
         self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
-        self.places: dict[str, list[int]] = {}
+        self.places: dict[Place, list[int]] = {}
         """The index of each number that faults move."""
         for j, unknown in enumerate(added):
-            self.places.setdefault(unknown.places[0][0], []).append(self.own + j)
+            self.places.setdefault(unknown.places[0].whole, []).append(self.own + j)
         shown, p = shown_unknowns(fit.scene, fit.views, self.laid.problem.unknowns), self.own + len(added)
         self.shown = np.tile(np.arange(p), (len(fit.views), 1)) if shown is None else shown
-        where = [
-            np.broadcast_arrays(v, pixels, np.arange(channels(fit.views[v]))[:, None])
-            for v, _, pixels in self.laid.parts
+        samples = [
+            np.broadcast_arrays(v, pixels, np.arange(of.photograph.shape[2])[:, None])
+            for v, of, pixels in self.laid.parts
         ]
-        place = np.concatenate([np.reshape(of, (3, -1)) for of in where], 1).astype(int)
-        self.view, self.pixel, self.channel = place
+        self.view, self.pixel, self.channel = np.hstack([np.reshape(of, (3, -1)) for of in samples]).astype(int)
+        self.first = np.searchsorted(self.view, np.arange(len(fit.views) + 1))
+        """The first sample of each view, and their number."""
         self.base = self.minimise(self.laid.theta, (None,) * len(fit.views), {})
 
-    def exclude(self, state: State, masks: MasksOf) -> State:
+    def exclude(self, state: Corrected, masks: MasksOf) -> Corrected:
         """Return the minimum with more pixels of some views left out."""
         excluded = list(state.excluded)
         for view, mask in masks.items():
             excluded[view] = mask if (known := excluded[view]) is None else mask | known
         return self.minimise(state.theta, tuple(excluded), state.amounts)
 
-    def minimise(self, theta: Vector, excluded: Masks, amounts: Mapping[tuple[str, int], Vector]) -> State:
+    def minimise(self, theta: Vector, excluded: Masks, amounts: Mapping[tuple[str, int], Vector]) -> Corrected:
         """Return the minimum over the fit's own unknowns from theta, which has the values of all other numbers."""
         held = {j: float(theta[j]) for j in range(self.own, len(theta))}
         end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=RTOL, damping=NEAR)
         values, fit = values_at(end.theta, self.laid.problem.unknowns), self.fit
         scene, views = put_back(fit.scene, fit.views, self.laid.problem.unknowns, values)
         fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, views), values=values[: self.own])
-        return State(end.theta, fit, np.array(end.point.views.cost) * self._inflation(excluded), excluded, amounts)
+        return Corrected(end.theta, fit, np.array(end.point.views.cost) * self._inflation(excluded), excluded, amounts)
 
     def chunks(self, excluded: Masks) -> list[Block]:
         """Return the pixels laid out, those that are left out without weight."""
@@ -78,5 +104,6 @@ class SetUp:
         found = np.ones(len(excluded))
         for view, mask in enumerate(excluded):
             if mask is not None:
-                found[view] = 1.0 / max(np.mean(~mask.reshape(-1)[self.pixel[self.view == view]]), 1e-6)
+                pixels = self.pixel[slice(*self.first[[view, view + 1]])]
+                found[view] = 1.0 / max(np.mean(~mask.reshape(-1)[pixels]), 1e-6)
         return found

@@ -12,15 +12,14 @@ from ...core.masks import Mask
 from ...inverse.result import Fit
 from ...inverse.verdicts.outlines import said, wrong_outline
 from .encodings import better_encoding
-from .explanations import NEXT, at_minimum, of_all_views, of_one_view
+from .explanations import NEXT_GAIN, at_minimum, of_all_views, of_one_view
 from .found import Found
 from .linearised import Linearised, linearise
 from .scores import refitted
-from .set_up import SetUp
-from .states import State
+from .set_up import Corrected, SetUp
 
-ROUNDS = 12
-ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
+MAX_ROUNDS = 12
+ROUNDING_SHARE = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class Suspicion:
     kind: str
     """"encoding", "outline", or that of a fault of the table (`faults.FAULTS`)."""
     views: tuple[int, ...]
-    region: tuple[Mask, ...] | None
+    region: tuple[Mask, ...] | None = field(repr=False)
     """The affected pixels of each of these views; None for the whole image."""
     sentence: str
     """What it is, its size, where, and the remedy."""
@@ -48,7 +47,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
     """
     with in_float64(fit) as fit:
         views = tuple(range(len(fit.views)))
-        if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING * fit.squares:
+        if fit.counts.pixels == 0 or float(fit.evidence.spread[1]) <= ROUNDING_SHARE * fit.squares:
             return ()
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
@@ -56,22 +55,21 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         at = first = at_minimum(fit)
         set_up = first.set_up
         found: list[Found] = []
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             explanations = of_one_view(at)
             rival = max((f.share for f in explanations), default=0.0)
             if not found and (encoding := better_encoding(fit, rival)):
-                return (Suspicion("encoding", views, None, str(encoding)),)
+                return (Suspicion("encoding", views, None, encoding),)
             if not explanations:
                 break
             found.append(max(explanations, key=lambda f: f.share))
-            assert found[-1].after is not None
-            at = linearise(set_up, found[-1].after)
+            at = _corrected(at, found[-1])
         everywhere, rivals = of_all_views(first)
         if found and not any(f.share > found[0].share for f in everywhere):
             end = settled(at, found)
             of_all, rivals = of_all_views(end)
             rest = 1.0 - set_up.base.share(end.state)
-            everywhere = [f for f in of_all if rest * f.share > NEXT * found[0].share]
+            everywhere = [f for f in of_all if rest * f.share > NEXT_GAIN * found[0].share]
             return (*described(set_up, end.state, found), *_of_all_views(fit, everywhere, rivals))
         return _of_all_views(fit, everywhere, rivals)
 
@@ -79,54 +77,49 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
 def settled(at: Linearised, found: Sequence[Found]) -> Linearised:
     """Return the minimum over all that was found, in turn: each was found before later faults were corrected."""
     moved = [f for f in found if not f.masks]
-    for f in moved * (2 if len(moved) > 1 else 0):
-        again = refitted(at, f)
-        at = at if again is f or again.after is None else linearise(at.set_up, again.after)
+    for f in 2 * moved if len(moved) > 1 else ():
+        if (again := refitted(at, f)) is not f:
+            at = _corrected(at, again)
     return at
+
+
+def _corrected(at: Linearised, found: Found) -> Linearised:
+    return at if found.after is None else linearise(at.set_up, found.after)
 
 
 def _of_all_views(fit: Fit, found: Sequence[Found], rivals: Sequence[Found]) -> tuple[Suspicion, ...]:
     """Return the faults of all views as suspicions."""
-    affected = np.any([f.affected for f in (*found, *rivals)], 0) if found else np.zeros(len(fit.values), bool)
-    names = tuple(name for name, here in zip(fit.names, affected, strict=True) if here)
+    affected = [f.affected for f in (*found, *rivals)]
+    names = tuple(name for name, *here in zip(fit.names, *affected, strict=True) if any(here))
     return tuple(Suspicion(f.fault.kind, f.views, None, str(f), names) for f in found)
 
 
-def described(set_up: SetUp, end: State, found: Sequence[Found]) -> tuple[Suspicion, ...]:
+def described(set_up: SetUp, end: Corrected, found: Sequence[Found]) -> tuple[Suspicion, ...]:
     """Return the faults of one view, light or region as suspicions, as they are where all of them are corrected.
 
     Those of most views or lights are merged, since they probably have one cause; those that vanish there are left out.
     """
-    at_end, suspected = _at_end(set_up, end, found), []
-    for f in at_end:
-        alike = [g for g in at_end if g.fault is f.fault]
-        count = len(set_up.lit) if f.fault.relative else len(set_up.fit.scene.lights)
-        if f.fault.of_most is None or len(alike) <= max(count / 2, 2):
-            suspected.append(Suspicion(f.fault.kind, f.views, tuple(f.masks.values()) or None, str(f)))
-        elif f is alike[0]:
-            views = tuple(sorted({view for g in alike for view in g.views}))
-            suspected.append(Suspicion(f.fault.kind, views, None, f.fault.of_most(alike)))
+    suspected: list[Suspicion] = []
+    for fault in dict.fromkeys(f.fault for f in found):
+        alike = [f for f in found if f.fault is fault]
+        if fault.described is None:
+            there = [replace(f, amount=_amount(set_up, end, f), after=end) for f in alike]
+            alike = [f for f in there if f.length >= fault.least]
+        else:  # a round may have found only the darkest of a shadow
+            masks = {i: np.any([f.masks[i] for f in alike if i in f.masks], 0) for f in alike for i in f.masks}
+            where, regions = fault.described(set_up, end, masks)
+            alike = [replace(alike[0], where=where, masks=regions, views=tuple(regions))]
+        of = len(set_up.lit) if fault.relative else len(set_up.fit.scene.lights)
+        if fault.of_most and len(alike) > max(of / 2, 2):
+            views, sizes = sorted({view for f in alike for view in f.views}), [f.size for f in alike]
+            text = fault.of_most.format(count=len(alike), of=of, smallest=min(sizes), largest=max(sizes))
+            suspected.append(Suspicion(fault.kind, tuple(views), None, text))
+        else:
+            suspected += [Suspicion(fault.kind, f.views, tuple(f.masks.values()) or None, str(f)) for f in alike]
     return tuple(suspected)
 
 
-def _at_end(set_up: SetUp, end: State, found: Sequence[Found]) -> list[Found]:
-    """Return faults with their amounts and pixels at the end; a round may have found only the darkest of a shadow."""
-    masks: dict[str, dict[int, Mask]] = {}
-    for f in found:
-        known = masks.setdefault(f.fault.kind, {})
-        known |= {i: mask | known[i] if i in known else mask for i, mask in f.masks.items()}
-    at_end: list[Found] = []
-    for f in found:
-        if f.fault.described is None:
-            now = replace(f, amount=_amount(set_up, end, f), after=end)
-            at_end += [now] if now.length >= f.fault.least else []
-        elif f.fault not in [g.fault for g in at_end]:
-            where, regions = f.fault.described(set_up, end, masks[f.fault.kind])
-            at_end.append(replace(f, where=where, masks=regions, views=tuple(regions)))
-    return at_end
-
-
-def _amount(set_up: SetUp, end: State, f: Found) -> np.ndarray:
+def _amount(set_up: SetUp, end: Corrected, f: Found) -> np.ndarray:
     """Return a fault's amount; that of an exposure relative to the median of all views if there are at least three."""
     amounts = [end.amounts.get((f.fault.kind, i), np.zeros(1)) for i in range(len(set_up.lit))]
     if not f.fault.relative or len(amounts) < 3:

@@ -11,12 +11,13 @@ from scipy.optimize import nnls
 
 from ...core.arrays import float64_of
 from ...core.fields import Numbers
+from ...core.tables import as_text, parameters
 from ...core.words import listing
 from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
 NAMES = RadialAttenuation.numbers()  # by the power of the distance
-INSEPARABLE = 0.95  # correlation above which the table does not separate two coefficients
+MAX_CORRELATION = 0.95  # correlation above which the table does not separate two coefficients
 
 
 @dataclass(frozen=True)
@@ -37,19 +38,19 @@ class Falloff:
 
     def __str__(self) -> str:
         values = [float(getattr(self.attenuation, name)) for name in NAMES]
-        lines = [f"slope {self.slope:.3g} (log lux over log distance), residuals {100 * self.rms:.2g} % (rms)"]
-        lines += [
-            f"{name:<9} not determined" if name in self.undetermined else f"{name:<9} {value:.4g} +-{error:.2g}"
-            for name, value, error in zip(NAMES, values, self.errors, strict=True)
-        ]
-        return "\n".join([*lines, *self.sentences])
+        known = [name not in self.undetermined for name in NAMES]
+        return as_text(
+            f"slope {self.slope:.3g} (log lux over log distance), residuals {100 * self.rms:.2g} % (rms)",
+            parameters(NAMES, values, self.errors, known),
+            notes=self.sentences,
+        )
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the table does not determine, and remedies."""
         points, notes = _count(self.rows), []
         vague = [NAMES.index(name) for name in self.undetermined]
-        merged = [i for i in vague if any(abs(self.correlation[i, j]) > INSEPARABLE for j in vague if j != i)]
+        merged = [i for i in vague if any(abs(self.correlation[i, j]) > MAX_CORRELATION for j in vague if j != i)]
         if len(merged) > 1:
             highest = max((self.correlation[i, j] for i in merged for j in merged if i < j), key=abs)
             notes.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ from ...core.fields import check_kind
 from ...model.lights import SpotLight
 from ...model.measured_lights import MeasuredLight, Profile
 
-POOR = 0.05  # rms over peak: above it cos^a does not fit the lamp
+MAX_RMS = 0.05  # rms over peak: above it cos^a does not fit the lamp
 EXPONENT_RANGE = (1e-3, 1e4)
 
 
@@ -28,7 +29,7 @@ class SpotFit:
     @property
     def fits(self) -> bool:
         """Whether the spot fits the lamp: the rms is at most 5 % of the peak."""
-        return self.rms <= POOR
+        return self.rms <= MAX_RMS
 
     def __str__(self) -> str:
         a, cutoff = float(self.light.exponent), float(self.light.cutoff)
@@ -70,7 +71,7 @@ def as_spot(lamp: MeasuredLight) -> SpotFit:
         return scale, float(np.mean((beam - scale * s) ** 2))
 
     def best(cutoff: float) -> tuple[float, float, float]:
-        found = minimize_scalar(
+        found: Any = minimize_scalar(
             lambda log_a: scale_and_cost(shape(log_a, cutoff))[1], bounds=np.log(EXPONENT_RANGE), method="bounded"
         )
         return float(found.fun), float(found.x), cutoff

@@ -18,6 +18,7 @@ from ...core.fields import Numbers
 from ...core.words import count
 from ...io.exif import stated_exposures
 from ...io.images import without_alpha
+from .samples import top_of
 from .views import Noise, as_image, as_noise, check_floats
 
 ALIKE = 0.01  # relative difference below which exposures are one
@@ -78,7 +79,7 @@ def merge_exposures(
         )
     order = np.argsort(-t, kind="stable")  # the longest first
     z, t = z[order], t[order, None, None, None]
-    top = (1.0 if z.max() == 1.0 else np.inf) if saturation is None else float(saturation)
+    top = top_of(float(z.max())) if saturation is None else float(saturation)
     hat = np.maximum(np.minimum(z - floor, top - z), 0.0)
     unclipped = z < top
     longest = unclipped & (np.cumsum(unclipped, 0) == 1)

@@ -8,10 +8,12 @@ the camera made of it, which has the same name, the RAW file counts.
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +21,11 @@ from jaxtyping import Float
 from ...core.words import count, listing
 from ...io.image_formats import FORMATS
 from ...io.parsing import read_text
+from ...io.raw_files import SUFFIXES as RAW_SUFFIXES
 from .light_lists import LightList, read_lp
-from .photograph_names import by_name, in_order, is_raw, natural_order, pattern
 
+SUFFIXES = tuple(FORMATS)
+NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 OTHERS = ("mask", "normal")  # in the names of images that are no photographs
 ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
 SHOWN = 3  # names in a note
@@ -30,6 +34,7 @@ SHOWN = 3  # names in a note
 class Listing(NamedTuple):
     """What a folder holds."""
 
+    folder: Path
     names: tuple[str, ...]
     """The photographs."""
     masks: tuple[Path, ...]
@@ -39,6 +44,31 @@ class Listing(NamedTuple):
     """Images that are neither photographs nor masks nor normals, such as a picture under room light."""
     notes: tuple[str, ...]
     """What was left out, and what a list of lights says that is not used."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of the photographs."""
+        return tuple(self.folder / name for name in self.names)
+
+    @property
+    def normals(self) -> Path | None:
+        """The file of the normals of what the photographs show."""
+        return next((self.folder / name for name in NORMALS if (self.folder / name).is_file()), None)
+
+    def mask_file(self) -> Path:
+        """Return the mask; refuse a folder without one, or with several."""
+        usual = self.folder / "mask.png"
+        if usual in self.masks or len(self.masks) == 1:
+            return usual if usual in self.masks else self.masks[0]
+        if self.masks:
+            raise ValueError(
+                f"{self.folder} holds several masks, {listing([file.name for file in self.masks])}. Choose one with "
+                "mask= (--mask on the command line)."
+            )
+        raise FileNotFoundError(
+            f"there is no mask {usual}. Add one that is white on the object, find one with `diffshade mask "
+            f"{self.folder}`, or give another file with mask= (--mask on the command line)."
+        )
 
 
 def list_folder(folder: Path) -> Listing:
@@ -54,7 +84,7 @@ def list_folder(folder: Path) -> Listing:
         names = _names_in(folder / "filenames.txt", photographs)
         extras = tuple(folder / name for name in photographs if name not in names)
         directions, notes = _directions_of(names, read_lp(lists[0])) if len(lists) == 1 else (None, ())
-        return Listing(names, masks, directions, extras, notes)
+        return Listing(folder, names, masks, directions, extras, notes)
     if len(lists) > 1:
         raise ValueError(
             f"{folder} holds several lists of lights, {listing([file.name for file in lists])}. Keep one, or write the "
@@ -65,12 +95,12 @@ def list_folder(folder: Path) -> Listing:
         names, notes = _photographs_of(lights, [file.name for file in images], photographs)
         left = [name for name in photographs if name not in names]
         notes = (*_left_out(left, f"not in {lists[0].name}"), *notes)
-        return Listing(names, masks, lights.directions, tuple(folder / name for name in left), notes)
+        return Listing(folder, names, masks, lights.directions, tuple(folder / name for name in left), notes)
     if not photographs:
         raise ValueError(f"{folder} holds no photograph. Give a folder with images: {', '.join(SUFFIXES)}.")
     kept, notes = _alike(photographs)
     left = tuple(folder / name for name in photographs if name not in kept and name not in _made_of_raw(photographs))
-    return Listing(kept, masks, None, left, notes)
+    return Listing(folder, kept, masks, None, left, notes)
 
 
 def _alike(photographs: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -163,4 +193,49 @@ def _left_out(names: list[str], why: str) -> tuple[str, ...]:
     return (f"{shown} {'is' if len(names) == 1 else 'are'} left out: {why}.",)
 
 
-SUFFIXES = tuple(FORMATS)
+def is_raw(name: str) -> bool:
+    """Whether a file is what a camera's sensor gave."""
+    return Path(name).suffix.lower() in RAW_SUFFIXES
+
+
+def pattern(name: str) -> str:
+    """Return what a name has in common with those of one series: all but its digits."""
+    return re.sub(r"\d+", "0", Path(name).stem)
+
+
+def natural_order(name: str) -> list[Any]:
+    """Return a key by which 2 comes before 10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
+def by_name(wanted: Sequence[str], there: Sequence[str]) -> list[int | None]:
+    """Return which of the names that are there is meant by each that is wanted; None for none.
+
+    They may differ in case, in blanks, in how accents are composed (by a Mac or by others), and in the suffix. Of a RAW
+    file and what the camera made of it, the RAW file counts.
+    """
+    exact = {name: i for i, name in enumerate(there)}
+    alike = {_key(name): i for i, name in enumerate(there)}
+    stems: dict[str, int] = {}
+    for i, name in enumerate(there):
+        if _key(Path(name).stem) not in stems or is_raw(name):
+            stems[_key(Path(name).stem)] = i
+    places = ((exact, lambda name: name), (alike, _key), (stems, _key), (stems, lambda name: _key(Path(name).stem)))
+    return [next((of[key(name)] for of, key in places if key(name) in of), None) for name in wanted]
+
+
+def _key(name: str) -> str:
+    return " ".join(unicodedata.normalize("NFC", name).casefold().split())
+
+
+def in_order(wanted: Sequence[str], there: Sequence[str]) -> list[int]:
+    """Return which of as many other names goes with each name that is wanted.
+
+    Where both are numbered, the order is that of the numbers: a list that was sorted as text has 10 before 2.
+    """
+    numbered = all(len({pattern(name) for name in names}) == 1 for names in (wanted, there))
+    if not numbered:
+        return list(range(len(wanted)))
+    ranks = [sorted(range(len(names)), key=lambda i, names=names: natural_order(names[i])) for names in (wanted, there)]
+    pairs = dict(zip(*ranks, strict=True))
+    return [pairs[i] for i in range(len(wanted))]

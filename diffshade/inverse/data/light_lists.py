@@ -166,7 +166,7 @@ def unit_vectors(
     return vectors / length[:, None], notes
 
 
-def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> str:
-    """Return names and directions as the text of a dome's list."""
-    lines = [f"{name} {' '.join(f'{x:.10g}' for x in l)}\n" for name, l in zip(names, directions, strict=True)]
-    return f"{len(names)}\n{''.join(lines)}"
+def as_lp(names: Sequence[str], directions: Float[np.ndarray, "photographs 3"]) -> list[str]:
+    """Return names and directions as the lines of a dome's list."""
+    rows = zip(names, directions, strict=True)
+    return [f"{len(names)}", *(f"{name} {' '.join(f'{x:.10g}' for x in l)}" for name, l in rows)]

@@ -6,13 +6,13 @@ import functools
 from collections.abc import Iterable
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from ...io.images import without_alpha
 
-BINS = 256
 DECADES = 3.0  # below the brightest, beyond which all is equally dark
 LEAST, MOST = 0.002, 0.95  # share of the picture
 
@@ -34,8 +34,9 @@ def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
     """
     brightest = functools.reduce(_brighter, (_grey(image) for image in images))  # one at a time
     top = float(np.quantile(brightest, 0.99))
-    level = np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0))
-    inside = ndimage.binary_opening(level > _otsu(level), np.ones((3, 3)))
+    level = 1.0 + np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0)) / DECADES
+    _, bright = cv2.threshold((255.0 * level).astype(np.uint8), 0, 1, cv2.THRESH_OTSU)
+    inside = ndimage.binary_opening(bright, np.ones((3, 3)))
     labels, regions = ndimage.label(inside)  # pyright: ignore[reportGeneralTypeIssues]
     largest = labels == 1 + np.bincount(labels.ravel())[1:].argmax() if regions else inside
     mask = np.asarray(ndimage.binary_fill_holes(largest))
@@ -56,15 +57,3 @@ def _brighter(one: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"]) ->
 def _grey(image: Any) -> Float[np.ndarray, "h w"]:
     pixels = np.nan_to_num(np.asarray(image[:], np.float64), posinf=0.0)
     return pixels if pixels.ndim == 2 else without_alpha(pixels).mean(-1)
-
-
-def _otsu(level: Float[np.ndarray, "h w"]) -> float:
-    """Return the threshold that divides values into two classes of the least variance."""
-    count, edges = np.histogram(level, BINS)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    below = np.cumsum(count)
-    above = below[-1] - below
-    sums = np.cumsum(count * middle)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        between = below * above * (sums / below - (sums[-1] - sums) / above) ** 2
-    return float(edges[1:][np.nan_to_num(between[:-1]).argmax()])

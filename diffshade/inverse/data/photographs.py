@@ -1,44 +1,29 @@
-"""Photographs: a folder of them, in the layout of the DiLiGenT benchmark, as a scene and its views."""
+"""Photographs: a folder of them, in the layout of the DiLiGenT benchmark, read as a scene and its views."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.masks import as_mask
-from ...core.words import count, listing
-from ...io.files import replacing
-from ...io.images import ReadAs, read_mask, without_alpha, write_image
-from ...model.attenuation import RadialAttenuation
+from ...core.masks import Mask, as_mask
+from ...core.words import count
+from ...io.images import ReadAs, read_mask
 from ...model.cameras import OrthographicCamera
 from ...model.gbuffers import GBuffer
-from ...model.lights import DirectionalLight, PointLight
 from ...model.materials import Material
 from ...model.scenes import Object, Scene
 from .exposures import by_light, exposures_of, merge_exposures
-from .folders import Listing, list_folder
-from .light_lists import UNIT, as_lp, lines_of, numbers_in, unit_vectors
+from .folder_lights import read_lights
+from .folders import NORMALS, Listing, list_folder
 from .photograph_files import PhotographFiles, photograph_files
 from .views import View
 
 _LOGGER = logging.getLogger("diffshade")
-DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
-WRITTEN = (
-    "filenames.txt",
-    "light_directions.txt",
-    "light_intensities.txt",
-    "light_errors.txt",
-    "light_distances.txt",
-    "lights.lp",
-    "normal_gt.npy",
-    "scene.toml",
-)
-NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 
 
 def read_photographs(
@@ -96,79 +81,64 @@ def read_photographs(
 
 
 class PhotographFolder(NamedTuple):
-    """A folder of photographs, as it was read."""
+    """A folder of photographs, as it was read; what it has of lights is in the order of the views, one light each."""
 
     scene: Scene
     views: tuple[View, ...]
     names: tuple[str, ...]
     """The photograph of each view, the first of those that were merged."""
-    indices: tuple[int, ...]
-    """Which of the folder's photographs that is."""
     read_as: tuple[ReadAs, ...]
     """What it was taken for."""
+    light_errors: Float[np.ndarray, " views"] | None
+    """Of the directions, degrees about each axis; None where the folder does not say."""
+    distances: Float[np.ndarray, " views"]
+    """Of the lamps from the picture's middle, in heights of the picture; infinite for one far away."""
+    has_normals: bool
+    """Whether the folder has normals, whether they were read or not."""
 
 
 def read_folder(
-    folder: str | Path, *, normals: bool, lights: bool = True, mask: Any = None, srgb: bool | None = None, exif: bool
+    folder: str | Path,
+    *,
+    normals: bool | None,
+    lights: bool = True,
+    mask: Any = None,
+    srgb: bool | None = None,
+    exif: bool,
 ) -> PhotographFolder:
-    """Read a folder as `read_photographs` does, and return which photograph each view is."""
+    """Read a folder as `read_photographs` does, its normals with None where there are some; return all it says."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"there is no folder {folder}. Give a folder of photographs.")
     listed = list_folder(folder)
-    names = listed.names
-    directions, said = _directions(folder, listed) if lights else (np.tile([0.0, 0.0, 1.0], (len(names), 1)), [])
-    notes = [*listed.notes, *said]
-    if (folder / "light_intensities.txt").is_file():
-        intensities = _numbers(folder / "light_intensities.txt", names, (1, 3))
-    else:
-        intensities = np.ones((len(names), 1))
-        notes.append("there is no light_intensities.txt: all lights are taken to have the intensity 1.")
-    files = [folder / name for name in names]
-    exposures, said = exposures_of(files) if exif else (np.ones(len(names)), [])
-    rows = [(*l, *i) for l, i in zip(directions, intensities, strict=True)] if lights else range(len(names))
+    of = read_lights(listed, known=lights)
+    exposures, exposed = exposures_of(listed.files) if exif else (np.ones(len(listed.names)), [])
+    rows = [(*l, *i) for l, i in zip(of.directions, of.intensities, strict=True)] if lights else range(len(exposures))
     groups = by_light(rows, exposures)
-    if len(groups) < len(names):
-        said.append(f"photographs under one light are merged: {len(names)} become {count(len(groups), 'view')}.")
-    mask = read_mask(mask_file(folder)) if mask is None else as_given(mask)
-    photographs = photograph_files(files, srgb=srgb, shape=mask.shape)
-    said += photographs.notes
-    camera = OrthographicCamera((0.0, 0.0, 1.0), shape=mask.shape, local_viewer=False)
-    indices = [group[0] for group in groups]
-    distances = light_distances(folder, names) if lights else np.full(len(names), np.inf)
-    lamps = [_lamp(directions[i], intensities[i], distances[i], float(camera.height)) for i in indices]
-    views = []
-    for i, group in enumerate(groups):
-        file = files[group[0]]
-        try:
-            image, exposure, saturation = _exposed(photographs, group, exposures[group])
-            _check_size(file, image.shape[:2], mask.shape, views)
-            views.append(View(image, camera, mask, lit=(i,), exposure=exposure, saturation=saturation))
-        except ValueError as error:
-            raise ValueError(f"{error}" if f"{file}" in f"{error}" else f"{file}: {error}") from None
-    known = _normals(folder, mask.shape) if normals else np.broadcast_to((0.0, 0.0, 1.0), (*mask.shape, 3))
-    flat = _flat(camera) if np.isfinite(distances).any() else None
-    scene = Scene(Object(GBuffer(known, flat, mask), Material()), lamps)
-    for note in (*notes, *said):
+    if len(groups) < len(listed.names):
+        exposed.append(
+            f"photographs under one light are merged: {len(listed.names)} become {count(len(groups), 'view')}."
+        )
+    inside = as_given(listed.mask_file() if mask is None else mask)
+    photographs = photograph_files(listed.files, srgb=srgb, shape=inside.shape)
+    camera = OrthographicCamera((0.0, 0.0, 1.0), shape=inside.shape, local_viewer=False)
+    views = [_view(photographs, group, exposures[group], camera, inside, i) for i, group in enumerate(groups)]
+    first = [group[0] for group in groups]
+    read_normals = listed.normals is not None if normals is None else normals
+    known = _normals(listed, inside.shape) if read_normals else np.broadcast_to((0.0, 0.0, 1.0), (*inside.shape, 3))
+    flat = _flat(camera) if np.isfinite(of.distances).any() else None
+    lamps = [of.lamp(i, float(camera.height)) for i in first]
+    for note in (*listed.notes, *of.notes, *exposed, *photographs.notes):
         _LOGGER.warning("%s: %s", folder, note)
-    taken = tuple(photographs.read_as[i] for i in indices)
-    return PhotographFolder(scene, tuple(views), tuple(names[i] for i in indices), tuple(indices), taken)
-
-
-def _directions(folder: Path, listed: Listing) -> tuple[Float[np.ndarray, "photographs 3"], list[str]]:
-    """Return unit vectors towards the lights of the photographs, and what is said of them that is not used."""
-    path = folder / "light_directions.txt"
-    if not path.is_file():
-        if listed.directions is None:
-            raise FileNotFoundError(
-                f"there is no file {path}, and no list of lights (.lp) of these photographs. Add one; `diffshade "
-                "calibrate` finds the lights from a ball."
-            )
-        return listed.directions, []
-    directions, notes = unit_vectors(path, _numbers(path, listed.names, (3,)), [number for number, _ in lines_of(path)])
-    if listed.directions is not None and not np.allclose(directions, listed.directions, rtol=0.0, atol=UNIT):
-        notes.append("the list of lights (.lp) differs from light_directions.txt and is not used.")
-    return directions, notes
+    return PhotographFolder(
+        scene=Scene(Object(GBuffer(known, flat, inside), Material()), lamps),
+        views=tuple(views),
+        names=tuple(listed.names[i] for i in first),
+        read_as=tuple(photographs.read_as[i] for i in first),
+        light_errors=None if of.errors is None else of.errors[first],
+        distances=of.distances[first],
+        has_normals=listed.normals is not None,
+    )
 
 
 def _flat(camera: OrthographicCamera) -> Float[np.ndarray, "h w 3"]:
@@ -179,152 +149,33 @@ def _flat(camera: OrthographicCamera) -> Float[np.ndarray, "h w 3"]:
     return np.stack([(columns - width / 2) * pixel, (height / 2 - rows) * pixel, np.zeros(camera.shape)], -1)
 
 
-def _check_size(file: Path, size: tuple[int, ...], mask: tuple[int, ...], before: Sequence[View]) -> None:
-    """Refuse a photograph of another size than the mask and the photographs before it."""
-    if size != mask and before:
-        raise ValueError(f"{file} must have the size of the other photographs, {mask}; got {size}. Crop them alike.")
-    if size != mask:
-        raise ValueError(f"the mask must have the size of the photographs, {size}; got {mask}. Crop both alike.")
-
-
-def _exposed(
-    photographs: PhotographFiles, group: Sequence[int], exposures: Float[np.ndarray, " group"]
-) -> tuple[Any, float, float | None]:
-    """Return one photograph, or several of one light merged, with its exposure and saturation."""
-    images = [photographs.read(k) for k in group]
-    if len(images) == 1:
-        return images[0], float(exposures[0]), None
-    merged = merge_exposures(images, exposures)
-    return merged.image, 1.0, merged.saturation
-
-
-def write_lights(
-    folder: Path, directions: Float[np.ndarray, "photographs 3"], intensities: Float[np.ndarray, "photographs 3"]
-) -> None:
-    """Write the lights of the photographs in a folder as `read_photographs` reads them.
-
-    Args:
-        folder: The folder.
-        directions: Unit vectors towards the light of each photograph.
-        intensities: R, G, B of each.
-    """
-    for name, rows in (("light_directions.txt", directions), ("light_intensities.txt", intensities)):
-        with replacing(folder / name) as temporary:
-            text = "".join(" ".join(f"{x:.17g}" for x in row) + "\n" for row in rows)
-            temporary.write_text(text, encoding="utf-8")
-
-
-def write_photographs(
-    folder: Path,
-    names: Sequence[str],
-    images: Iterable[Any],
-    mask: Bool[np.ndarray, "h w"],
-    directions: Float[np.ndarray, "photographs 3"],
-    intensities: Float[np.ndarray, "photographs 3"],
-    errors: Float[np.ndarray, " photographs"] | None,
-    distances: Float[np.ndarray, " photographs"] | None = None,
-) -> None:
-    """Write photographs of an object and their lights as a folder that `read_photographs` reads.
-
-    Args:
-        folder: The folder, which is made; what an earlier run wrote there is replaced.
-        names: Names for the photographs, whose suffixes become those of what is written.
-        images: The photographs, linear.
-        mask: True on the object.
-        directions: Unit vectors towards the light of each photograph.
-        intensities: R, G, B of each.
-        errors: Error of each direction about each axis, degrees; None where it is not known.
-        distances: Of the lamps from the picture's middle, in heights of the picture, infinite for one far away; None
-            where all are.
-    """
-    clear_folder(folder)
-    stems = [Path(name).stem for name in names]
-    stems = stems if len(set(stems)) == len(stems) else [f"{i:03d}" for i in range(len(stems))]
-    written = [write_photograph(folder, stem, image) for stem, image in zip(stems, images, strict=True)]
-    write_image(folder / "mask.png", mask[..., None] * 1.0, srgb=False)
-    write_lights(folder, directions, intensities)
-    texts = {"lights.lp": as_lp(written, directions)}
-    if errors is not None:
-        texts["light_errors.txt"] = "".join(f"{error:.6g}\n" for error in errors)
-    if distances is not None:
-        texts["light_distances.txt"] = "".join(f"{distance:.10g}\n" for distance in distances)
-    texts["filenames.txt"] = "".join(f"{name}\n" for name in written)  # last: it marks a complete folder
-    for name, text in texts.items():
-        with replacing(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-
-
-def clear_folder(folder: Path) -> None:
-    """Make a folder for photographs and lights, without files of an earlier run that would be taken for new ones."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in WRITTEN:
-        (folder / name).unlink(missing_ok=True)
-
-
-def write_photograph(folder: Path, stem: str, image: Float[np.ndarray, "h w c"]) -> str:
-    """Write a linear photograph in 16 bits, or as .npy if it exceeds 1 or would lose precision; return its name."""
-    image = without_alpha(image)  # the mask says what alpha does
-    fits = bool(np.isfinite(image).all() and image.min() >= 0.0 and DIM <= image.max() <= 1.0)
-    name = f"{stem}.{'png' if fits else 'npy'}"
-    write_image(folder / name, image, srgb=False, **({"bits": 16} if fits else {}))
-    return name
-
-
-def light_errors(folder: Path) -> Float[np.ndarray, " photographs"] | None:
-    """Return the errors of the directions in a folder's `light_errors.txt`, degrees, or None without that file."""
-    if not (folder / "light_errors.txt").is_file():
-        return None
-    errors = _numbers(folder / "light_errors.txt", photograph_names(folder), (1,))[:, 0]
-    if not (np.isfinite(errors) & (errors >= 0.0)).all():
-        raise ValueError(
-            f"{folder / 'light_errors.txt'} must hold degrees, at least 0; got {errors.min():g}. Correct it."
-        )
-    return errors
-
-
-def light_distances(folder: Path, names: Sequence[str]) -> Float[np.ndarray, " photographs"]:
-    """Return the distances of lamps in a folder's `light_distances.txt`, heights of the picture, or infinite ones."""
-    path = folder / "light_distances.txt"
-    if not path.is_file():
-        return np.full(len(names), np.inf)
-    distances = _numbers(path, names, (1,))[:, 0]
-    if not (distances > 0.0).all():
-        raise ValueError(
-            f"{path} must hold distances above 0, in heights of the picture; got {distances.min():g}. Correct it, or "
-            "write inf for a lamp far away."
-        )
-    return distances
-
-
-def _lamp(
-    direction: Float[np.ndarray, "3"], intensity: Float[np.ndarray, " colours"], distance: float, height: float
-) -> DirectionalLight | PointLight:
-    """Return a lamp whose light has this direction and intensity in the middle of a picture."""
-    if not np.isfinite(distance):
-        return DirectionalLight(-direction, intensity)
-    far = distance * height
-    return PointLight(far * direction, intensity, attenuation=RadialAttenuation(0.0, 0.0, far**-2))
-
-
-def photograph_names(folder: Path) -> tuple[str, ...]:
-    """Return the names of the photographs in a folder."""
-    return list_folder(folder).names
-
-
-def mask_file(folder: Path) -> Path:
-    """Return the mask in a folder of photographs; refuse a folder without one, or with several."""
-    masks = list_folder(folder).masks
-    if (folder / "mask.png") in masks or len(masks) == 1:
-        return folder / "mask.png" if (folder / "mask.png") in masks else masks[0]
-    if masks:
-        raise ValueError(
-            f"{folder} holds several masks, {listing([file.name for file in masks])}. Choose one with mask= (--mask on "
-            "the command line)."
-        )
-    raise FileNotFoundError(
-        f"there is no mask {folder / 'mask.png'}. Add one that is white on the object, find one with `diffshade mask "
-        f"{folder}`, or give another file with mask= (--mask on the command line)."
-    )
+def _view(
+    photographs: PhotographFiles,
+    group: Sequence[int],
+    exposures: Float[np.ndarray, " group"],
+    camera: OrthographicCamera,
+    mask: Mask,
+    light: int,
+) -> View:
+    """Return the view of one photograph, or of several under one light, merged."""
+    file = photographs.files[group[0]]
+    try:
+        image, exposure, saturation = photographs.read(group[0]), float(exposures[0]), None
+        if len(group) > 1:
+            merged = merge_exposures([image, *map(photographs.read, group[1:])], exposures)
+            image, exposure, saturation = merged.image, 1.0, merged.saturation
+        size = image.shape[:2]
+        if size != mask.shape and light == 0:
+            raise ValueError(
+                f"the mask must have the size of the photographs, {size}; got {mask.shape}. Crop both alike."
+            )
+        if size != mask.shape:
+            raise ValueError(
+                f"{file} must have the size of the other photographs, {mask.shape}; got {size}. Crop them alike."
+            )
+        return View(image, camera, mask, lit=light, exposure=exposure, saturation=saturation)
+    except ValueError as error:
+        raise ValueError(f"{error}" if f"{file}" in f"{error}" else f"{file}: {error}") from None
 
 
 def as_given(mask: Any) -> Bool[np.ndarray, "h w"]:
@@ -335,40 +186,12 @@ def as_given(mask: Any) -> Bool[np.ndarray, "h w"]:
     return found
 
 
-def has_normals(folder: Path) -> bool:
-    """Return whether a folder of photographs says the normals of what they show."""
-    return any((folder / name).is_file() for name in NORMALS)
-
-
-def _numbers(path: Path, names: Sequence[str], widths: tuple[int, ...]) -> Float[np.ndarray, "photographs numbers"]:
-    """Read one line of numbers for each photograph."""
-    lines = lines_of(path)
-    if len(lines) != len(names):
-        raise ValueError(
-            f"{path} must have one line for each of the {len(names)} photographs; got {len(lines)}. "
-            "Make the two lists match."
-        )
-    rows: list[list[float]] = []
-    for number, line in lines:
-        try:
-            row = numbers_in(line)
-        except ValueError as error:
-            raise ValueError(f"{path} must hold numbers only: {error}. Correct line {number}.") from None
-        if len(row) not in widths or len(row) != len([*rows, row][0]):
-            raise ValueError(
-                f"{path} must have {' or '.join(map(str, widths))} numbers a line; got {len(row)} on line {number}. "
-                "Correct that line."
-            )
-        rows.append(row)
-    return np.array(rows)
-
-
-def _normals(folder: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]:
-    path = next((folder / name for name in NORMALS if (folder / name).is_file()), None)
+def _normals(listed: Listing, shape: tuple[int, ...]) -> Float[np.ndarray, "h w 3"]:
+    path = listed.normals
     if path is None:
         raise FileNotFoundError(
-            f"{folder} has no normals. Add one of {', '.join(NORMALS)}, or find normals too with `diffshade texels` "
-            "(ds.fit_texels, of photographs read with normals=False)."
+            f"{listed.folder} has no normals. Add one of {', '.join(NORMALS)}, or find normals too with `diffshade "
+            "texels` (ds.fit_texels, of photographs read with normals=False)."
         )
     try:
         if path.suffix == ".npy":

@@ -14,8 +14,9 @@ from ...core.backend import in_float64
 from ...io.lazy_images import LazyImage
 from ...model.rendering import render, select
 from ...model.scenes import Scene
+from .samples import SensorRange, brightest_of
 from .sensors import Sensor, falloff, linear_level
-from .views import Image, View, channels, colours, has_alpha, is_grey
+from .views import Image, View, channels, is_grey
 
 
 def photograph(scene: Scene, view: View) -> Float[np.ndarray, "h w c"]:
@@ -59,30 +60,34 @@ def developed(view: View) -> View:
 
 
 def _developed(view: View, sensor: Sensor) -> View:
-    rounded = view.image.dtype.type  # a file of float32 ends at float32(0.45), which is below 0.45
-    top = _top(view) if view.saturation is None else float(rounded(view.saturation))
-    bottom = None if view.floor is None else float(rounded(view.floor))
-    shown = None if top is None else _level_at(view, sensor, top, np.max)
-    grown = None if bottom is None else _level_at(view, sensor, bottom, np.min)
+    ends = SensorRange.of(view, brightest_of(view))
+    pairs = zip(ends, (np.min, np.max), strict=True)
+    shown = SensorRange(*(end if np.isinf(end) else _level_at(view, sensor, end, farthest) for end, farthest in pairs))
 
     def rows(image: Float[np.ndarray, "r w c"], first: int) -> np.ndarray:
-        seen = image[..., :-1] if has_alpha(view) else image
-        level = _linear_rows(seen, view, sensor, first)
-        if top is not None and shown is not None:
-            level = np.where(seen >= top, shown, level)
-        if bottom is not None and grown is not None:
-            level = np.where(seen <= bottom, grown, level)
-        return np.concatenate([level, image[..., -1:]], -1) if has_alpha(view) else level
+        seen, alpha = np.split(image, [channels(view)], -1)
+        linear = _linear_rows(seen, view, sensor, first)
+        linear = np.where(seen >= ends.level, shown.level, np.where(seen <= ends.floor, shown.floor, linear))
+        return np.concatenate([linear, alpha], -1)
 
-    image = view.image
+    image: Image = view.image
     if isinstance(image, LazyImage):
-        developed_image: Image = LazyImage(
+        image = LazyImage(
             lambda first, last: rows(np.asarray(view.image[first:last], np.float64), first), image.shape, np.float64
         )
     else:
-        developed_image = rows(np.asarray(image, np.float64), 0)
-    of = (developed_image, view.camera, view.mask, view.lit, view.exposure, view.black, None, shown, grown)
-    return View(*of, bands=view.bands)
+        image = rows(np.asarray(image, np.float64), 0)
+    return View(
+        image,
+        view.camera,
+        view.mask,
+        view.lit,
+        view.exposure,
+        view.black,
+        saturation=view.saturation if np.isinf(ends.level) else shown.level,
+        floor=view.floor if np.isinf(ends.floor) else shown.floor,
+        bands=view.bands,
+    )
 
 
 def _linear_rows(
@@ -90,11 +95,6 @@ def _linear_rows(
 ) -> Float[np.ndarray, "r w c"]:
     light = linear_level(sensor, image) - float(view.black)
     return light / _gains(view, sensor, first, first + len(image)) + float(view.black)
-
-
-def _top(view: View) -> float | None:
-    """Return 1 where that is the largest sample, the top of an integer file's range; a lazy image is not read."""
-    return 1.0 if not isinstance(view.image, LazyImage) and np.max(colours(view)) == 1.0 else None
 
 
 def _level_at(view: View, sensor: Sensor, level: float, farthest: Any) -> float:

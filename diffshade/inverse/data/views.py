@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -16,8 +17,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.arrays import check_load, is_number, named_plain
 from ...core.fields import MOST_BANDS, Array, Checked, Scalar, as_scalar, check_kind, is_concrete, parameter
 from ...core.masks import as_mask
-from ...core.words import Note, count
-from ...io.lazy_images import LazyImage, SlicedRows, row_tiles
+from ...io.lazy_images import LazyImage, sliced
 from ...model.cameras import AbstractCamera
 from ...model.scenes import Scene
 from .sensors import Sensor
@@ -43,7 +43,7 @@ def as_image(image: Any, name: str = "View.image") -> Any:
     check_load(name, image)
     in_memory = hasattr(image, "__dlpack__") or isinstance(image, np.generic)  # NumPy, JAX, PyTorch
     if not in_memory and all(hasattr(image, part) for part in ("shape", "dtype", "__getitem__")):
-        return LazyImage(SlicedRows(image), image.shape, image.dtype)
+        return LazyImage(partial(sliced, image), image.shape, image.dtype)
     array = named_plain(name, image)
     if not np.issubdtype(array.dtype, np.number) and is_number(array.dtype):  # bfloat16 and its like
         array = array.astype(np.float32)
@@ -211,28 +211,6 @@ def channels(view: View) -> int:
     return view.image.shape[2] - has_alpha(view)
 
 
-def in_channels_of(scene: Scene, views: Sequence[View]) -> tuple[View, ...]:
-    """Return the views with their channels taken as the scene's; refuse views of other channels, by their number.
-
-    In a scene of red, green and blue a view may be grey, and its last channel alpha; in one of other bands it has a
-    channel for each band.
-    """
-    wanted, rgb = len(scene.channels), len(scene.channels) == 3
-    for i, view in enumerate(views):
-        got = view.image.shape[2]
-        if got > 4 if rgb else got != wanted:
-            has = "red, green and blue" if not scene.bands else f"{count(wanted, 'band')}, {', '.join(scene.bands)}"
-            remedy = f"Give Scene(..., bands={got})" if rgb else "Give an image with a channel for each"
-            raise ValueError(f"views[{i}].image has {count(got, 'channel')}, but the scene has {has}. {remedy}.")
-        gains = () if view.sensor is None or not scene.bands else (view.sensor.red, view.sensor.blue)
-        if is_concrete(*gains) and any(gain != 1.0 for gain in gains):
-            raise ValueError(
-                f"views[{i}].sensor has gains of red and blue, but the scene has {count(wanted, 'band')}. Leave them "
-                "out, and give the gains of bands as the lights' intensities."
-            )
-    return tuple(views) if rgb else tuple(dataclasses.replace(view, bands=True) for view in views)
-
-
 def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
     """Return the indices of the lights that are on in a view."""
     return tuple(range(len(scene.lights))) if view.lit is None else view.lit
@@ -240,10 +218,8 @@ def lights_on(scene: Scene, view: View) -> tuple[int, ...]:
 
 def switches(rows: Sequence[Sequence[int]]) -> tuple[Int[np.ndarray, "views _"], Float[np.ndarray, "views _"]]:
     """Return what is on in each view as an index, padded to the same number, and 1 for each, or 0 for padding."""
-    most = max(map(len, rows))
-    index = np.array([[*row, *[0] * (most - len(row))] for row in rows], int).reshape(len(rows), most)
-    weight = np.array([[1.0] * len(row) + [0.0] * (most - len(row)) for row in rows]).reshape(len(rows), most)
-    return index, weight
+    index = np.array([*itertools.zip_longest(*rows, fillvalue=-1)], int).reshape(-1, len(rows)).T
+    return np.maximum(index, 0), 1.0 * (index >= 0)
 
 
 def camera_key(camera: AbstractCamera) -> tuple[Any, ...]:
@@ -256,51 +232,6 @@ def noises(views: Sequence[View]) -> Any:
     """Return the `Noise` of each view, stacked; None where it is not known."""
     of = [view.noise for view in views]
     return None if None in of else jax.tree.map(lambda *leaves: np.stack(leaves), *of)
-
-
-def setups(scene: Scene, views: Sequence[View]) -> list[list[int]]:
-    """Return the views grouped by setup, one camera under the same lights: the model is wrong in the same way there."""
-    groups: dict[Any, list[int]] = {}
-    for i, view in enumerate(views):
-        groups.setdefault((*sorted(lights_on(scene, view)), camera_key(view.camera)), []).append(i)
-    return list(groups.values())
-
-
-def find_repeats(scene: Scene, views: Sequence[View]) -> dict[int, int]:
-    """Return the views that repeat an earlier one (image, mask and setup), each with the index of the earlier one."""
-    found: dict[int, int] = {}
-    for group in setups(scene, views):
-        for k, i in enumerate(group):
-            same = (j for j in group[:k] if all(_equal(*pair) for pair in _numbers(views[j], views[i])))
-            first = next(same, None)
-            if first is not None:
-                found[i] = first
-    return found
-
-
-def _numbers(one: View, other: View) -> list[tuple[Any, Any]]:
-    return [(one.mask, other.mask), (one.image, other.image)]
-
-
-def note_repeats(pairs: Sequence[tuple[int, int]]) -> list[Note]:
-    """Return a note on the views that repeat an earlier one."""
-    if not pairs:
-        return []
-    i, j = pairs[0]
-    if len(pairs) == 1:
-        text = f"views[{i}] repeats views[{j}] and is not counted again."
-    else:
-        text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
-    return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
-
-
-def _equal(one: Any, other: Any) -> bool:
-    """Whether two modules or arrays are of one structure and hold equal numbers."""
-    if isinstance(one, LazyImage) or isinstance(other, LazyImage):
-        same = one.shape == other.shape and one.dtype == other.dtype
-        tiles = row_tiles(*one.shape[:2]) if same and one is not other else []
-        return same and all(np.array_equal(one[first:last], other[first:last]) for first, last in tiles)
-    return bool(eqx.tree_equal(jax.tree.map(np.asarray, one), jax.tree.map(np.asarray, other)))
 
 
 def has_alpha(view: View) -> bool:

@@ -31,7 +31,7 @@ from ...model.vectors import Vec3, dot, normalize, tangents_of
 from ..data.views import View, lights_on
 from ..pixels.blocks import Block
 from ..unknowns.unknown import Unknown
-from .gram import Gram, ViewGrams
+from .gram import ByView
 from .interface import AbstractForwardModel, Pixels, Setting
 from .lighting import (
     Fields,
@@ -52,9 +52,13 @@ from .rendered import costs
 
 MOST_LIGHTS = 4  # on in one view; with more, the model that renders is no slower
 PLACES = ("position", "direction")  # of a light; three unknowns each
-FADING = "attenuation."  # what the numbers of an attenuation are named by
-OF_MATERIAL = ("k_a", "k_d", "k_s", "k_e", "n_s")
-SERVED = {*OF_MATERIAL, "intensity", "ambient", "exposure", "black", *PLACES}
+EXPONENT = ("objects", "material", "n_s")
+SERVED = {
+    *(("objects", "material", name) for name in ("k_a", "k_d", "k_s", "k_e", "n_s")),
+    *(("lights", name) for name in ("intensity", *PLACES)),
+    *(("views", name) for name in ("exposure", "black")),
+    ("scene", "ambient"),
+}
 
 
 class FeatureModel(AbstractForwardModel):
@@ -98,7 +102,7 @@ class FeatureModel(AbstractForwardModel):
     def fields(self, pixels: Pixels, view: Any, counts: Any) -> Fields | Seen:
         """Return `lit` of `seen`, by one program where the lights are known, which does not store the points."""
         if any(self.placed) or not is_concrete(view):
-            return self.lit(self.seen(pixels, view, counts), view)
+            return super().fields(pixels, view, counts)
         return fields_seen_by_chunk(self.setting, pixels, view, counts)
 
     def rows(self, scene: Any, view: Array, points: Fields | Seen) -> list[Any]:
@@ -251,7 +255,7 @@ class FeatureModel(AbstractForwardModel):
         S = jnp.take_along_axis(along, of_view[:, None, None, :], -1)
         return jnp.where((self.setting.shown < len(theta))[:, None, None, :], S, 0.0)
 
-    def gram(self, theta: Float[Array, " p"], summary: Any) -> ViewGrams:
+    def gram(self, theta: Float[Array, " p"], summary: Any) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries.
 
         Where it is shared, theta may have other linear unknowns than those the pass was made with.
@@ -260,24 +264,20 @@ class FeatureModel(AbstractForwardModel):
         S, shown = self._slopes(theta), self.setting.shown
         if not self.shared:
             cost, slope, curvature = summary
-            of_view = Gram(
-                cost,
-                jnp.einsum("vcfp,vcf->vp", S, slope),
-                jnp.einsum("vcfp,vcfg,vcgq->vpq", S, curvature, S),
-            )
-            return ViewGrams(of_view, shown)
+            gradient = jnp.einsum("vcfp,vcf->vp", S, slope)
+            return ByView(cost, gradient, jnp.einsum("vcfp,vcfg,vcgq->vpq", S, curvature, S), shown)
         features = predicted.shape[2]
         FF, Fy = summary[:, :features, :features], summary[:, :features, features:].transpose(0, 2, 1)
         yy = jnp.trace(summary[:, features:, features:], axis1=1, axis2=2)
         scale = self.view_weights()
         slope = jnp.einsum("vfg,vcg->vcf", FF, predicted) - Fy
         cost = 0.5 * (jnp.einsum("vcf,vcf->v", predicted, slope - Fy) + yy)
-        of_view = Gram(
+        return ByView(
             scale * cost,
             scale[:, None] * jnp.einsum("vcfp,vcf->vp", S, slope),
             scale[:, None, None] * jnp.einsum("vcfp,vfg,vcgq->vpq", S, FF, S),
+            shown,
         )
-        return ViewGrams(of_view, shown)
 
 
 def axes_of(name: str, place: Vec3) -> Sequence[Vec3]:
@@ -290,12 +290,12 @@ def axes_of(name: str, place: Vec3) -> Sequence[Vec3]:
 
 def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> bool:
     """Whether this model can serve: one object, few lights at once, and every unknown is one that it knows."""
-    names = _kinds(unknowns)
+    free = _fields_of(unknowns)
     material = scene.objects[0].material
     n_s = material.n_s
     return (
         len(scene.objects) == 1
-        and names <= SERVED.union(*(_fading(light, names) for light in scene.lights))
+        and free <= SERVED.union(*map(_of_law, scene.lights))
         and isinstance(material.fresnel, NoFresnel)
         and isinstance(material.lobe, AbstractPowerLobe)
         and not material.highlights
@@ -306,7 +306,7 @@ def features_can_serve(scene: Scene, views: Sequence[View], unknowns: Sequence[U
         and scene.atmosphere is None
         and not scene.shadows
         and np.ndim(n_s) == 0
-        and ("n_s" in names or float(n_s) >= EXPONENT_RANGE[0])
+        and (EXPONENT in free or float(n_s) >= EXPONENT_RANGE[0])
         and max(len(lights_on(scene, view)) for view in views) <= MOST_LIGHTS
         and all(light.is_factored and light.has_one_colour for light in scene.lights)
     )
@@ -322,29 +322,22 @@ def feature_model(
     grey: bool | None,
 ) -> FeatureModel:
     """Return the model with the features that these unknowns need."""
-    names = _kinds(unknowns)
+    free = _fields_of(unknowns)
     kinds = [next(scene.lights[i] for i in of) for of in light_kinds(scene.lights)]
-    fading = tuple(tuple(name.removeprefix(FADING) for name in _fading(light, names)) for light in kinds)
-    placed = tuple(tuple(name for name in PLACES if name in names and name in light.placement) for light in kinds)
-    return FeatureModel(setting, likelihood, "n_s" in names, fading, placed, shared, grey)
+    fading = tuple(tuple(of[-1] for of in _of_law(light) if of in free) for light in kinds)
+    placed = tuple(
+        tuple(name for name in PLACES if ("lights", name) in free and name in light.placement) for light in kinds
+    )
+    return FeatureModel(setting, likelihood, EXPONENT in free, fading, placed, shared, grey)
 
 
-def _kinds(unknowns: Sequence[Unknown]) -> set[str]:
-    """Return the last segments of all places that depend on an unknown, or whole paths for users' own numbers."""
-    return {_kind(path) for u in unknowns for path, _ in [*u.places, *((x.path, 0) for x in u.products)]}
+def _fields_of(unknowns: Sequence[Unknown]) -> set[tuple[str | int, ...]]:
+    """Return the fields, with their owner, of all places that depend on an unknown."""
+    return {(place.owner, *place.fields) for unknown in unknowns for place in unknown.all_places}
 
 
-def _kind(path: str) -> str:
-    room, holder, last = ["", "", *path.split(".")][-3:]
-    if holder == "attenuation":
-        return FADING + last
-    if last in PLACES:
-        return last if room == "lights" else path
-    return last if holder == "material" or last not in OF_MATERIAL else path
-
-
-def _fading(light: AbstractLight, names: set[str]) -> list[str]:
-    """Return which names are those of numbers of a light's attenuation."""
+def _of_law(light: AbstractLight) -> list[tuple[str, str, str]]:
+    """Return the fields that are numbers of a light's attenuation."""
     law = getattr(light, "attenuation", None)
-    given = [] if law is None else [of for of in law.numbers() if getattr(law, of) is not None]
-    return [FADING + of for of in given if FADING + of in names]
+    names = [] if law is None else [name for name in law.numbers() if getattr(law, name) is not None]
+    return [("lights", "attenuation", name) for name in names]

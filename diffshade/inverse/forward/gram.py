@@ -1,17 +1,20 @@
-"""Grams: what a Gauss-Newton step needs of any number of residuals."""
+"""Grams: what a Gauss-Newton step needs of any number of residuals, of all views together or of each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
+
+Part = tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]
 
 
 class Gram(eqx.Module):
@@ -23,65 +26,90 @@ class Gram(eqx.Module):
     """Float[Array, "... p p"]; of a point all together, `solve.elimination.Symmetric`."""
 
 
-class ViewGrams(eqx.Module):
-    """The Gram of each view, of the unknowns alone that it can show."""
+class ByView(eqx.Module):
+    """What each view, or cluster of samples, says of the unknowns that it can show: H_v, g_v, and which these are.
 
-    of: Gram
-    shown: Int[Array, "views most"] | None
+    Its arrays are JAX's while a fit is minimised, and NumPy's afterwards.
+    """
+
+    cost: Float[Array, " views"]
+    gradient: Float[Array, "views m"]
+    hessian: Float[Array, "views m m"]
+    shown: Int[Array, "views m"] | None
     """The unknowns of each view, padded with their number; None where every view shows all."""
 
-    @property
-    def cost(self) -> Float[Array, " views"]:
-        """The cost of each view."""
-        return self.of.cost
+    @classmethod
+    def of(cls, parts: Sequence[Part], costs: Sequence[float] | Float[np.ndarray, " views"], p: int) -> ByView:
+        """Return what views say, given for each which of p unknowns it shows, and H and g for them."""
+        most = max(len(index) for index, _, _ in parts)
+        gradient, hessian = np.zeros((len(parts), most)), np.zeros((len(parts), most, most))
+        shown = np.full((len(parts), most), p)
+        for v, (index, H, g) in enumerate(parts):
+            m = len(index)
+            shown[v, :m], gradient[v, :m], hessian[v, :m, :m] = index, g, H
+        return cls(np.array(costs), gradient, hessian, shown)
 
-    def total(self, p: int) -> Gram:
-        """Return the Gram of all views together."""
+    def slope(self, p: int) -> Float[Array, " p"]:
+        """Return the gradient of all views together, as JAX's array."""
         if self.shown is None:
-            return jax.tree.map(lambda leaf: leaf.sum(0), self.of)
-        rows, columns = self.shown[:, :, None], self.shown[:, None, :]
-        hessian = jnp.zeros((p, p)).at[rows, columns].add(self.of.hessian, mode="drop")
-        return Gram(self.of.cost.sum(), self.gradient(p), hessian)
+            return self.gradient.sum(0)
+        return jnp.zeros(p).at[self.shown].add(self.gradient, mode="drop")
 
-    def gradient(self, p: int) -> Float[Array, " p"]:
-        """Return the gradient of all views together."""
-        if self.shown is None:
-            return self.of.gradient.sum(0)
-        return jnp.zeros(p).at[self.shown].add(self.of.gradient, mode="drop")
+    def index(self, p: int) -> Int[np.ndarray, "views m"]:
+        """Return which of p unknowns each view shows, padded with their number."""
+        return np.tile(np.arange(p), (len(self.cost), 1)) if self.shown is None else np.asarray(self.shown)
+
+    def parts(self, which: Bool[np.ndarray, " p"]) -> Iterator[Part]:
+        """Yield for each view which of some unknowns it shows, and H and g for them."""
+        index, H, g = self.index(len(which)), np.asarray(self.hessian), np.asarray(self.gradient)
+        for shown, H_v, g_v in zip(index, H, g, strict=True):
+            here = np.append(which, False)[shown]
+            yield shown[here], H_v[np.ix_(here, here)], g_v[here]
+
+    def total(self, p: int) -> Float[np.ndarray, "p p"]:
+        """Return the Hessian of all views together."""
+        total = np.zeros((p, p))
+        for index, H, _ in self.parts(np.ones(p, bool)):
+            total[np.ix_(index, index)] += H
+        return total
 
     def seen(self, p: int) -> Float[np.ndarray, "views p"]:
-        """Return the diagonal of the Gram of each view."""
-        diagonal = np.diagonal(np.asarray(self.of.hessian), axis1=1, axis2=2)
-        if self.shown is None:
-            return diagonal
-        padded = np.zeros((len(self.shown), p + 1))
-        np.put_along_axis(padded, np.asarray(self.shown), diagonal, 1)
-        return padded[:, :p]
+        """Return the diagonal of the Hessian of each view."""
+        found = np.zeros((len(self.cost), p))
+        for row, (index, H, _) in zip(found, self.parts(np.ones(p, bool)), strict=True):
+            row[index] = np.diag(H)
+        return found
 
-    def together(
-        self, groups: Sequence[Sequence[int]], p: int
-    ) -> tuple[Float[np.ndarray, "groups m m"], Float[np.ndarray, "groups m"], Int[np.ndarray, "groups m"] | None]:
-        """Return H and g of groups of views, of the unknowns that each can show, and which those are."""
-        H, g = np.asarray(self.of.hessian), np.asarray(self.of.gradient)
-        if self.shown is None:
-            return (
-                np.array([H[list(of)].sum(0) for of in groups]),
-                np.array([g[list(of)].sum(0) for of in groups]),
-                None,
-            )
-        shown = np.asarray(self.shown)
-        unions = [np.setdiff1d(shown[list(of)], [p]) for of in groups]
-        most = max(map(len, unions))
-        found_H, found_g = np.zeros((len(groups), most, most)), np.zeros((len(groups), most))
-        index = np.full((len(groups), most), p)
-        for c, (of, union) in enumerate(zip(groups, unions, strict=True)):
-            index[c, : len(union)] = union
-            for view in of:
-                here = shown[view] < p
-                at = np.searchsorted(union, shown[view][here])
-                found_H[c][np.ix_(at, at)] += H[view][np.ix_(here, here)]
-                found_g[c][at] += g[view][here]
-        return found_H, found_g, index
+    def single_view(self, p: int) -> Int[np.ndarray, " p"]:
+        """Return for each unknown the one of several views that alone sees it, as it does its exposure; else -1."""
+        seen = self.seen(p)
+        sees = seen > 1e-12 * seen.max(0, initial=0.0)
+        return np.where((sees.sum(0) == 1) & (len(seen) > 1), sees.argmax(0), -1)
+
+    def among(self, which: Bool[np.ndarray, " p"]) -> ByView:
+        """Return what the views say of some of the unknowns, with the others held."""
+        number = np.where(which, np.cumsum(which) - 1, which.sum())
+        shown = np.append(number, which.sum())[self.index(len(which))]
+        return dataclasses.replace(self, shown=shown)
+
+    def scaled(self, by: Float[np.ndarray, " p"]) -> ByView:
+        """Return what the views say of unknowns in other units: derivatives multiplied by `by`."""
+        unit = np.append(by, 0.0)[self.index(len(by))]
+        hessian = np.asarray(self.hessian) * unit[:, :, None] * unit[:, None, :]
+        return dataclasses.replace(self, gradient=np.asarray(self.gradient) * unit, hessian=hessian)
+
+    def together(self, groups: Sequence[Sequence[int]], p: int) -> ByView:
+        """Return the sums over groups of views."""
+        parts, found = list(self.parts(np.ones(p, bool))), []
+        for of in groups:
+            union = np.unique(np.concatenate([parts[v][0] for v in of]))
+            H, g = np.zeros((len(union), len(union))), np.zeros(len(union))
+            for index, H_v, g_v in (parts[v] for v in of):
+                at = np.searchsorted(union, index)
+                H[np.ix_(at, at)] += H_v
+                g[at] += g_v
+            found.append((union, H, g))
+        return ByView.of(found, [float(np.asarray(self.cost)[list(of)].sum()) for of in groups], p)
 
 
 class Point(eqx.Module):
@@ -89,7 +117,7 @@ class Point(eqx.Module):
 
     theta: Float[Array, " p"]
     total: Gram
-    views: ViewGrams
+    views: ByView
 
 
 def directions_of(

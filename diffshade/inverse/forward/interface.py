@@ -16,7 +16,7 @@ from ...model.scenes import Object
 from ..data.views import Noise
 from ..pixels.blocks import Block
 from ..unknowns.slots import Setup, Slots
-from .gram import ViewGrams
+from .gram import ByView
 from .losses import Likelihood
 from .rounding import Rounding
 
@@ -82,9 +82,9 @@ class AbstractForwardModel(eqx.Module):
     def lit(self, seen: Any, view: Int[Array, " blocks"]) -> Any:
         """Return what `predict` needs to know of points: `Block.points`, which known lights are a part of."""
 
-    @abstractmethod
     def fields(self, pixels: Pixels, view: Int[Array, " blocks"], counts: Bool[Array, "blocks pixels"]) -> Any:
-        """Return what `predict` needs to know of a chunk's pixels: `lit` of `seen`."""
+        """Return what `predict` needs to know of a chunk's pixels."""
+        return self.lit(self.seen(pixels, view, counts), view)
 
     @abstractmethod
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
@@ -98,7 +98,7 @@ class AbstractForwardModel(eqx.Module):
         """Return the sums over a chunk from which `gram` computes the Gram of each view."""
 
     @abstractmethod
-    def gram(self, theta: Float[Array, " p"], summary: Any) -> ViewGrams:
+    def gram(self, theta: Float[Array, " p"], summary: Any) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries."""
 
     def view_weights(self) -> Float[Array, " views"]:

@@ -13,19 +13,17 @@ import numpy as np
 from ...core.fields import Array
 from ...model.scenes import Object
 from ...parallel.threads import cores, on_all_cores
-from ..data.views import View
+from ..data.view_sets import ViewSet
 from ..pixels.blocks import Block, Observed, Piece, padded_length, rows_and_columns, views_of
 from .interface import AbstractForwardModel, Pixels
 
 
-def place(
-    parts: Sequence[Piece], views: Sequence[View], size: int, over_pixels: tuple[Object, ...], length: int | None = None
-) -> Pixels:
+def place(parts: Sequence[Piece], size: int, over_pixels: tuple[Object, ...], length: int | None = None) -> Pixels:
     """Return where the pixels of a chunk are, with what of the objects comes with them (`slots.apart`).
 
     A padded pixel has zeros: of a G-buffer a zero normal, outside the mask.
     """
-    row, column = rows_and_columns(parts, views, size, length)
+    row, column = rows_and_columns(parts, size, length)
 
     def gather(leaf: Array) -> np.ndarray:
         leaf = np.asarray(leaf)
@@ -40,12 +38,10 @@ def place(
 
 def points_of(
     chunks: Sequence[Sequence[Piece]],
-    views: Sequence[View],
+    data: ViewSet,
     model: AbstractForwardModel,
     over_pixels: tuple[Object, ...],
     size: int,
-    cameras: Sequence[Any],
-    lights: Sequence[Any],
 ) -> list[Any]:
     """Return the points of each chunk, on the device.
 
@@ -54,15 +50,13 @@ def points_of(
 
     Args:
         chunks: The chunks, a piece for each block.
-        views: The photographs.
+        data: The photographs.
         model: The forward model.
         over_pixels: What of the objects comes with the pixels (`slots.apart`).
         size: Pixels in a block.
-        cameras: A key of each view's camera.
-        lights: A key of the lights that are on in each view.
     """
-    shows = [tuple((cameras[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in chunks]
-    alike = [(key, tuple(lights[part.view] for part in of)) for key, of in zip(shows, chunks, strict=True)]
+    shows = [tuple((data.cameras[v], id(pixels) if len(pixels) else 0) for v, _, pixels in of) for of in chunks]
+    alike = [(key, tuple(data.lit[part.view] for part in of)) for key, of in zip(shows, chunks, strict=True)]
     first: dict[tuple, Sequence[Piece]] = {}
     by_camera: dict[tuple, list[tuple]] = {}
     for pair, of in zip(alike, chunks, strict=True):
@@ -73,7 +67,7 @@ def points_of(
     def pixels_of(parts: Sequence[Piece], length: int) -> tuple[Any, Any, Any]:
         counts = np.zeros((length, 1))
         counts[: len(parts), 0] = [len(part.pixels) for part in parts]
-        return place(parts, views, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
+        return place(parts, size, over_pixels, length), views_of(parts, length), np.arange(size) < counts
 
     def at_once(pair: tuple) -> Any:
         return jax.device_put(model.fields(*pixels_of(first[pair], len(first[pair]))))
@@ -105,13 +99,6 @@ def _repeats(key: Sequence[tuple]) -> bool:
     """Whether blocks of a chunk show the same pixels, so that finding these once saves something."""
     filled = [block for block in key if block[1]]
     return len(set(filled)) < len(filled) and padded_length(len(set(key))) < len(key)
-
-
-def lay_plain(model: AbstractForwardModel, gathered: Block) -> Block:
-    """Return a chunk laid out: the points that its pixels show, and equal weights for all samples."""
-    seen = gathered.observed
-    points = model.fields(gathered.points, gathered.view, seen.weight[:, 0])
-    return with_weights(model, Block(gathered.view, jax.device_put(points), seen), noise_known=False)
 
 
 def with_weights(model: AbstractForwardModel, chunk: Block, *, noise_known: bool) -> Block:

@@ -15,16 +15,16 @@ from ...core.backend import jit_quickly
 from ...core.fields import Array
 from ...model.bands import in_bands
 from ...model.cameras import AbstractCamera, Projection
-from ...model.scenes import Scene, light_kinds, stack_scene, together
+from ...model.scenes import Scene, light_kinds, together
 from ...model.tracing import radiance
 from ...model.vectors import Vec3
 from ..data.sensors import Sensor, falloff
 from ..data.views import View, camera_key, is_grey, lights_on, noises, switches
 from ..pixels.blocks import Block, Observed
-from ..unknowns.slots import Setup, apart, sensors_of, slots_of
-from ..unknowns.unknown import Unknown
+from ..unknowns.slots import Setup, apart, slots_of
+from ..unknowns.unknown import Unknown, free_places
 from ..unknowns.visibility import seeds_of, seeds_of_bands, shown_unknowns
-from .gram import Gram, ViewGrams, directions_of
+from .gram import ByView, Gram, directions_of
 from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
@@ -66,10 +66,6 @@ class RenderedModel(AbstractForwardModel):
     def lit(self, seen: Pixels, view: Any) -> Pixels:
         """Return the pixels again."""
         return seen
-
-    def fields(self, pixels: Pixels, view: Any, counts: Any) -> Pixels:
-        """Return the pixels of a chunk themselves."""
-        return pixels
 
     def predict(self, theta: Float[Array, " p"], block: Block) -> tuple[Float[Array, " pixels"], ...]:
         """Return what the sensor records of a block, one array a channel; of a grey view the mean of the three."""
@@ -168,9 +164,9 @@ class RenderedModel(AbstractForwardModel):
         weight = [jnp.where(counts, w, 0.0) for w, counts in zip(seen.weight, gentle, strict=True)]
         return costs(self.likelihood, m, eqx.tree_at(lambda o: o.weight, seen, weight))
 
-    def gram(self, theta: Float[Array, " p"], summary: Gram) -> ViewGrams:
+    def gram(self, theta: Float[Array, " p"], summary: Gram) -> ByView:
         """Return the Gram of each view from the sum of the chunks' summaries."""
-        return ViewGrams(summary, self.setting.shown)
+        return ByView(summary.cost, summary.gradient, summary.hessian, self.setting.shown)
 
 
 def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[Any]:
@@ -181,14 +177,13 @@ def costs(likelihood: Likelihood, m: Sequence[Any], observed: Observed) -> list[
 
 def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Setting:
     """Gather all that predictions depend on, except the values of the unknowns and the pixels."""
-    exposure, black = (np.array([float(getattr(view, name)) for view in views]) for name in ("exposure", "black"))
     shown = shown_unknowns(scene, views, unknowns)
-    sensors = sensors_of(views)
-    blurred = sensors is not None and (
-        bool((sensors.blur > 0.0).any())
-        or any(path.endswith("sensor.blur") for unknown in unknowns for path, _ in unknown.places)
-    )
     over_pixels, rest = apart(scene)
+    setup = Setup.of(rest, views)
+    blurred = setup.sensor is not None and (
+        bool((setup.sensor.blur > 0.0).any())
+        or any(place.fields == ("sensor", "blur") for place in free_places(unknowns))
+    )
     if blurred and jax.tree.leaves(over_pixels):
         raise ValueError(
             "Sensor.blur needs the surface between the pixels, and the scene has a GBuffer or coefficients over the "
@@ -196,7 +191,7 @@ def prepare(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) ->
             "everywhere."
         )
     return Setting(
-        Setup(stack_scene(rest), exposure, black, sensors),
+        setup,
         slots_of(rest, views, unknowns),
         projections_of(views),
         _lit(scene, views),

@@ -26,7 +26,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ...core.fields import Array
 from ...io.encodings import srgb_encode
@@ -37,6 +37,7 @@ BITS = (8, 10, 12, 14, 16)
 FEWEST = 3  # different values that are needed to find steps
 CHANCE = 1e-9  # largest probability that values without steps come so near to them
 TOLERANCE = 0.02  # steps: the largest distance of a value from its step; float32 holds 65,535 steps to .004
+CURVES = (False, np.asarray), (True, srgb_encode)
 FINEST = 2.0**-17  # smallest step over the largest value: finer ones are those of floats
 
 
@@ -106,63 +107,28 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
     different = np.unique(values)
     if not len(different) or not np.isfinite(different).all():
         return 0.0, False
-    curves = (False, different), (True, srgb_encode(different))
-    for count in (levels, *(2.0**bits - 1.0 for bits in BITS)):
-        for srgb, of in curves if count > 0 else ():
-            if _on_steps(of * count, least=1 if count == levels else FEWEST):
+    few = different[:: 1 + len(different) // 64]  # they refuse nearly all that have no steps
+    counts = np.array([levels, *(2.0**bits - 1.0 for bits in BITS)])
+    for srgb, curve in CURVES:
+        counted = counts[:, None] * curve(few)
+        whole = np.abs(counted - np.rint(counted)).max(1) < TOLERANCE
+        for count in counts[whole & (counts > 0)].tolist():
+            if _on_steps(curve(different) * count, least=1 if count == levels else FEWEST):
                 return 1.0 / count, srgb
-    for srgb, of in curves:
-        if step := _common_step(of):
+    for srgb, curve in CURVES:
+        if step := _common_step(curve(different)):
             return step, srgb
     return 0.0, False
 
 
 def find_rounding(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[float]) -> Rounding:
     """Return the steps of views, found from their values; `levels` of each as `find_steps` has them."""
-    values = [np.sort(of) for of in values]
-    found = [
-        find_steps(of, known) if may_have else (0.0, False)
-        for of, known, may_have in zip(values, levels, _may_have_steps(values, levels), strict=True)
-    ]
-    step, srgb = (np.array(of, float) for of in zip(*found, strict=True))
+    step, srgb = np.array([find_steps(*of) for of in zip(values, levels, strict=True)], float).T
     return Rounding(step, srgb, np.zeros(()))
-
-
-def _may_have_steps(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[float]) -> Bool[np.ndarray, " views"]:
-    """Return for which views `find_steps` may find some: a few of the sorted values refuse nearly all that have none.
-
-    `find_steps` finds none where some of these few are not whole numbers of any known step, and two neighbours are
-    nearer than the finest step that it accepts.
-    """
-    may_have = np.ones(len(values), bool)
-    long = [view for view, of in enumerate(values) if len(of) >= 4 * FEWEST]
-    if not long:
-        return may_have
-    values = [values[view] for view in long]
-    few = np.stack([of[np.arange(64) * len(of) // 64] for of in values])
-    gaps = [np.diff(of) for of in values]
-    least = [0.01 * FINEST * np.abs(of[[0, -1]]).max() for of in values]  # nearer ones may be one value, rounded
-    nearest = [1 + int(np.argmin(np.where(of[1:] > far, of[1:], np.inf))) for of, far in zip(gaps, least, strict=True)]
-    pairs = np.stack([of[[at - 1, at, at + 1, 0, -1]] for of, at in zip(values, nearest, strict=True)])
-    known = np.broadcast_to(2.0 ** np.array(BITS) - 1.0, (len(values), len(BITS)))
-    counts = np.column_stack([np.asarray(levels)[long], known])[:, :, None]
-    found = np.zeros(len(values), bool)
-    for curve in (np.asarray, srgb_encode):
-        counted = counts * curve(few)[:, None]
-        off = np.abs(counted - np.rint(counted)).max(-1)
-        found |= ((off < TOLERANCE) & (counts[:, :, 0] > 0.0)).any(-1)
-        near = curve(pairs)
-        finest = FINEST * np.abs(near[:, 3:]).max(-1)
-        before, gap = np.diff(near[:, :3]).T
-        found |= ~((before > 1e-3 * finest) & (gap > 1e-3 * finest) & (gap < finest))
-    may_have[long] = found
-    return may_have
 
 
 def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
     """Return whether values counted in steps are whole numbers, too many and too exactly for chance."""
-    if _furthest(values[:: 1 + len(values) // 64]) >= TOLERANCE:  # a few are enough to refuse nearly all that have none
-        return False
     values = values[np.abs(values) > TOLERANCE]
     off = _furthest(values)
     chance = max(2.0 * off, 1e-12) ** min(len(values), 20)

@@ -17,7 +17,7 @@ from ...parallel.threads import on_all_cores
 from ..pixels.blocks import Block, total
 from .gram import directions_of
 from .interface import AbstractForwardModel
-from .rounding import HARMONICS, damping, harmonics
+from .rounding import HARMONICS, Rounding, damping, harmonics
 
 T = TypeVar("T")
 Theta = Float[Array, " p"]
@@ -101,13 +101,12 @@ def waves(theta: Theta, model: AbstractForwardModel, chunk: Block) -> Float[Arra
     return jax.lax.scan(add, zero, chunk)[0]
 
 
-@jax.jit
-def variance_of_steps(model: AbstractForwardModel, chunk: Block) -> Float[Array, "2"]:
+def variance_of_steps(rounding: Rounding, model: AbstractForwardModel, chunk: Block) -> Float[Array, "2"]:
     """Return the sums over a chunk's samples of 1 and of the weighted variance of a step, w q^2/12."""
 
     def add(total: Array, block: Block) -> tuple[Array, None]:
         weight = model.measured_weights(block)
-        _, size = model.setting.rounding.steps(block.view, block.observed.target)
+        _, size = rounding.steps(block.view, block.observed.target)
         return total + jnp.stack([jnp.sum(jnp.where(weight > 0, 1.0, 0.0)), jnp.sum(weight * size**2) / 12.0]), None
 
     return jax.lax.scan(add, jnp.zeros(2), chunk)[0]

@@ -13,9 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from ...core.fields import Array
-from ..data.samples import LEAST, Samples
-from ..data.views import View
-from ..data.views import channels as channels_of
+from ..data.samples import MIN_PIXELS, Samples
 
 T = TypeVar("T")
 BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
@@ -35,7 +33,7 @@ class Observed(eqx.Module):
     """1 or 1/variance, 0 where a sample does not count; None where the model projects. Before a chunk is laid out,
     whether a sample counts."""
     clipped: Int8[Array, "... channels pixels"] | None
-    """See `Samples.clipped`; None where no sample of the fit is."""
+    """See `SensorRange.clipped`; None where no sample of the fit is."""
 
 
 class Block(eqx.Module):
@@ -73,7 +71,7 @@ def shares(pixels: Sequence[int], at_most: int | None) -> list[int]:
     total = sum(pixels)
     if at_most is None or at_most >= total:
         return list(pixels)
-    return [max(n * at_most // total, min(n, LEAST)) for n in pixels]
+    return [max(n * at_most // total, min(n, MIN_PIXELS)) for n in pixels]
 
 
 def block_size(pixels: Sequence[int], places: int = 1) -> int:
@@ -149,25 +147,17 @@ def views_of(parts: Sequence[Piece], length: int | None = None) -> Int[np.ndarra
     return view
 
 
-def observed(
-    parts: Sequence[Piece],
-    views: Sequence[View],
-    size: int,
-    channels: int,
-    *,
-    clipping: bool,
-    length: int | None = None,
-) -> Observed:
+def observed(parts: Sequence[Piece], size: int, channels: int, *, clipping: bool) -> Observed:
     """Lay a chunk's samples out in blocks."""
-    length = length or len(parts)
-    target, counts = aligned_zeros((length, channels, size)), np.zeros((length, channels, size), bool)
-    clipped = np.zeros((length, channels, size), np.int8) if clipping else None
+    shape = (len(parts), channels, size)
+    target, counts = aligned_zeros(shape), np.zeros(shape, bool)
+    clipped = np.zeros(shape, np.int8) if clipping else None
     b = 0
     for _, of_view in itertools.groupby(parts, key=lambda part: id(part.samples)):
         run = [part.pixels for part in of_view]
         pixels, samples = np.concatenate(run), parts[b].samples
-        values, used = samples.values(pixels), channels_of(views[parts[b].view])
-        ends = None if clipped is None else samples.clipped(values)
+        values, used = samples.values(pixels), samples.photograph.shape[2]
+        ends = None if clipped is None else samples.sensor_range.clipped(values)
         start = 0
         for piece in run:
             n = len(piece)
@@ -181,12 +171,12 @@ def observed(
 
 
 def rows_and_columns(
-    parts: Sequence[Piece], views: Sequence[View], size: int, length: int | None = None
+    parts: Sequence[Piece], size: int, length: int | None = None
 ) -> tuple[Float[np.ndarray, "blocks size"], Float[np.ndarray, "blocks size"]]:
     """Return the row and the column of each pixel of a chunk; 0 where it is padded."""
     row, column = (aligned_zeros((length or len(parts), size)) for _ in range(2))
-    for b, (view, _, pixels) in enumerate(parts):
-        n, width = len(pixels), views[view].image.shape[1]
+    for b, (_, samples, pixels) in enumerate(parts):
+        n, width = len(pixels), samples.photograph.shape[1]
         row[b, :n] = pixels // width
         column[b, :n] = pixels - width * row[b, :n]
     return row, column

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -10,28 +10,48 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...core import fields
 from ..unknowns.visibility import Arrow
+
+Shared = TypeVar("Shared", Array, np.ndarray)
+
+
+def eliminate(inverses: Shared, side: Shared, right: Shared) -> tuple[Shared, Shared, Shared, Shared]:
+    """Return B^-1 C and B^-1 b of blocks of unknowns, the sum of C^T B^-1 C, and C^T B^-1 b of each block.
+
+    The Schur complement of the blocks is the matrix of the border less the third, with a right side that is less the
+    sum of the last (Triggs et al. 2000). The arrays are NumPy's or JAX's.
+
+    Args:
+        inverses: B^-1 [blocks, g, g].
+        side: C, the rows that couple each block to the border [blocks, g, f].
+        right: b, right sides of the blocks [blocks, g, k].
+    """
+    by_border, alone, rows = inverses @ side, inverses @ right, (len(side) * side.shape[1], side.shape[2])
+    return by_border, alone, side.reshape(rows).T @ by_border.reshape(rows), side.swapaxes(1, 2) @ alone
 
 
 class Dense(eqx.Module):
     """A symmetric matrix."""
 
-    whole: Float[Array, "p p"]
+    whole: Float[fields.Array, "p p"]
 
-    def as_matrix(self) -> Float[Array, "p p"]:
+    def as_matrix(self) -> Float[fields.Array, "p p"]:
         """Return all numbers."""
         return self.whole
-
-    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
-        return np.asarray(self.whole)
 
     def diagonal(self) -> Float[Array, " p"]:
         """Return the diagonal."""
         return jnp.diagonal(self.whole)
 
-    def added(self, index: Int[Array, "k m"], parts: Float[Array, "k m m"]) -> Dense:
-        """Return the matrix with small ones added, each at the rows and columns of its indices; p is nowhere."""
-        return Dense(self.whole.at[index[:, :, None], index[:, None, :]].add(parts, mode="drop"))
+    def added(self, index: Int[Array, "k m"] | None, parts: Float[Array, "k m m"]) -> Dense:
+        """Return the matrix with others added, each at the rows and columns of its indices; p is nowhere.
+
+        Without indices they are added as they are.
+        """
+        if index is None:
+            return Dense(self.whole + parts.sum(0))
+        return Dense(jnp.asarray(self.whole).at[index[:, :, None], index[:, None, :]].add(parts, mode="drop"))
 
     def plus(self, diagonal: Float[Array, " p"]) -> Dense:
         """Return the matrix with numbers added to its diagonal."""
@@ -41,7 +61,7 @@ class Dense(eqx.Module):
         """Return the matrix with rows and columns multiplied."""
         return Dense(self.whole * jnp.outer(by, by))
 
-    def times(self, z: Float[Array, " p"]) -> Float[Array, " p"]:
+    def times(self, z: Float[Array, " p"]) -> Float[fields.Array, " p"]:
         """Return the product with a vector."""
         return self.whole @ z
 
@@ -71,19 +91,8 @@ class Arrowhead(eqx.Module):
         return Arrowhead(border, side, blocks, self.arrow, self.p)
 
     def as_matrix(self) -> Float[Array, "p p"]:
-        """Return all numbers, laid out whole."""
-        F, G = self.arrow.border, self.arrow.blocks
-        A = jnp.zeros((self.p, self.p), self.border.dtype).at[F[:, None], F].set(self.border)
-        A = (
-            A.at[G[:, :, None], F]
-            .set(self.side, mode="drop")
-            .at[F[:, None, None], G]
-            .set(self.side.transpose(2, 0, 1), mode="drop")
-        )
-        return A.at[G[:, :, None], G[:, None, :]].set(self.blocks, mode="drop")
-
-    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
-        return np.asarray(self.as_matrix())
+        """Return all numbers."""
+        return jax.vmap(self.times)(jnp.eye(self.p))
 
     def diagonal(self) -> Float[Array, " p"]:
         """Return the diagonal."""
@@ -136,15 +145,14 @@ class Arrowhead(eqx.Module):
         b_G)$ and $x_G = A_{GG}^{-1} (b_G - A_{GF} x_F)$.
         """
         b_F, b_G = self._parts(b)
+        one = jnp.eye(self.blocks.shape[1])
         padded = jnp.where(self.arrow.blocks < self.p, 0.0, 1.0)
-        solved = jax.vmap(lambda M, of: jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(M), of))(
-            self.blocks + padded[:, :, None] * jnp.eye(self.blocks.shape[1])[None],
-            jnp.concatenate([self.side, b_G[..., None]], -1),
+        inverses = jax.vmap(lambda M: jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(M), one))(
+            self.blocks + padded[:, :, None] * one[None]
         )
-        from_F, from_b = solved[..., :-1], solved[..., -1]
-        left = self.border - jnp.einsum("gif,gih->fh", self.side, from_F)
-        x_F = Dense(left).solve(b_F - jnp.einsum("gif,gi->f", self.side, from_b))
-        return self._whole(x_F, from_b - from_F @ x_F)
+        by_border, alone, of_matrix, of_right = eliminate(inverses, self.side, b_G[:, :, None])
+        x_F = Dense(self.border - of_matrix).solve(b_F - of_right[..., 0].sum(0))
+        return self._whole(x_F, alone[..., 0] - by_border @ x_F)
 
 
 Symmetric = Dense | Arrowhead
@@ -155,4 +163,4 @@ def nothing(p: int, arrow: Arrow | None) -> Symmetric:
     if arrow is None:
         return Dense(jnp.zeros((p, p)))
     f, (blocks, g) = len(arrow.border), arrow.blocks.shape
-    return Arrowhead(jnp.zeros((f, f)), jnp.zeros((blocks, g, f)), jnp.zeros((blocks, g, g)), arrow, p)
+    return Arrowhead(jnp.zeros((f, f)), jnp.zeros([blocks, g, f]), jnp.zeros([blocks, g, g]), arrow, p)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ...core.words import Note, listing
 from ...model.scenes import Scene
-from ..unknowns.names import path_with_names
+from ..unknowns.places import Place
 from ..unknowns.unknown import Unknown
 
 Highlights = list[list[int]]  # for each highlight the unknowns of its k_s and, last, of its n_s
@@ -24,13 +24,13 @@ def interchangeable(scene: Scene, unknowns: Sequence[Unknown]) -> list[Highlight
     at = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
     found = []
     for i, item in enumerate(scene.objects):
-        m, base = item.material, f"objects.{i}.material"
+        m = item.material
         lobes = [m.lobe, *(more.lobe for more in m.highlights)]
-        starts = [base, *(f"{base}.highlights.{k}" for k in range(len(m.highlights)))]
+        starts = [("material",), *(("material", "highlights", k) for k in range(len(m.highlights)))]
         members = []
         for start, lobe in zip(starts, lobes, strict=True):
-            places = [(f"{start}.k_s", c) for c in range(len(scene.channels))] + [(f"{start}.n_s", 0)]
-            indices = [at.get((path_with_names(path, scene), c), -1) for path, c in places]
+            k_s, n_s = (Place("objects", i, (*start, name)) for name in ("k_s", "n_s"))
+            indices = [at.get(of, -1) for of in (*(k_s.at(c) for c in range(len(scene.channels))), n_s.at(0))]
             if min(indices) >= 0 and eqx.tree_equal(lobe, lobes[0]) and np.ndim(m.n_s) == 0:
                 members.append(list(dict.fromkeys(indices)))
         alike = {tuple((unknowns[j].lower, unknowns[j].upper, unknowns[j].prior) for j in of) for of in members}

@@ -16,12 +16,12 @@ from jaxtyping import Array, Bool, Float, Int
 from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
 from ...parallel.threads import on_all_cores
-from ..forward.gram import Gram, Point, ViewGrams
+from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
 from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
-from .elimination import Arrowhead, Dense, Symmetric, nothing
+from .elimination import Arrowhead, Dense, nothing
 
 PATIENCE = 6  # steps, rejected ones too
 # The damping of the first step: from anywhere, from values that somebody states (as Ceres' own first step has it), and
@@ -55,7 +55,7 @@ class PriorResiduals(eqx.Module):
         )
 
 
-class Box(eqx.Module):
+class BoxConstraints(eqx.Module):
     """The range of the unknowns, which of them the prediction is linear in, and how they divide into blocks."""
 
     lower: Float[fields.Array, " p"]
@@ -72,14 +72,18 @@ class Task:
     Taken apart once, so that the calls of compiled programs, a few for each step, do not do so each time.
     """
 
-    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: Box):
+    def __init__(self, model: AbstractForwardModel, priors: PriorResiduals, box: BoxConstraints):
         self.model, self.priors, self.box = model, priors, box
         self.model_leaves, self.model_structure = jax.tree.flatten(model)
         self.leaves, self.structure = jax.tree.flatten((model, priors, box))
 
 
 def point_of(
-    theta: Float[fields.Array, " p"], model: AbstractForwardModel, priors: PriorResiduals, box: Box, summary: Any
+    theta: Float[fields.Array, " p"],
+    model: AbstractForwardModel,
+    priors: PriorResiduals,
+    box: BoxConstraints,
+    summary: Any,
 ) -> Point:
     """Return the point at theta, from a pass over the pixels there.
 
@@ -91,22 +95,15 @@ def point_of(
     def at(theta: Any) -> Point:
         views = model.gram(theta, summary)
         known = priors.gram(theta, box.arrow)
-        gradient = known.gradient + views.gradient(len(theta))
-        return Point(theta, Gram(views.cost.sum() + known.cost, gradient, _with_views(known.hessian, views)), views)
+        gradient = known.gradient + views.slope(len(theta))
+        hessian = known.hessian.added(views.shown, views.hessian)
+        return Point(theta, Gram(views.cost.sum() + known.cost, gradient, hessian), views)
 
     point = at(theta)
     return at(theta + linear_step(point, box)) if model.projects else point
 
 
-def _with_views(hessian: Symmetric, views: ViewGrams) -> Symmetric:
-    """Return a Hessian with those of all views added."""
-    if views.shown is not None:
-        return hessian.added(jnp.asarray(views.shown), views.of.hessian)
-    every = jnp.arange(views.of.hessian.shape[-1])[None]
-    return hessian.added(every, views.of.hessian.sum(0)[None])
-
-
-def linear_step(point: Point, box: Box) -> Float[fields.Array, " p"]:
+def linear_step(point: Point, box: BoxConstraints) -> Float[fields.Array, " p"]:
     """Return the step of the linear unknowns alone to their optimum within bounds."""
     H, g = point.total.hessian, point.total.gradient
     low = jnp.where(box.linear, box.lower - point.theta, 0.0)
@@ -177,7 +174,9 @@ def _advance(
     return theta, state, done | failed, failed
 
 
-def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR) -> GramLevenbergMarquardt:
+def _solver(
+    box: BoxConstraints, squares: Any, *, projects: bool, rtol: Any, damping: float = FAR
+) -> GramLevenbergMarquardt:
     rounding = 4.0 * float(jnp.finfo(jnp.result_type(float)).eps) * squares if projects else 0.0
     linear = box.linear if projects else np.zeros(box.linear.shape, bool)
     return GramLevenbergMarquardt(
@@ -192,7 +191,7 @@ def _solver(box: Box, squares: Any, *, projects: bool, rtol: Any, damping: float
 def minimum_in_jax(
     theta: Array,
     evaluate_at: Callable[[Array], Point],
-    box: Box,
+    box: BoxConstraints,
     squares: Array,
     *,
     projects: bool,

@@ -7,7 +7,8 @@ bounds, on a few of the pixels. Unknowns of one kind are tried together, one gro
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,12 +23,12 @@ from ...model.scenes import Scene
 from ..forward.gram import Point
 from ..pixels.blocks import Block
 from ..unknowns.light_priors import middle_of
-from ..unknowns.unknown import Unknown, coordinates
+from ..unknowns.places import Place
+from ..unknowns.unknown import Unknown, coordinates, free_places
 from ..unknowns.visibility import Arrow, places_apart
 from .descent import box_step
-from .solvers import Box, Task, evaluate, linear_step, minimise
+from .solvers import BoxConstraints, Task, evaluate, linear_step, minimise
 
-SEARCHING = "searching for a start"
 BEST = 3  # candidates that are followed
 SHORT = 30  # steps, on a part of the pixels
 FACTORS = (0.03, 0.1, 0.3, 1.0, 3.0)  # between two coefficients
@@ -38,64 +39,82 @@ SHRINK = 0.6  # each of so much of the last one's reach,
 STEEP = 0.5  # and of samples that change by less within it, in units of the images' root mean square
 
 Theta = Float[np.ndarray, " p"]
+Moves = Callable[[np.ndarray, Scene], np.ndarray]
 End = tuple[float, Theta, bool]
 """Where steps ended: the cost, the point, and whether it is the minimum, not where the steps ended before."""
 
 
-def candidates(
-    unknowns: Sequence[Unknown], scene: Scene, theta: Theta, arrow: Arrow | None = None
-) -> list[Float[np.ndarray, "n p"]]:
-    """Return for each group of unknowns the points to try, in the solver's coordinates, that move this group alone."""
-    found = []
-    for (_, quantity), members in _groups(unknowns, arrow).items():
-        values, listed = np.array([unknowns[j].start for j in members]), unknowns[members[0]].parameter.search
-        if "/" in quantity:
-            tried = _each_of(FACTORS, values)
-        else:
-            tried = _each_of(listed, values) if listed else _MOVES[_moved_as(unknowns[members[0]])](values, scene)
-        at = np.tile(theta, (len(tried), 1))
-        at[:, members] = [coordinates(row, [unknowns[j] for j in members]) for row in tried]
-        found.append(at)
-    return found
+class Group(NamedTuple):
+    """Unknowns that are tried together: a position's x, y and z, say."""
+
+    unknown: Unknown
+    """The first of them."""
+    members: list[int]
+    values: Float[np.ndarray, "n m"]
+    """The values that are tried, in the solver's coordinates."""
+
+    def at(self, theta: Theta) -> Float[np.ndarray, "n p"]:
+        """Return the points to try around theta."""
+        points = np.tile(theta, (len(self.values), 1))
+        points[:, self.members] = self.values
+        return points
 
 
-def _groups(unknowns: Sequence[Unknown], arrow: Arrow | None = None) -> dict[tuple[str, str], list[int]]:
-    """Return the unknowns that are tried together, by kind and quantity: a position's x, y and z, say.
+def groups_to_try(unknowns: Sequence[Unknown], scene: Scene, arrow: Arrow | None = None) -> list[Group]:
+    """Return the unknowns that a search tries, by kind and quantity, and the values that it tries.
 
     Lights that show apart from each other are left to `light_search`, which tries all of them at once.
     """
-    groups: dict[tuple[str, str], list[int]] = {}
     apart = {j for of in places_apart(unknowns, arrow) for j in of}
+    members: dict[tuple[str, str], list[int]] = {}
     for j, unknown in enumerate(unknowns):
-        if _is_searched(unknown) and j not in apart:
-            groups.setdefault((unknown.kind, unknown.quantity), []).append(j)
-    return groups
+        if _moves_of(unknown) is not None and j not in apart:
+            members.setdefault((unknown.kind, unknown.quantity), []).append(j)
+    found = []
+    for indices in members.values():
+        of = [unknowns[j] for j in indices]
+        moves = _moves_of(of[0])
+        assert moves is not None
+        tried = moves(np.array([unknown.start for unknown in of]), scene)
+        found.append(Group(of[0], indices, np.array([coordinates(row, of) for row in tried])))
+    return found
 
 
-def _is_searched(unknown: Unknown) -> bool:
-    return bool(_moved_as(unknown) or unknown.parameter.search or "/" in unknown.quantity)
-
-
-def _moved_as(unknown: Unknown) -> str:
-    """Return the key of `_MOVES` that an unknown is tried by: of its own name, or of any direction; else nothing.
+def _moves_of(unknown: Unknown) -> Moves | None:
+    """Return what makes the values to try of those of the scene; None for an unknown that is not searched for.
 
     A place that is known to be nearer than the first step of a search is not searched for.
     """
-    is_place = unknown.parameter.role in ("direction", "position")
+    listed = FACTORS if unknown.parameter.role == "factor" else unknown.parameter.search
+    if listed:
+        return _listed(*listed)
+    is_direction = unknown.parameter.role == "direction"
+    is_place = is_direction or unknown.parameter.role == "position"
     if is_place and unknown.prior is not None and unknown.prior[1] < NEARBY * max(abs(unknown.start), 1.0):
-        return ""
-    if unknown.kind in _MOVES:
-        return unknown.kind
-    return "direction" if unknown.parameter.role == "direction" else ""
+        return None
+    return _MOVES.get(unknown.kind, _MOVES["direction"] if is_direction else None)
 
 
-def _each_of(listed: Sequence[int | float], values: np.ndarray) -> np.ndarray:
-    """Return the listed values, each for all of the unknowns."""
-    return np.asarray(listed)[:, None] * np.ones_like(values)
+def is_local(unknowns: Sequence[Unknown]) -> bool:
+    """Whether the search is for more than a material: around what the scene says of a light's place, say."""
+    return any(
+        of.parameter.reach or (_moves_of(of) and not of.parameter.search and of.parameter.role != "factor")
+        for of in unknowns
+    )
 
 
-def _scaled(values: np.ndarray, factors: Sequence[float]) -> np.ndarray:
-    return np.asarray(factors)[:, None] * values
+def _listed(*values: float, with_own: bool = False) -> Moves:
+    """Try the same values whatever the scene's are, or these too."""
+
+    def moves(own: np.ndarray, scene: Scene) -> np.ndarray:
+        tried = np.outer(values, np.ones(len(own)))
+        return np.concatenate([own[None], tried]) if with_own else tried
+
+    return moves
+
+
+def _scaled(*factors: float) -> Moves:
+    return lambda values, scene: np.outer(factors, values)
 
 
 def turned(axis: np.ndarray, angles: Sequence[float]) -> np.ndarray:
@@ -137,12 +156,12 @@ def _limits(limit: np.ndarray, scene: Scene) -> np.ndarray:
     return limit + _size(scene) * np.array([0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75])[:, None]
 
 
-_MOVES = {
-    "z_f": lambda values, scene: _scaled(values, (1.0, 0.5, 0.7, 0.85, 1.15, 1.3)),
-    "z_b": lambda values, scene: _scaled(values, (1.0, 0.7, 0.85, 1.15, 1.3, 2.0)),
-    "exponent": lambda values, scene: np.concatenate([values[None], _each_of((0.0, 1.0, 4.0, 16.0, 64.0), values)]),
-    "cutoff": lambda values, scene: np.concatenate([values[None], _each_of((10, 20, 30, 40, 50, 60, 75), values)]),
-    "radius": lambda values, scene: _scaled(values, (1.0, 0.85, 1.2)),
+_MOVES: dict[str, Moves] = {
+    "z_f": _scaled(1.0, 0.5, 0.7, 0.85, 1.15, 1.3),
+    "z_b": _scaled(1.0, 0.7, 0.85, 1.15, 1.3, 2.0),
+    "radius": _scaled(1.0, 0.85, 1.2),
+    "exponent": _listed(0.0, 1.0, 4.0, 16.0, 64.0, with_own=True),
+    "cutoff": _listed(10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, with_own=True),
     "direction": lambda values, scene: values[None] if len(values) != 3 else turned(values, (20.0, 45.0, 80.0)),
     "position": _positions,
     "center": _centers,
@@ -150,18 +169,20 @@ _MOVES = {
 }
 
 
-@jit_quickly
-def _judge(point: Point, box: Box) -> tuple[Array, Array]:
+def best_linear(point: Point, box: BoxConstraints) -> tuple[Array, Array]:
     """Return the point at the best linear unknowns, and the cost there, which is quadratic in them."""
     step = linear_step(point, box)
     cost = point.total.cost + point.total.gradient @ step + 0.5 * step @ point.total.hessian.times(step)
     return point.theta + step, cost
 
 
+_best_linear = jit_quickly(best_linear)
+
+
 def judge(theta: Theta, task: Task, chunks: Sequence[Block]) -> tuple[float, Theta]:
     """Solve for the linear unknowns at theta; return the cost, infinite where it is not finite, and the point."""
     point = evaluate(theta, task, chunks)
-    found, cost = (point.theta, point.total.cost) if task.model.projects else _judge(point, task.box)
+    found, cost = (point.theta, point.total.cost) if task.model.projects else _best_linear(point, task.box)
     return float(cost) if np.isfinite(cost) else np.inf, np.asarray(found)
 
 
@@ -178,7 +199,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
     would change by more than `STEEP`, and the reach shrinks. The unknowns that the search has other groups for stay.
     """
     bends = np.array([unknown.parameter.reach > 0 for unknown in unknowns])
-    searched = np.array([_is_searched(unknown) for unknown in unknowns])
+    searched = np.array([_moves_of(unknown) is not None for unknown in unknowns])
     reach = np.array([unknown.parameter.reach for unknown in unknowns])
     for _ in range(APPROACH):
         limit = np.where(bends, STEEP * rms / np.where(bends, reach, 1.0), np.inf)
@@ -191,7 +212,7 @@ def approach(theta: Theta, unknowns: Sequence[Unknown], task: Task, chunks: Sequ
 
 
 @jit_quickly
-def _gauss_newton(point: Point, box: Box, most: Array) -> Array:
+def _gauss_newton(point: Point, box: BoxConstraints, most: Array) -> Array:
     """Return the point after the step to the minimum within the box of the quadratic model, of so much at most."""
     theta, of = point.theta, point.total
     low, high = jnp.maximum(box.lower - theta, -most), jnp.minimum(box.upper - theta, most)
@@ -203,17 +224,13 @@ def with_wide_edges(scene: Scene, unknowns: Sequence[Unknown]) -> Scene:
 
     Only pixels within the edge tell where it is: of a narrow one a search would see nothing.
     """
-    free = {path for unknown in unknowns for path, _ in unknown.places}
+    free = free_places(unknowns)
     for i, light in enumerate(scene.lights):
-        unseen = f"lights.{i}.cutoff" in free and f"lights.{i}.softness" not in free
+        cutoff = Place("lights", i, ("cutoff",))
+        unseen = cutoff in free and cutoff.beside("softness") not in free
         if unseen and getattr(light, "softness", EDGE) < EDGE:
             scene = eqx.tree_at(lambda s, i=i: s.lights[i].softness, scene, np.asarray(EDGE))
     return scene
-
-
-def is_local(unknowns: Sequence[Unknown]) -> bool:
-    """Whether the search is for more than a material: around what the scene says of a light's place, say."""
-    return any(_moved_as(unknown) or unknown.parameter.reach for unknown in unknowns)
 
 
 def search(
@@ -232,50 +249,49 @@ def search(
     vanishes at the best k_s because it is out of place.
     """
     begin = coordinates(np.array([u.start for u in unknowns]), unknowns)
-    groups = _groups(unknowns, task.box.arrow)
-    kinds, members = [kind for kind, _ in groups], list(groups.values())
+    groups, local = groups_to_try(unknowns, scene, task.box.arrow), is_local(unknowns)
     # candidates of a model that projects are judged alike whatever the linear unknowns were: no need to know the best
-    told = is_local(unknowns) or not kinds or not task.model.projects
+    told = local or not groups or not task.model.projects
     first = judge(begin, task, coarse) if told else (np.inf, begin)
 
-    def tried(group: int, theta: Theta) -> list[tuple[float, Theta]]:
-        within = list(
-            np.clip(candidates(unknowns, scene, theta, task.box.arrow)[group], task.box.lower, task.box.upper)
-        )
-        if unknowns[members[group][0]].parameter.reach:
+    def tried(group: Group, theta: Theta) -> list[tuple[float, Theta]]:
+        within = list(np.clip(group.at(theta), task.box.lower, task.box.upper))
+        if group.unknown.parameter.reach:
             rms = float(np.sqrt(squares / sum(float(np.sum(chunk.observed.weight > 0)) for chunk in chunks)))
             within = [approach(candidate, unknowns, task, coarse, rms) for candidate in within]
         judged = [judge(candidate, task, coarse) for candidate in within]
         return [judged[i] for i in _lowest([cost for cost, _ in judged])]
 
-    found: list[tuple[float, Theta]] = [] if kinds else [first]
-    rounds = 2 if len(kinds) > 1 else min(len(kinds), 1)
-    for k in range(rounds):
-        for group in range(len(kinds)):
-            report_progress(SEARCHING, 0.5 * (k * len(kinds) + group) / (rounds * len(kinds)))
-            found += tried(group, found[0][1] if found else first[1])
-            found.sort(key=lambda pair: pair[0])
+    def with_role(role: str) -> list[Group]:
+        return [group for group in groups if group.unknown.parameter.role == role]
+
+    found: list[tuple[float, Theta]] = [] if groups else [first]
+    one_by_one = groups * min(len(groups), 2)  # twice where there are several
+    for k, group in enumerate(one_by_one):
+        report_progress("searching for a start", 0.5 * k / len(one_by_one))
+        found += tried(group, found[0][1] if found else first[1])
+        found.sort(key=_cost)
     followed = _distinct(found or [first])[:BEST]
-    if is_local(unknowns):
+    if local:
         as_told = first
-        for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "exponent"):
-            as_told = min([as_told, *tried(group, as_told[1])], key=lambda pair: pair[0])
+        for group in with_role("exponent"):
+            as_told = min([as_told, *tried(group, as_told[1])], key=_cost)
         followed = _distinct([*followed, as_told])
     starts = [(theta, task) for _, theta in followed]
-    if is_local(unknowns):
+    if local:
         box = eqx.tree_at(lambda box: box.linear, task.box, replace_fn=np.zeros_like)
         starts.append((begin, Task(task.model, task.priors, box)))  # all move together: k_s is not solved for at once
 
     ends = []
     for k, start in enumerate(starts):
-        report_progress(SEARCHING, 0.5 + 0.5 * k / len(starts))
+        report_progress("searching for a start", 0.5 + 0.5 * k / len(starts))
         ends.append(follow(*start, chunks, squares))
-    best = min(ends, key=lambda end: end[0])
-    for exchanged in _with_exponents_exchanged(best[1], unknowns, members):
+    best = min(ends, key=_cost)
+    for exchanged in _with_exponents_exchanged(best[1], groups):
         # a highlight that is wide across its direction looks much like one that is wide along it, turned by 90 degrees
-        for group in (g for g, of in enumerate(members) if unknowns[of[0]].parameter.role == "direction"):
-            exchanged = min(tried(group, exchanged), key=lambda pair: pair[0], default=(np.inf, exchanged))[1]
-        best = min(best, follow(exchanged, task, chunks, squares), key=lambda end: end[0])
+        for group in with_role("direction"):
+            exchanged = min(tried(group, exchanged), key=_cost, default=(np.inf, exchanged))[1]
+        best = min(best, follow(exchanged, task, chunks, squares), key=_cost)
     return best
 
 
@@ -285,22 +301,25 @@ def follow(theta: Theta, task: Task, chunks: Sequence[Block], squares: float) ->
     return float(end.point.total.cost), np.asarray(end.point.theta), not end.message
 
 
-def _with_exponents_exchanged(
-    theta: Theta, unknowns: Sequence[Unknown], members: Sequence[Sequence[int]]
-) -> list[Theta]:
+def _with_exponents_exchanged(theta: Theta, groups: Sequence[Group]) -> list[Theta]:
     """Return the point with each two exponents of one material exchanged, where a direction of it is free as well."""
-    found = []
-    material = ["".join(path.partition(".material.")[0] for path, _ in unknowns[of[0]].places[:1]) for of in members]
-    roles = [unknowns[of[0]].parameter.role for of in members]
-    for i, j in itertools.combinations(range(len(members)), 2):
-        turns = any(r == "direction" and m == material[i] for r, m in zip(roles, material, strict=True))
-        if roles[i] == roles[j] == "exponent" and material[i] == material[j] and turns:
-            one, other = list(members[i]), list(members[j])
-            if len(one) == len(other):
-                exchanged = np.array(theta)
-                exchanged[one + other] = theta[other + one]
-                found.append(exchanged)
+
+    def of_material(role: str) -> list[tuple[Any, list[int]]]:
+        of_role = [group for group in groups if group.unknown.parameter.role == role and group.unknown.places]
+        holders = [group.unknown.places[0] for group in of_role]
+        return [((of.owner, of.item, of.part), g.members) for of, g in zip(holders, of_role, strict=True)]
+
+    turned_ones, found = {material for material, _ in of_material("direction")}, []
+    for (material, one), (of_other, other) in itertools.combinations(of_material("exponent"), 2):
+        if material == of_other and material in turned_ones and len(one) == len(other):
+            exchanged = np.array(theta)
+            exchanged[one + other] = theta[other + one]
+            found.append(exchanged)
     return found
+
+
+def _cost(of: Sequence[Any]) -> float:
+    return of[0]
 
 
 def _lowest(costs: Sequence[float]) -> list[int]:

@@ -56,21 +56,14 @@ class Clusters:
 
     def inflation(self) -> Vector:
         """Return the variances over those of independent noise, with nothing held at a bound."""
-        free = self.evidence
-        if free.at_bound.any():
-            free = dataclasses.replace(free, at_bound=np.zeros_like(free.at_bound))
-        plain = free.plain_errors()
+        free = self
+        if (at_bound := self.evidence.at_bound).any():
+            evidence = dataclasses.replace(self.evidence, at_bound=np.zeros_like(at_bound))
+            free = dataclasses.replace(self, evidence=evidence)
+        plain, errors = free.evidence.plain_errors(), free.standard_errors()
         usable = np.isfinite(plain) & (plain > 0)
-
-        def over_plain(errors: Vector) -> Vector:
-            return np.where(usable, errors / np.where(usable, plain, 1.0), 0.0) ** 2
-
-        rounding = over_plain(free.rounding_errors())
-        scaled = max(self.scatter, 1.0) + rounding
-        if not self.by_jackknife.any():
-            return scaled
-        clustered = over_plain(free.clustered_errors())
-        return np.where(self.by_jackknife & (clustered > 0), np.maximum(clustered, 1.0 + rounding), scaled)
+        ratio = np.where(usable, errors, 1.0) / np.where(usable, plain, 1.0)
+        return np.where(usable, ratio**2, max(self.scatter, 1.0))
 
     def rises(self) -> Vector:
         """Return for each unknown by how much twice the cost rises if the unknown is held one error away.

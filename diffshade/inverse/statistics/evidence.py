@@ -12,36 +12,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import special
 
-from .uncertainty import (
-    Matrix,
-    Vector,
-    deciding_view,
-    inverse,
-    jackknife_covariance,
-    jackknife_deviations,
-    jackknife_of_noise,
-    on_unit_vectors,
-    over,
-    plain_covariance,
-    scaled,
-    single_views,
-    standard_errors,
-    without_single_views,
-)
+from ..forward.gram import ByView, Part
+from ..solve.elimination import eliminate
+from .uncertainty import Jackknife, Matrix, Vector, inverse, on_unit_vectors, over, scaled, standard_errors
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The information in the samples at the end of a fit, in the values' own units: the Gram of each cluster.
+    """The information in the samples at the end of a fit, in the values' own units."""
 
-    A cluster has samples whose errors may be correlated: a view, or a patch of one.
-    """
-
-    hessian: Float[np.ndarray, "clusters m m"]
-    """Of the unknowns that each cluster shows."""
-    gradient: Float[np.ndarray, "clusters m"]
+    clusters: ByView
+    """The Gram of each cluster: of samples whose errors may be correlated, those of a view or of a patch of one."""
     known_hessian: Matrix
     """The Gram of the priors and unit vectors."""
     known_gradient: Vector
@@ -61,37 +44,25 @@ class Evidence:
     """The fraction of sigma2 that comes from the rounding in the waves: from 0, if noise hides it, to 1."""
     steps: str = ""
     """The steps of the files in words."""
-    shown: Int[np.ndarray, "clusters m"] | None = None
-    """The indices of the unknowns that each cluster shows, padded with their number; None where each shows all."""
+
+    @property
+    def count(self) -> int:
+        """The number of clusters."""
+        return len(self.clusters.cost)
 
     @cached_property
     def total(self) -> Matrix:
-        """The Gram of everything."""
-        if self.shown is None:
-            return self.hessian.sum(0) + self.known_hessian
-        total = self.known_hessian.copy()
-        for index, H, _ in self._grams(self._all):
-            total[np.ix_(index, index)] += H
-        return total
+        """The Hessian of everything."""
+        return self.clusters.total(len(self.values)) + self.known_hessian
 
     @property
-    def _all(self) -> Bool[np.ndarray, " p"]:
-        return np.ones(len(self.values), bool)
+    def _waves(self) -> Float[np.ndarray, "clusters p waves"]:
+        return np.zeros((self.count, len(self.values), 0)) if self.waves is None else self.waves
 
-    def _grams(
-        self, which: Bool[np.ndarray, " p"], waves: Float[np.ndarray, "clusters p waves"] | None = None
-    ) -> Iterator[tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m m"], Float[np.ndarray, "m *_"]]]:
-        """Yield for each cluster the indices of some of the unknowns that it shows, and H and g, or waves, for them.
-
-        The indices are those within `which`.
-        """
-        p = len(self.values)
-        number = np.cumsum(which) - 1
-        for c, (H, g) in enumerate(zip(self.hessian, self.gradient, strict=True)):
-            shown = np.arange(p) if self.shown is None else self.shown[c]
-            here = np.append(which, False)[shown]
-            index = shown[here]
-            yield number[index], H[np.ix_(here, here)], g[here] if waves is None else waves[c][index]
+    def _parts(self, which: Bool[np.ndarray, " p"]) -> Iterator[Part]:
+        """Yield for each cluster which of some unknowns it shows, H for them, and as columns g and the waves."""
+        for c, (index, H, g) in enumerate(self.clusters.parts(which)):
+            yield index, H, np.concatenate([g[:, None], self._waves[c][index]], 1)
 
     @property
     def loss_ratio(self) -> float:
@@ -102,48 +73,28 @@ class Evidence:
     @cached_property
     def single_view(self) -> Int[np.ndarray, " p"]:
         """For each unknown the one cluster that alone sees it; -1 where several do, or there is but one."""
-        none = np.full(len(self.values), -1)
-        if len(self.hessian) == 1:
-            return none
-        seen = np.zeros((len(self.hessian), len(self.values)))
-        for row, (index, H, _) in zip(seen, self._grams(self._all), strict=True):
-            row[index] = np.diag(H)
-        return np.where(self.regular, single_views(seen), none)
+        return np.where(self.regular, self.clusters.single_view(len(self.values)), -1)
 
     def of(self, which: Bool[np.ndarray, " p"]) -> Evidence:
         """Return the evidence for some of the unknowns, the others held."""
-        number = np.cumsum(which) - 1
-        if self.shown is None:
-            grams = {"hessian": self.hessian[:, which][:, :, which], "gradient": self.gradient[:, which]}
-        else:
-            grams = {"shown": np.append(np.where(which, number, which.sum()), which.sum())[self.shown]}
         return dataclasses.replace(
             self,
-            **grams,
+            clusters=self.clusters.among(which),
             known_hessian=self.known_hessian[np.ix_(which, which)],
             known_gradient=self.known_gradient[which],
             values=self.values[which],
             at_bound=self.at_bound[which],
             regular=self.regular[which],
-            units=number[self.units[which[self.units].all(1)]].reshape(-1, 3),
+            units=(np.cumsum(which) - 1)[self.units[which[self.units].all(1)]],
             waves=None if self.waves is None else self.waves[:, which],
         )
 
     def with_cluster(self, hessian: Matrix, regular: Bool[np.ndarray, " p"]) -> Evidence:
         """Return the evidence with one more cluster, which is expected to show what is fitted, and so without slope."""
-        count, p = len(self.hessian), len(self.values)
-        index = np.arange(p) if self.shown is None else np.flatnonzero(np.diag(hessian) > 0.0)
-        most = max(self.hessian.shape[1], len(index))
-        H, g = np.zeros((count + 1, most, most)), np.zeros((count + 1, most))
-        H[:count, : self.hessian.shape[1], : self.hessian.shape[1]] = self.hessian
-        g[:count, : self.gradient.shape[1]] = self.gradient
-        H[count, : len(index), : len(index)] = hessian[np.ix_(index, index)]
-        shown = None
-        if self.shown is not None:
-            shown = np.full((count + 1, most), p)
-            shown[:count, : self.shown.shape[1]] = self.shown
-            shown[count, : len(index)] = index
-        return dataclasses.replace(self, hessian=H, gradient=g, shown=shown, regular=regular)
+        index, p = np.flatnonzero(np.diag(hessian) > 0.0), len(self.values)
+        parts = [*self.clusters.parts(np.ones(p, bool)), (index, hessian[np.ix_(index, index)], np.zeros(len(index)))]
+        clusters = ByView.of(parts, [*self.clusters.cost, 0.0], p)
+        return dataclasses.replace(self, clusters=clusters, regular=regular)
 
     @cached_property
     def _found(self) -> dict[tuple[str, bytes], Any]:
@@ -156,37 +107,44 @@ class Evidence:
             self._found[key] = find()
         return self._found[key]
 
-    def covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
-        """Return the plain covariance of a subset of the unknowns, the others held."""
+    def covariance(self, which: Bool[np.ndarray, " p"]) -> Matrix:
+        """Return the plain covariance, for independent noise, of a subset of the unknowns, the others held."""
 
         def find() -> np.ndarray:
-            return self._on_units(plain_covariance(self.total[np.ix_(which, which)], self.sigma2), which)
+            return self._on_units(self.sigma2 * inverse(self.total[np.ix_(which, which)]), which)
 
         return self._once("covariance", which, find)
 
-    def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
+    def clustered_covariance(self, which: Bool[np.ndarray, " p"]) -> Matrix:
         """Return the covariance by deleting one cluster at a time; the plain one for what one cluster alone sees."""
-        covariance, several, kept = (
-            self.covariance(which).copy(),
-            self.single_view[which] < 0,
-            which & (self.single_view < 0),
-        )
-        jackknife = jackknife_covariance(*self._shared(which))
-        covariance[np.ix_(several, several)] = self.loss_ratio**2 * self._on_units(jackknife, kept)
-        return covariance
+        kept = which & (self.single_view < 0)
+        deviations = self._jackknife(which)[1][..., 0]
+        clustered = self._on_units(deviations.T @ deviations, kept)
+        return np.where(np.outer(kept, kept), clustered, self.covariance(which))
 
-    def _shared(self, which: Bool[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return H and g of each cluster, and of the priors, for the unknowns of a subset that several clusters see."""
-        kept, known = which & (self.single_view < 0), self.known_hessian[np.ix_(which, which)]
-        H, g = self._once(
-            "shared", which, lambda: without_single_views(self._grams(which), known, self.single_view[which])
-        )
-        return H, g, self.known_hessian[np.ix_(kept, kept)], self.known_gradient[kept]
+    def _jackknife(self, which: Bool[np.ndarray, " p"]) -> tuple[Jackknife, Float[np.ndarray, "clusters s columns"]]:
+        """Return the jackknife of those of a subset that several clusters see, and its deviations by each column.
 
-    def _shared_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
-        assert self.waves is not None
-        known = self.known_hessian[np.ix_(which, which)]
-        return without_single_views(self._grams(which, self.waves), known, self.single_view[which])[1]
+        What one cluster alone sees is eliminated: a cluster that is deleted takes its own unknowns with it.
+        """
+
+        def find() -> tuple[Jackknife, np.ndarray]:
+            kept = which & (self.single_view < 0)
+            number, s = np.cumsum(kept) - 1, int(kept.sum())
+            H, columns = np.zeros((self.count, s, s)), np.zeros((self.count, s, 1 + self._waves.shape[2]))
+            for c, (index, H_c, of_c) in enumerate(self._parts(which)):
+                own, several = self.single_view[index] == c, self.single_view[index] < 0
+                inverses = inverse(H_c[np.ix_(own, own)] + self.known_hessian[np.ix_(index[own], index[own])])
+                side, at = H_c[np.ix_(own, several)], number[index[several]]
+                _, _, of_H, of_columns = eliminate(inverses[None], side[None], of_c[own][None])
+                H[c][np.ix_(at, at)] = H_c[np.ix_(several, several)] - of_H
+                columns[c, at] = of_c[several] - of_columns[0]
+            jackknife = Jackknife(H, self.known_hessian[np.ix_(kept, kept)])
+            known = np.zeros(columns.shape[1:])
+            known[:, 0] = self.known_gradient[kept]
+            return jackknife, self.loss_ratio * jackknife.deviations(columns, known)
+
+        return self._once("jackknife", which, find)
 
     def plain_errors(self) -> Vector:
         """Return the standard errors for independent noise; infinite where nothing is determined."""
@@ -207,15 +165,19 @@ class Evidence:
         counted = self.shared * standard_errors(self.covariance, self.at_bound) ** 2
         return np.where(self.regular, np.sqrt(np.maximum(whole**2 - counted, 0.0)), 0.0)
 
-    def _rounding_covariance(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "s s"]:
-        assert self.waves is not None
-        moves = inverse(self.total[np.ix_(which, which)]) @ self.waves.sum(0)[which]
-        return self._on_units(moves @ moves.T, which)
+    def _rounding_covariance(self, which: Bool[np.ndarray, " p"]) -> Matrix:
+        moves = self._moves_by_rounding(which)
+        return on_unit_vectors(moves @ moves.T, self.values, self.units)
+
+    def _moves_by_rounding(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "p waves"]:
+        """Return how the waves move a subset of the unknowns, the others held."""
+        moves, waves = np.zeros(self._waves.shape[1:]), self._waves.sum(0)
+        moves[which] = inverse(self.total[np.ix_(which, which)]) @ waves[which]
+        return moves
 
     def deciding(self) -> int | None:
         """Return a cluster without which fewer unknowns are determined, so that no jackknife is possible; or None."""
-        H, _, known, _ = self._shared(self._all)
-        return deciding_view(H, known)
+        return self._jackknife(np.ones(len(self.values), bool))[0].deciding()
 
     def independence_p_values(self) -> tuple[Vector, Vector]:
         """Return for each unknown the p-value of its jackknife variance if the noise were independent, and its freedom.
@@ -225,19 +187,16 @@ class Evidence:
         """
         p_value, freedom = np.ones(len(self.values)), np.full(len(self.values), np.inf)
         kept = self.regular & (self.single_view < 0)
-        if len(self.hessian) < 3 or not kept.any():
+        if self.count < 3 or not kept.any():
             return p_value, freedom
-        H, g, known, slope = self._shared(self.regular)
-        variance = self.loss_ratio**2 * np.diag(jackknife_covariance(H, g, known, slope))
-        expected, of_noise = jackknife_of_noise(H, known)
-        expected = self.sigma2 * expected
-        if self.waves is not None:  # each a normal number
-            waves = self._shared_waves(self.regular)
-            each = self.loss_ratio**2 * np.sum(jackknife_deviations(H, waves, known, waves.sum(0)) ** 2, 0)
-            both = expected + each.sum(-1)
-            of_noise = both**2 / np.maximum(expected**2 / of_noise + np.sum(each**2, -1), 1e-300)
-            expected = both
-        freedom[kept] = np.clip(of_noise, 1.0, len(H) - 1.0)
+        jackknife, deviations = self._jackknife(self.regular)
+        squares = np.sum(deviations**2, 0)
+        variance, waves = squares[:, 0], squares[:, 1:]  # each wave is a normal number
+        noise, of_noise = jackknife.of_noise()
+        noise = self.sigma2 * noise
+        expected = noise + waves.sum(1)
+        of_noise = expected**2 / np.maximum(noise**2 / np.maximum(of_noise, 1e-300) + np.sum(waves**2, 1), 1e-300)
+        freedom[kept] = np.clip(of_noise, 1.0, self.count - 1.0)
         ratio = np.where(expected > 0, variance / np.where(expected > 0, expected, 1.0), 0.0)
         p_value[kept] = special.chdtrc(freedom[kept], freedom[kept] * ratio)
         return p_value, freedom
@@ -254,20 +213,18 @@ class Evidence:
         count, _, psi2, _, weight = self.spread
         inside = self.regular & ~self.at_bound
         fitted = np.sum(inside) - len(self.units)
-        between, freedom = 0.0, -float(fitted)
-        waves = self._own_waves(inside)
-        rounding = np.zeros((waves.shape[-1], waves.shape[-1]))
-        for (index, H, g), A_c in zip(self._grams(inside), waves, strict=True):
+        moves, freedom = self._moves_by_rounding(inside), -float(fitted)
+        squares = np.zeros([1 + moves.shape[1]] * 2)
+        for index, H, columns in self._parts(inside):
+            columns[:, 1:] -= H @ moves[index]  # at the optimum, where the gradients add up to 0
             shown = np.diag(H) > 0.0
             A, lengths = scaled(H[np.ix_(shown, shown)])
-            g, A_c = g[shown], A_c[index[shown]]
             w, V = np.linalg.eigh(A)
             seen = w > 1e-9 * w.max(initial=0.0)
-            unit = over(lengths)
-            turned, of_waves = (V.T @ (unit * g))[seen], (V.T @ (unit[:, None] * A_c))[seen]
-            between += float(np.sum(turned**2 / w[seen]) * weight / count)
-            rounding += of_waves.T @ (of_waves / w[seen, None]) * weight / count
+            turned = (V.T @ (over(lengths)[:, None] * columns[shown]))[seen]
+            squares += turned.T @ (turned / w[seen, None]) * weight / count
             freedom += float(np.sum(seen))
+        between, rounding = float(squares[0, 0]), squares[1:, 1:]
         within = count - fitted - freedom
         if freedom <= 0 or within <= 0 or not between < psi2:
             return 1.0, 1.0
@@ -276,19 +233,8 @@ class Evidence:
         freedom = expected**2 / (freedom * noise**2 + np.sum(rounding**2))
         return float(between / expected), float(special.fdtrc(freedom, within, between / expected))
 
-    def _own_waves(self, which: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "clusters s waves"]:
-        """Return the waves of the clusters' gradients by rounding at the optimum, where the gradients add up to 0."""
-        if self.waves is None:
-            return np.zeros((len(self.hessian), int(which.sum()), 0))
-        moves = inverse(self.total[np.ix_(which, which)]) @ self.waves.sum(0)[which]
-        found = self.waves[:, which]
-        for of_cluster, (index, H, _) in zip(found, self._grams(which), strict=True):
-            of_cluster[index] -= H @ moves[index]
-        return found
-
-    def _on_units(self, covariance: np.ndarray, which: Bool[np.ndarray, " p"]) -> np.ndarray:
-        if which.all():
-            return on_unit_vectors(covariance, self.values, self.units)
+    def _on_units(self, covariance: np.ndarray, which: Bool[np.ndarray, " p"]) -> Matrix:
+        """Return the covariance of some of the unknowns without the lengths of unit vectors, among all; else 0."""
         whole = np.zeros((len(which), len(which)))
         whole[np.ix_(which, which)] = covariance
-        return on_unit_vectors(whole, self.values, self.units)[np.ix_(which, which)]
+        return on_unit_vectors(whole, self.values, self.units)

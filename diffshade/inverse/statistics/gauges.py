@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.words import Note, listing
-from ..unknowns.unknown import Unknown
+from ..unknowns.places import Place
+from ..unknowns.unknown import Unknown, free_places
 
 MANY = 4  # lights or views whose numbers of one name are named together
 ALIKE = 1e-3  # relative; that changes may differ and still be one factor, or one motion
 OF_ATTENUATION = ("attenuation", "amplitude")  # roles
+SCALED = ("k_a", "k_d", "k_s")
 
 Vector = Float[np.ndarray, " p"]
 
@@ -24,10 +25,10 @@ def sentence(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> 
     cannot, together, more = _gauge(direction, unknowns, values)
     amplitudes = [u.quantity for u in unknowns if u.parameter.role == "amplitude"]
     keys = ("exposure", "intensity", "ambient", "radius", "center")
-    simplest = [n for n in names if n in amplitudes] + [n for key in keys for n in names if n.split(".")[-1] == key]
+    kinds = {unknown.quantity: unknown.kind for unknown in unknowns}
+    simplest = [n for n in names if n in amplitudes] + [n for key in keys for n in names if kinds[n] == key]
     fix = (simplest or names[-1:])[0]
-    known = [name.split(".")[-1] for name in names if name.startswith("lights.")]
-    if known.count("intensity") > 1:
+    if sum(kinds[name] == "intensity" for name in names) > 1:
         more += ", or give intensity_error, the relative error of the intensities as they are stated"
     return f"these views cannot separate {cannot}: {together}. Fix one, for example {fix}{more}."
 
@@ -57,6 +58,32 @@ def set_by_priors(
     return list(dict.fromkeys(notes))
 
 
+def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
+    """Return a sentence on the lights' intensities if reflections are free and the intensities or exposures are not.
+
+    All intensities times 1.3 and all reflections over 1.3 make the same images. With every intensity free, or every
+    exposure, that is a gauge, which the fit names.
+
+    Args:
+        unknowns: Of the fit.
+        lights: How many lights the scene has.
+        views: How many views were fitted.
+    """
+    free = free_places(unknowns)
+    names = [name for name in SCALED if any(place.fields == ("material", name) for place in free)]
+    senders = (
+        [Place("lights", i, ("intensity",)) for i in range(lights)],
+        [Place("views", i, ("exposure",)) for i in range(views)],
+    )
+    if not names or any(of and free.issuperset(of) for of in senders):
+        return ""
+    verb = "scales" if len(names) == 1 else "scale"
+    return (
+        f"{listing(names)} {verb} inversely with the lights' intensities, which are taken as exact: no image can check "
+        "these."
+    )
+
+
 def quantities(unknowns: Sequence[Unknown], which: Int[np.ndarray, " n"]) -> list[str]:
     """Return the names without their channels, each once."""
     return list(dict.fromkeys(unknowns[int(j)].quantity for j in which))
@@ -68,22 +95,21 @@ def of_attenuation(names: Sequence[str], unknowns: Sequence[Unknown]) -> list[st
     return [name for name in names if name in found]
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], unknowns: Sequence[Unknown]) -> str:
     """Return names in words, those of many lights or views together: "the intensity of lights 0 to 47"."""
-    parts = [re.fullmatch(r"(lights|views)\.(\d+)\.(.+)", name) for name in names]
-    kinds = [None if part is None else (part[3], part[1]) for part in parts]
-    numbers = {
-        kind: [int(p[2]) for p, k in zip(parts, kinds, strict=True) if p and k == kind] for kind in kinds if kind
-    }
+    at = {u.quantity: places.pop() for u in unknowns if len(places := free_places([u])) == 1}
+    kinds = {name: (at[name].owner, at[name].fields) for name in names if name in at}
     found: dict[str, None] = {}
-    for name, kind in zip(names, kinds, strict=True):
-        of = [] if kind is None else sorted(numbers[kind])
-        if kind is None or len(of) < MANY:
+    for name in names:
+        owner, fields = kinds.get(name, ("", ()))
+        of = sorted(at[other].item or 0 for other, kind in kinds.items() if kind == (owner, fields))
+        what = ".".join(map(str, fields))
+        if owner not in ("lights", "views") or len(of) < MANY:
             found[name] = None
         elif of == [*range(of[0], of[-1] + 1)]:
-            found[f"the {kind[0]} of {kind[1]} {of[0]} to {of[-1]}"] = None
+            found[f"the {what} of {owner} {of[0]} to {of[-1]}"] = None
         else:
-            found[f"the {kind[0]} of {len(of)} {kind[1]}"] = None
+            found[f"the {what} of {len(of)} {owner}"] = None
     return listing(list(found))
 
 
@@ -100,15 +126,16 @@ def _gauge(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> tu
     factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
     alike = np.all(np.abs(factors - factors[0]) <= ALIKE * np.abs(factors[0])) and factors[0] != 0
     if motion := _motion(direction, unknowns, values):
-        return listed(names), f"{motion} leaves every pixel unchanged", ""
+        return listed(names, unknowns), f"{motion} leaves every pixel unchanged", ""
     if not alike or (reflections and lights and attenuation):
         together = "they can be changed together without changing any pixel"
-        return listed(names), together, ", or add views from other distances or directions"
+        return listed(names, unknowns), together, ", or add views from other distances or directions"
     if reflections and lights:
         together = "scaling the former up and the latter down by one factor leaves every pixel unchanged"
-        return f"{listed(reflections)} from {listed(lights)}", together, ""
+        return f"{listed(reflections, unknowns)} from {listed(lights, unknowns)}", together, ""
     kinds = [kind for kind in (reflections, lights, attenuation) if kind]
-    return " from ".join(map(listed, kinds)), "scaling all of them together leaves every pixel unchanged", ""
+    together = "scaling all of them together leaves every pixel unchanged"
+    return " from ".join(listed(kind, unknowns) for kind in kinds), together, ""
 
 
 def _motion(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> str:
@@ -116,9 +143,8 @@ def _motion(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> s
     moved = set(quantities(unknowns, np.flatnonzero(direction)))
     rows, changes = [], []
     for unknown, value, change in zip(unknowns, values, direction, strict=True):
-        axis = "xyz".find(unknown.name.removeprefix(unknown.quantity + "."))
-        if unknown.parameter.role == "position" and axis >= 0:
-            rows.append([value, *np.eye(3)[axis]])
+        if unknown.parameter.role == "position" and unknown.channel:
+            rows.append([value, *np.eye(3)["xyz".index(unknown.channel)]])
             changes.append(change)
         elif unknown.kind == "radius":
             rows.append([value, 0.0, 0.0, 0.0])
@@ -142,14 +168,17 @@ def _product(
 ) -> str:
     """Return how well k_d times the mean intensity is known, where a direction scales one against the other."""
     involved = np.flatnonzero(direction).tolist()
-    channel = next((unknowns[j].name for j in involved if unknowns[j].kind == "k_d"), "")
-    last = channel.rpartition(".")[2]
-    sent = [j for j in involved if unknowns[j].kind == "intensity" and unknowns[j].name.endswith((".intensity", last))]
-    if not channel or len(sent) < 2:
+    diffuse = next((j for j in involved if unknowns[j].kind == "k_d"), None)
+    if diffuse is None:
+        return ""
+    channel = unknowns[diffuse].channel
+    sent = [j for j in involved if unknowns[j].kind == "intensity" and unknowns[j].channel in ("", channel)]
+    if len(sent) < 2:
         return ""
     relative = np.zeros(len(values))
-    relative[[u.name == channel for u in unknowns]] = 1.0
+    relative[diffuse] = 1.0
     relative[sent] = values[sent] / values[sent].sum()
     relative = np.where(values == 0, 0.0, relative / np.where(values == 0, 1.0, values))
     error = float(np.sqrt(max(relative @ covariance @ relative, 0.0)))
-    return f" {channel} times the mean intensity does not depend on them, and is known to {100.0 * error:.2g} %."
+    name = unknowns[diffuse].name
+    return f" {name} times the mean intensity does not depend on them, and is known to {100.0 * error:.2g} %."

@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.words import Note, listing
-from ..unknowns.unknown import Unknown, logarithms
-from .arrowheads import regular_inverse
+from ..unknowns.unknown import Unknown, free_places, logarithms
 from .gauges import of_attenuation, quantities, sentence
-from .uncertainty import SINGULAR, Matrix, Vector, scaled
+from .uncertainty import SINGULAR, Matrix, Vector, regular_inverse, scaled
 
 ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
 VAGUE = 0.3  # error relative to the value, above which a number says little
@@ -179,15 +178,14 @@ def vague_notes(
 
 def _beside_others(unknown: Unknown, unknowns: Sequence[Unknown]) -> bool:
     """Whether an unknown is of one highlight of a material that has several."""
-    if unknown.kind not in ("k_s", "n_s") or not unknown.places:
-        return False
-    others = unknown.places[0][0].partition(".material")[0] + ".material.highlights."
-    return any(path.startswith(others) for u in unknowns for path, _ in u.places)
+    owner = {(place.owner, place.item) for place in unknown.places[:1]}
+    others = [place for place in free_places(unknowns) if "highlights" in place.fields]
+    return unknown.kind in ("k_s", "n_s") and any((place.owner, place.item) in owner for place in others)
 
 
 def remedy(names: Sequence[str], unknowns: Sequence[Unknown]) -> str:
     """Return a remedy: the parameter to fix, or the photograph to add."""
-    kinds = {name.split(".")[-1] for name in names}
+    kinds = {unknown.kind for unknown in unknowns if unknown.quantity in names}
     last = names[-1]
     if attenuation := of_attenuation(names, unknowns):
         add = "add photographs with the lamp at three distances, such as 2, 3 and 4.5"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...core.fields import as_coefficient, as_colour, as_exponent, as_surround
-from .names import check_names, end_of_run
-from .unknown import Product, Unknown
+from .names import means, names_of, segments_of
+from .places import Known, Place
+from .unknown import Named, Product
 
 COLOURS = (as_colour, as_surround, as_coefficient)
 
@@ -46,89 +46,75 @@ class Proportional:
     factor: float | None = None
 
 
-def has_factor(constraint: Grey | Proportional) -> bool:
-    """Whether a constraint fixes a number by a known factor."""
-    return isinstance(constraint, Proportional) and constraint.factor is not None
-
-
-def colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[str], known: Mapping[str, Any]) -> set[str]:
-    """Return the paths of the colours whose channels are one unknown."""
+def colourless(constraints: Sequence[Grey | Proportional], freed: Sequence[Place], known: Known) -> set[Place]:
+    """Return the places of the colours whose channels are one unknown."""
     found = set()
     for constraint in constraints:
         if isinstance(constraint, Grey):
-            (name,) = check_names("constraints", (constraint.name,), known)
-            for path in (path for path in freed if end_of_run(name, path) is not None):
-                if known[path][1].metadata["converter"] not in (*COLOURS, as_exponent):
-                    raise ValueError(f"Grey needs colours; '{name}' names {path}, which is not one. Leave it out.")
-                if any(isinstance(c, Proportional) and end_of_run(c.name, path) is not None for c in constraints):
+            (name,) = names_of("constraints", (constraint.name,), known)
+            for place in (place for place in freed if means(name, place)):
+                if known[place][1].metadata["converter"] not in (*COLOURS, as_exponent):
+                    raise ValueError(f"Grey needs colours; '{name}' names {place}, which is not one. Leave it out.")
+                if any(isinstance(c, Proportional) and means(c.name, place) for c in constraints):
                     raise ValueError(
                         f"Grey names '{name}', which Proportional makes follow another. Name that instead."
                     )
-                found.add(path)
+                found.add(place)
     return found
 
 
 def proportions_of(
-    constraints: Sequence[Grey | Proportional], freed: Sequence[str], known: Mapping[str, Any]
-) -> dict[str, tuple[str, float | None]]:
-    """Return for each path that is proportional to another: that other, and the factor where it is given."""
-    found: dict[str, tuple[str, float | None]] = {}
+    constraints: Sequence[Grey | Proportional], freed: Sequence[Place], known: Known
+) -> dict[Place, tuple[Place, float | None]]:
+    """Return for each place that is proportional to another: that other, and the factor where it is given."""
+    found: dict[Place, tuple[Place, float | None]] = {}
     for constraint in constraints:
         if not isinstance(constraint, Proportional):
             continue
-        for name in check_names("constraints", (constraint.name, constraint.to), known):
-            if name.split(".")[-1] not in ("k_a", "k_d", "k_s"):
+        for name in names_of("constraints", (constraint.name, constraint.to), known):
+            if segments_of(name)[-1] not in ("k_a", "k_d", "k_s"):
                 raise ValueError(f"Proportional relates two of k_a, k_d and k_s; got '{name}'. Name one of these.")
         factor = constraint.factor
         if factor is not None and not (isinstance(factor, float | int | np.number) and 0 <= factor < np.inf):
             raise ValueError(
                 f"the factor of {constraint} must be finite and at least 0; got {factor!r}. Give such a one."
             )
-        for path in known:
-            if end_of_run(constraint.name, path) is None or (factor is None and path not in freed):
+        for place in known:
+            if not means(constraint.name, place) or (factor is None and place not in freed):
                 continue
-            if factor is not None and path in freed:
+            if factor is not None and place in freed:
                 raise ValueError(
-                    f"'{path}' is fixed by {constraint} and free as well. Leave it out of free, or give no factor."
+                    f"'{place}' is fixed by {constraint} and free as well. Leave it out of free, or give no factor."
                 )
-            others = [p for p in known if end_of_run(constraint.to, p) is not None]
-            beside = [p for p in others if p.rpartition(".")[0] == path.rpartition(".")[0]]
+            others = [other for other in known if means(constraint.to, other)]
+            beside = [other for other in others if other.holder == place.holder]
             to = next(iter(beside or others))
-            if path in found or to in found or to == path or (len(others) > 1 and len(beside) != 1):
+            if place in found or to in found or to == place or (len(others) > 1 and len(beside) != 1):
                 raise ValueError(
-                    f"{constraint} does not say which number {path} is proportional to. Name one that is not "
+                    f"{constraint} does not say which number {place} is proportional to. Name one that is not "
                     "constrained itself, by its whole path."
                 )
             if factor is not None and to not in freed:
                 raise ValueError(
-                    f"{constraint} relates {path} and {to}, both known. Free {to}, or set {path} in the scene."
+                    f"{constraint} relates {place} and {to}, both known. Free {to}, or set {place} in the scene."
                 )
-            found[path] = (to, factor)
+            found[place] = (to, factor)
     return found
 
 
-def make_proportional(
-    path: str,
-    to: str,
-    factor: float | None,
-    found: Sequence[Unknown],
-    known: Mapping[str, Any],
-    *,
-    from_scene: bool,
-) -> list[Unknown]:
-    """Make the places of `path` multiples of `to`; return the unknown factor where it is one."""
-    at = {place: j for j, unknown in enumerate(found) for place in unknown.places}
-    value, base = (np.asarray(known[name][0], np.float64) for name in (path, to))
-    new = []
-    if factor is None:
-        start = float(value.sum() / base.sum()) if from_scene and base.sum() > 0 else 1.0
-        new = [Unknown(f"{path}/{to}", f"{path}/{to}", 0.0, np.inf, start)]
-    for c in range(len(value)):
-        j = at.get((to, c))
-        if new and j is None:
-            new[0].products.append(Product(path, c, float(base[c]), base=(to, c)))
-        elif new:
-            new[0].products.append(Product(path, c, 1.0, j))
-        elif j is not None:
-            found[j].products.append(Product(path, c, float(factor or 0.0)))
-    return new
+def products_of(
+    proportions: Mapping[Place, tuple[Place, float | None]], found: Sequence[Named], known: Known
+) -> list[list[Product]]:
+    """Return for each unknown the places that hold multiples of it; unknown factors come last, in their order."""
+    at = {place: j for j, named in enumerate(found) for place in named.places}
+    factors = [j for j, named in enumerate(found) if not named.places]
+    products: list[list[Product]] = [[] for _ in found]
+    for place, (to, factor) in proportions.items():
+        own = factors.pop(0) if factor is None else -1
+        for c, base in enumerate(np.asarray(known[to][0], np.float64)):
+            j = at.get(to.at(c))
+            if j is not None and factor is not None:
+                products[j].append(Product(place.at(c), float(factor), to.at(c)))
+            else:
+                products[own].append(Product(place.at(c), float(base) if j is None else 1.0, to.at(c), j))
+    return products

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from ...core.fields import as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
+from ...core.fields import Parameter, as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
 from ...model.flaps import LIMITS
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
 from ...model.patterns import Texture
 from ...model.scenes import Scene, bends
-from ..data.views import View
-from .constraints import COLOURS, Grey, Proportional, colourless, has_factor, make_proportional, proportions_of
-from .light_priors import set_direction_priors, set_intensity_priors, stated_errors
-from .names import check_names, end_of_run, everything, numbers_of, path_with_names, shorten, tied_name
-from .ranges import check_directions, check_names_an_unknown, prior_of, set_range
-from .unknown import Unknown
-from .visibility import views_that_show
+from ..data.views import View, lights_on
+from .constraints import COLOURS, Grey, Proportional, colourless, products_of, proportions_of
+from .light_priors import stated_errors
+from .names import means, names_of, segments_of, short_names, tied_name
+from .places import Known, Place, everything
+from .ranges import check_directions, check_names_an_unknown, prior_of, range_of
+from .slots import value_in
+from .unknown import Named, Product, Unknown
+
+MIN_INTENSITY = 1e-6  # over that of the scene: an intensity whose logarithm is solved for stays above 0
 
 
 def find_unknowns(
@@ -63,11 +66,11 @@ def find_unknowns(
         ValueError: For a name that matches nothing, a contradictory bound, constraint or prior, or a cutoff whose edge
             is hard.
     """
-    known = {path: (value, spec) for path, value, spec in everything(scene, views)}
+    known: Known = {place: (value, spec) for place, value, spec in everything(scene, views)}
     _check_object_names(scene, known)
     free = tuple(free) if isinstance(free, Iterable) and not isinstance(free, str) else (free,)
     _refuse_arrays(scene, free, known)
-    free, tied = check_names("free", free, known), check_names("tied", tied, known)
+    free, tied = names_of("free", free, known), names_of("tied", tied, known)
     bounds, priors = bounds or {}, priors or {}
     check_kind("bounds", bounds, Mapping, "{'k_s': (0, 1)}")
     check_kind("priors", priors, Mapping, "{'n_s': (50, 0.2)}")
@@ -75,122 +78,141 @@ def find_unknowns(
     one_channel = colourless(constraints, freed, known)
     proportions = proportions_of(constraints, freed, known)
     _check_are_free("tied", tied, freed, known)
-    _check_are_free("constraints", [c.name for c in constraints if not has_factor(c)], freed, known)
-    found: dict[tuple[str, int], Unknown] = {}
-    for path in freed:
-        if path not in proportions:
-            _check_can_be_free(path, known)
-            one = grey or path in one_channel
-            _add(found, path, known, tied, scene.channels, one_channel=one, from_scene=from_scene)
+    _check_are_free("constraints", [c.name for c in constraints if getattr(c, "factor", None) is None], freed, known)
+    own = [place for place in freed if place not in proportions]
+    found = _named(own, set(freed) if grey else one_channel, tied, scene.channels, known)
     if not with_dark_lights:
-        _leave_out_dark_lights(found, free, scene, views)
-    unknowns = list(found.values())
-    for path, (to, factor) in proportions.items():
-        unknowns += make_proportional(path, to, factor, unknowns, known, from_scene=from_scene)
+        found = _without_dark_lights(found, free, scene, views)
+    factors = [(place, to) for place, (to, factor) in proportions.items() if factor is None]
+    for pair in factors:
+        name = "/".join(short_names([(of.path, [of]) for of in pair], known))
+        found.append(Named(name, "", (), Parameter("factor", start=1.0)))
     for where, names in (("bounds", bounds), ("priors", priors)):
         for name in names:
-            check_names_an_unknown(where, name, unknowns, freed, proportions, known)
-    shorten(unknowns, list(known))
-    for unknown in unknowns:
-        set_range(unknown, bounds, known)
-        unknown.prior = prior_of(unknown, priors)
-    stated = stated_errors(scene, light_error, intensity_error)
-    if stated.direction is not None:
-        set_direction_priors(unknowns, scene, stated.direction)
-    if stated.intensity is not None:
-        set_intensity_priors(unknowns, scene, stated.intensity)
+            check_names_an_unknown(where, name, found, proportions, known)
+    errors = stated_errors(scene, light_error, intensity_error)
+    unknowns = []
+    for number, products in zip(found, products_of(proportions, found, known), strict=True):
+        start = value_in(scene, views, number, products)
+        start = start if from_scene and not np.isnan(start) else _start(number, start, known)
+        unknowns.append(_unknown(number, products, start, known, bounds, priors, errors))
     check_directions(unknowns)
     return unknowns
 
 
-def _leave_out_dark_lights(
-    found: dict[tuple[str, int], Unknown], free: Sequence[str], scene: Scene, views: Sequence[View]
-) -> None:
+def _named(
+    freed: Iterable[Place], grey: Collection[Place], tied: Sequence[str], of_colours: Sequence[str], known: Known
+) -> list[Named]:
+    """Return the numbers of the places that are free, those that are tied as one, with their short names."""
+    found: dict[tuple[str, int], tuple[str, list[Place]]] = {}
+    for place in freed:
+        _check_can_be_free(place, known)
+        value, spec = known[place]
+        converter = spec.metadata["converter"]
+        colour = converter in COLOURS or (converter is as_exponent and np.ndim(value) == 1)
+        channels = of_colours if colour else "xyz" if converter is as_vector else ""
+        one = not channels or (colour and place in grey)
+        for c in range(np.size(value)):
+            of_one = found.setdefault((tied_name(tied, place), 0 if one else c), ("" if one else channels[c], []))
+            of_one[1].append(place.at(c))
+    short = short_names([(quantity, places) for (quantity, _), (_, places) in found.items()], known)
+    return [
+        Named(name, channel, tuple(places), parameter_of(known[places[0].whole][1]))
+        for name, (channel, places) in zip(short, found.values(), strict=True)
+    ]
+
+
+def _without_dark_lights(
+    found: Sequence[Named], free: Sequence[str], scene: Scene, views: Sequence[View]
+) -> list[Named]:
     """Leave out what belongs to lights alone that are on in no view; raise ValueError for a name of nothing else."""
-    shows = views_that_show(scene, views, list(found.values()))
-    of_lights = [all(path.startswith("lights.") for path, _ in unknown.places) for unknown in found.values()]
-    dark = [key for key, shown, here in zip(found, shows, of_lights, strict=True) if here and not shown.any()]
+    on = {i for view in views for i in lights_on(scene, view)}
+    dark = {of for of in found if all(place.owner == "lights" and place.item not in on for place in of.places)}
     for name in free:
-        named = [key for key, u in found.items() if any(end_of_run(name, path) is not None for path, _ in u.places)]
-        if named and set(named) <= set(dark):
+        named = {of for of in found if any(means(name, place) for place in of.places)}
+        if named and named <= dark:
             raise ValueError(
                 f"{name} cannot be freed: its light is on in no view. Give the views `lit`, or leave it out."
             )
-    for key in dark:
-        del found[key]
+    return [of for of in found if of not in dark]
 
 
-def _refuse_arrays(scene: Scene, free: Iterable[str], known: Mapping[str, Any]) -> None:
+def _start(number: Named, value: float, known: Known) -> float:
+    """Return where a number starts that does not start at its value in the scene."""
+    of = number.parameter
+    if of.role == "attenuation" and of.start == 0:
+        beside = [known[other] for other in known if other.holder == number.places[0].holder]
+        if any(parameter_of(spec).role == "amplitude" and not value > 0 for value, spec in beside):
+            return 1.0  # with all numbers of the law at 0 it would divide by 0
+    return value if of.start is None else of.start
+
+
+def _unknown(
+    number: Named,
+    products: Sequence[Product],
+    start: float,
+    known: Known,
+    bounds: Mapping[str, Sequence[float | int]],
+    priors: Mapping[str, Sequence[Any]],
+    errors: Mapping[Place, float],
+) -> Unknown:
+    """Return a number with all that is known of it beforehand; `errors` are those of the lights."""
+    of = number.parameter
+    lower, upper = range_of(number, bounds, known)
+    prior = prior_of(number, (lower, upper), priors)
+    error = errors.get(number.places[0].whole) if number.places else None
+    if error is not None and number.kind == "intensity":
+        if not start > 0.0:
+            raise ValueError(
+                f"{number.name} is {start:g}, of which no error is relative. Give that light an intensity above 0, or "
+                "leave intensity_error out."
+            )
+        # the mean of intensities with relative errors would pull the scale of all to their low side, that of their
+        # logarithms does not
+        of, lower = dataclasses.replace(of, logarithmic=True), max(lower, MIN_INTENSITY * start)
+        prior = (float(np.log(start)), error)
+    start = float(np.clip(start, lower, upper))
+    if error is not None and prior is None:
+        prior = (start, error)
+    return Unknown(number.quantity, number.channel, number.places, of, lower, upper, start, tuple(products), prior)
+
+
+def _refuse_arrays(scene: Scene, free: Iterable[str], known: Known) -> None:
     """Refuse names of coefficients that are arrays, where they name nothing else."""
     arrays = [
-        f"objects.{item.name or i}.material.{name}"
+        Place("objects", i, ("material", name), name=item.name)
         for i, item in enumerate(scene.objects)
         for name, of in item.material.coefficients.items()
         if is_over_pixels(of) or isinstance(of, Texture)
     ]
-    for name in free:
-        if not isinstance(name, str) or any(end_of_run(name, path) is not None for path in known):
-            continue
-        for path in arrays:
-            if end_of_run(name, path) is not None:
-                raise ValueError(
-                    f"free names '{name}', but {path} is an array, which fit leaves as it is. Use fit_texels for a "
-                    "value at every pixel, or minimise an objective of your own."
-                )
+    for name in (name for name in free if isinstance(name, str)):
+        array = next((place for place in arrays if means(name, place)), None)
+        if array is not None and not any(means(name, place) for place in known):
+            raise ValueError(
+                f"free names '{name}', but {array} is an array, which fit leaves as it is. Use fit_texels for a "
+                "value at every pixel, or minimise an objective of your own."
+            )
 
 
-def _add(
-    found: dict[tuple[str, int], Unknown],
-    path: str,
-    known: Mapping[str, Any],
-    tied: Sequence[str],
-    of_colours: Sequence[str],
-    *,
-    one_channel: bool,
-    from_scene: bool,
-) -> None:
-    """Add the unknowns of a path, or its places to those that it is tied to."""
-    value, spec = known[path]
-    converter = spec.metadata["converter"]
-    colour = converter in COLOURS or (converter is as_exponent and np.ndim(value) == 1)
-    channels = of_colours if colour else "xyz" if converter is as_vector else ""
-    quantity = next((n for name in tied if (n := tied_name(name, path))), path)
-    one = not channels or (colour and one_channel)
-    for c, number in enumerate(numbers_of(value, spec)):
-        unknown = found.setdefault(
-            (quantity, 0 if one else c),
-            Unknown(
-                name=quantity if one else f"{quantity}.{channels[c]}",
-                quantity=quantity,
-                lower=-np.inf,
-                upper=np.inf,
-                start=float(number) if from_scene else _start(path, number, known),
-                parameter=parameter_of(spec),
-            ),
-        )
-        unknown.places.append((path, c))
-
-
-def _check_are_free(where: str, names: Sequence[str], freed: Sequence[str], known: Mapping[str, Any]) -> None:
+def _check_are_free(where: str, names: Sequence[str], freed: Sequence[Place], known: Known) -> None:
     """Refuse names that match nothing free."""
-    for name in check_names(where, names, known):
-        if not any(end_of_run(name, path) is not None for path in freed):
+    for name in names_of(where, names, known):
+        if not any(means(name, place) for place in freed):
             raise ValueError(f"{where} names '{name}', which is not free. Add it to free, or leave it out.")
 
 
-def _frees(name: str, path: str, spec: dataclasses.Field) -> bool:
-    last = path.split(".")[-1]
-    return end_of_run(name, path) is not None and (not parameter_of(spec).by_own_name or last in name.split("."))
+def _frees(name: str, place: Place, known: Known) -> bool:
+    return means(name, place) and (not parameter_of(known[place][1]).by_own_name or place.field in segments_of(name))
 
 
-def _freed(scene: Scene, free: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    """Return the paths that names free; refuse those that cannot be free for what the scene holds."""
-    freed = [path for path in known if any(_frees(name, path, known[path][1]) for name in free)]
+def _freed(scene: Scene, free: Sequence[str], known: Known) -> list[Place]:
+    """Return the places that names free; refuse those that cannot be free for what the scene holds."""
+    freed = [place for place in known if any(_frees(name, place, known) for name in free)]
     gbuffer = any(isinstance(item.surface, GBuffer) for item in scene.objects)
     for i, item in enumerate(scene.objects):
-        k_s, eta = (path_with_names(f"objects.{i}.material.{last}", scene) for last in ("k_s", "eta"))
+        k_s, eta = (Place("objects", i, ("material", of), name=item.name) for of in ("k_s", "eta"))
         if isinstance(item.material.fresnel, Dielectric) and k_s in freed:
-            if any(_frees(name, k_s, known[k_s][1]) and "k_s" in name.split(".") for name in free):
+            if any(means(name, k_s) and "k_s" in segments_of(name) for name in free):
                 raise ValueError(
                     f"{k_s} cannot be freed beside fresnel=Dielectric(), whose W follows from eta. Free eta instead, "
                     "or name the other k_s by their whole paths."
@@ -204,28 +226,20 @@ def _freed(scene: Scene, free: Sequence[str], known: Mapping[str, Any]) -> list[
     return freed
 
 
-def _start(path: str, number: float, known: Mapping[str, Any]) -> float:
-    of, head = parameter_of(known[path][1]), path.rpartition(".")[0]
-    if of.role == "attenuation" and of.start == 0:
-        beside = [known[other] for other in known if other.rpartition(".")[0] == head]
-        if any(parameter_of(spec).role == "amplitude" and not value > 0 for value, spec in beside):
-            return 1.0  # with all numbers of the law at 0 it would divide by 0
-    return float(number if of.start is None else of.start)
-
-
-def _check_object_names(scene: Scene, known: Iterable[str]) -> None:
+def _check_object_names(scene: Scene, known: Iterable[Place]) -> None:
     """Refuse an object's name that names a parameter."""
+    fields = {of for place in known for of in (place.segments[0], *place.fields)}
     for item in scene.objects:
-        if item.name and any(item.name in (p.split(".")[0], *p.split(".")[2:]) for p in known):
+        if item.name in fields:
             raise ValueError(f"an object is named '{item.name}', which is a parameter's name. Rename it.")
 
 
-def _check_can_be_free(path: str, known: Mapping[str, Any]) -> None:
-    head, _, last = path.rpartition(".")
-    softness = known.get(f"{head}.softness")
-    unit = "degrees" if last == "cutoff" else "scene units" if last in LIMITS else ""
-    if unit and softness is not None and not softness[0] > 0:
+def _check_can_be_free(place: Place, known: Known) -> None:
+    """Refuse a cutoff, or a flap, whose edge is hard."""
+    softness = place.beside("softness")
+    unit = "degrees" if place.field == "cutoff" else "scene units" if place.field in LIMITS else ""
+    if unit and softness in known and not known[softness][0] > 0:
         raise ValueError(
-            f"{path} cannot be freed while softness is 0: a hard edge has no derivative. Give {head}.softness, in "
-            f"{unit}, at least two pixels wide."
+            f"{place} cannot be freed while softness is 0: a hard edge has no derivative. Give {softness}, in {unit}, "
+            "at least two pixels wide."
         )

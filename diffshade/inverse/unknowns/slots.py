@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ...core.fields import MOST_BANDS, Array
+from ...core.fields import Array
 from ...model.scenes import Object, Scene, StackedScene, over_pixels_and_rest, stack_scene
 from ..data.sensors import Sensor
 from ..data.views import View
-from .names import PER_VIEW, everything, numbers_of, path_name
-from .unknown import Unknown, logarithms, natural, unit_vectors
+from .places import Place, numbers_of
+from .unknown import Named, Product, Unknown, logarithms, natural, unit_vectors
 
 
 class Setup(eqx.Module):
@@ -26,6 +26,15 @@ class Setup(eqx.Module):
     black: Shaped[Array, " views"]
     sensor: Sensor | None
     """The sensors of the views, stacked; None where no view has one."""
+
+    @classmethod
+    def of(cls, scene: Scene, views: Sequence[View], default: Sensor | None = None) -> Setup:
+        """Return the setup of a scene and its views; `default` is the sensor of views without one beside others."""
+        exposure, black = (np.array([getattr(view, name) for view in views], float) for name in ("exposure", "black"))
+        sensors = [view.sensor or default or Sensor() for view in views]
+        has_sensors = any(view.sensor is not None for view in views)
+        sensor = jax.tree.map(lambda *leaves: np.stack(leaves), *sensors) if has_sensors else None
+        return cls(stack_scene(scene), exposure, black, sensor)
 
 
 class Slots(eqx.Module):
@@ -58,29 +67,14 @@ class Slots(eqx.Module):
 def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Slots:
     """Return the places of the unknowns as a setup of indices, in a scene without what comes with the pixels."""
     p = len(unknowns)
-    index_of = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
     products = [(j, product) for j, unknown in enumerate(unknowns) for product in unknown.products]
-    for k, (_, product) in enumerate(products):
-        index_of[product.path, product.channel] = p + k
-
-    def indices(name: str, leaf: Array) -> np.ndarray:
-        flat = [index_of.get((name, c), -1) for c in range(np.size(leaf))] if np.size(leaf) <= MOST_BANDS else [-1]
-        return np.broadcast_to(np.reshape(flat, np.shape(leaf) if np.size(leaf) <= MOST_BANDS else ()), np.shape(leaf))
-
-    leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
-    places = [indices(path_name(path, scene), leaf) for path, leaf in leaves]
-    stacked = stack_scene(jax.tree.unflatten(structure, places))
-
-    def of_views(name: str) -> np.ndarray:
-        return np.array([index_of.get((f"views.{i}.{name}", 0), -1) for i in range(len(views))])
-
-    sensor = jax.tree_util.tree_map_with_path(
-        lambda path, _: of_views("sensor." + jax.tree_util.keystr(path, simple=True, separator=".")), sensors_of(views)
-    )
-    setup = Setup(stacked, of_views("exposure"), of_views("black"), sensor)
+    index_of: dict[Place, float] = {place: j for j, unknown in enumerate(unknowns) for place in unknown.places}
+    index_of |= {product.place: p + k for k, (_, product) in enumerate(products)}
+    blank = jax.tree.map(lambda leaf: np.broadcast_to(-1.0, np.shape(leaf)), (scene, tuple(views), Sensor()))
+    setup = Setup.of(*_put(blank[0], blank[1], index_of), default=blank[2])
     others = [p if product.other is None else product.other for _, product in products]
     return Slots(
-        jax.tree.map(lambda index: index if (index >= 0).any() else None, setup),
+        jax.tree.map(lambda index: index.astype(int) if (index >= 0).any() else None, setup),
         logarithms(unknowns),
         (
             np.array([j for j, _ in products], int),
@@ -91,11 +85,14 @@ def slots_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     )
 
 
-def sensors_of(views: Sequence[View]) -> Sensor | None:
-    """Return the sensors of the views, stacked; None where no view has one."""
-    if all(view.sensor is None for view in views):
-        return None
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *(view.sensor or Sensor() for view in views))
+def _put(scene: Scene, views: Sequence[View], numbers: Mapping[Place, float | int]) -> tuple[Scene, tuple[View, ...]]:
+    """Return a scene and its views with these numbers at these places, in NumPy float64."""
+    leaves: dict[Place, np.ndarray] = {}
+    for place, number in numbers.items():
+        whole = place.whole
+        leaf = leaves.setdefault(whole, np.array(whole.value_in(scene, views), np.float64))
+        leaf.reshape(-1)[place.channel] = number
+    return eqx.tree_at(lambda of: [whole.value_in(*of) for whole in leaves], (scene, tuple(views)), [*leaves.values()])
 
 
 def apart(scene: Scene) -> tuple[tuple[Object, ...], Scene]:
@@ -111,48 +108,27 @@ def put_back(
     scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], values: Float[np.ndarray, " p"]
 ) -> tuple[Scene, tuple[View, ...]]:
     """Return the scene and the views with the values of the unknowns, in their own units, as NumPy float64."""
-    changed: dict[str, np.ndarray] = {}
-    known = {path: np.asarray(value, np.float64) for path, value, _ in everything(scene, views)}
-
-    def put(path: str, c: int, value: float) -> None:
-        changed.setdefault(path, known[path].copy()).reshape(-1)[c] = value
-
+    numbers: dict[Place, float] = {}
     for unknown, value in zip(unknowns, values, strict=True):
-        for path, c in unknown.places:
-            put(path, c, value)
+        numbers.update(dict.fromkeys(unknown.places, float(value)))
         for product in unknown.products:
-            put(
-                product.path,
-                product.channel,
-                product.constant * value * (1.0 if product.other is None else values[product.other]),
-            )
-    leaves, structure = jax.tree_util.tree_flatten_with_path(scene)
-    new_scene = jax.tree.unflatten(structure, [changed.get(path_name(path, scene), leaf) for path, leaf in leaves])
-    new_views = []
-    for i, view in enumerate(views):
-        for name in PER_VIEW:
-            if (path := f"views.{i}.{name}") in changed:
-                view = eqx.tree_at(lambda v, name=name: getattr(v, name), view, changed[path])
-        if view.sensor is not None:
-            view = eqx.tree_at(lambda v: v.sensor, view, _sensor_with(changed, view.sensor, f"views.{i}.sensor"))
-        new_views.append(view)
-    return new_scene, tuple(new_views)
-
-
-def _sensor_with(changed: dict[str, np.ndarray], sensor: Sensor, head: str) -> Sensor:
-    """Return a sensor with what changed under its path."""
-    return jax.tree_util.tree_map_with_path(
-        lambda path, leaf: changed.get(f"{head}.{jax.tree_util.keystr(path, simple=True, separator='.')}", leaf), sensor
-    )
+            other = 1.0 if product.other is None else values[product.other]
+            numbers[product.place] = product.constant * value * other
+    return _put(scene, views, numbers)
 
 
 def values_in(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Float[np.ndarray, " p"]:
     """Return what the unknowns are in a scene, in their own units; of tied numbers, the first; NaN for 0/0."""
-    known = {path: numbers_of(value, spec) for path, value, spec in everything(scene, views)}
-    values = np.array([known[u.places[0][0]][u.places[0][1]] if u.places else np.nan for u in unknowns])
-    for j, unknown in enumerate(unknowns):
-        if not unknown.places:
-            bases = [x.constant * (1.0 if x.other is None else values[x.other]) for x in unknown.products]
-            base, product = max(zip(bases, unknown.products, strict=True), key=lambda pair: abs(pair[0]))
-            values[j] = known[product.path][product.channel] / base if base else np.nan
-    return values
+    return np.array([value_in(scene, views, of, of.products) for of in unknowns])
+
+
+def value_in(scene: Scene, views: Sequence[View], number: Named, products: Sequence[Product]) -> float:
+    """Return what a number is in a scene, in its own units; of tied ones, the first; of a factor, NaN for 0/0."""
+
+    def at(place: Place) -> float:
+        return float(numbers_of(place.value_in(scene, views), number.parameter)[place.channel])
+
+    if number.places:
+        return at(number.places[0])
+    multiple, base = max(((at(x.place), at(x.base)) for x in products), key=lambda pair: abs(pair[1]))
+    return multiple / base if base else np.nan

@@ -3,59 +3,82 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array, Parameter
+from .places import Place
 
 
-@dataclass
-class Unknown:
-    """One unknown number: its name, its short name, and the (path, channel) places of the scene that hold it."""
+@dataclass(frozen=True)
+class Named:
+    """A number, or several that are the same: a name, and the places that it means."""
 
-    name: str
     quantity: str
     """The name without the channel: `k_d` of `k_d.r`."""
+    channel: str
+    """`r` of `k_d.r`; empty for a single number, and for all channels together."""
+    places: tuple[Place, ...]
+    """Empty for a factor, `k_s/k_d`."""
+    parameter: Parameter
+    """What is known of the field that it is a number of."""
+
+    @property
+    def name(self) -> str:
+        """The name of the number."""
+        return f"{self.quantity}.{self.channel}" if self.channel else self.quantity
+
+    @property
+    def kind(self) -> str:
+        """The name of its field, `k_d`; empty for a factor."""
+        return str(self.places[0].field) if self.places else ""
+
+
+@dataclass(frozen=True)
+class Unknown(Named):
+    """One unknown number, and what is known of it beforehand."""
+
     lower: float
     upper: float
     start: float
-    parameter: Parameter = field(default_factory=Parameter)
-    """What is known of the field that it is a number of."""
-    places: list[tuple[str, int]] = field(default_factory=list)
-    products: list[Product] = field(default_factory=list)
+    products: tuple[Product, ...] = ()
     """Places that hold a multiple of it."""
     prior: tuple[float, float] | None = None
     """Mean and standard deviation, in the solver's coordinates, of what is known of it beforehand."""
 
     @property
-    def kind(self) -> str:
-        """The last segment of its name: `k_d`."""
-        return self.quantity.split(".")[-1]
-
-    @property
     def is_linear(self) -> bool:
         """Whether the image is linear in it."""
-        return self.parameter.linear and "/" not in self.quantity
+        return self.parameter.linear
 
     @property
     def logarithmic(self) -> bool:
         """Whether it is solved for as its logarithm."""
         return self.parameter.logarithmic
 
+    @property
+    def all_places(self) -> tuple[Place, ...]:
+        """The places whose values depend on it."""
+        return (*self.places, *(product.place for product in self.products))
+
 
 @dataclass(frozen=True)
 class Product:
     """A place that holds `constant` times an unknown, times another one where `other` is its index."""
 
-    path: str
-    channel: int
+    place: Place
     constant: float
+    base: Place
+    """The place whose multiple it is: of an unknown, or of a known number, which `constant` then is."""
     other: int | None = None
-    base: tuple[str, int] | None = None
-    """The known place whose value `constant` is, where it is one."""
+
+
+def free_places(unknowns: Sequence[Unknown]) -> set[Place]:
+    """Return the places that are unknown, whole vectors and colours, without those that follow another by a factor."""
+    return {place.whole for unknown in unknowns for place in unknown.places}
 
 
 def natural(theta: Float[Array, " p"], logarithmic: Bool[Array, " p"]) -> Float[Array, " p"]:

@@ -1,4 +1,4 @@
-"""Visibility: which unknowns each view can show, so that no view is asked of what it cannot know.
+"""Visibility: which unknowns each view can show, so that it is not differentiated by the others.
 
 A light's direction matters only to the views that it is on in, an exposure to its own view. The normal equations of all
 views then have the shape of an arrow: a border that all views share, and a small block for each (Triggs et al. 2000).
@@ -6,8 +6,6 @@ views then have the shape of an arrow: a border that all views share, and a smal
 
 from __future__ import annotations
 
-import dataclasses
-import re
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -18,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from ...core.fields import Array
 from ...model.scenes import Scene
 from ..data.views import View, lights_on
+from .places import Place
 from .unknown import Unknown
 
 FEWEST_BLOCKS = 8  # with fewer, the dense solution is as fast
@@ -39,20 +38,20 @@ def views_that_show(
     """Return for each unknown which views can show it: none shows what belongs to lights that are always off."""
     on = np.zeros((len(scene.lights), len(views)), bool)
     for v, view in enumerate(views):
-        on[[i for i in lights_on(scene, view) if i < len(on)], v] = True  # a wrong index is refused elsewhere
+        on[list(lights_on(scene, view)), v] = True
     everywhere, alone = np.ones(len(views), bool), np.eye(len(views), dtype=bool)
 
-    def views_of(path: str) -> Bool[np.ndarray, " views"]:
-        head, number, *_ = [*path.split("."), "", ""]
-        return on[int(number)] if head == "lights" else alone[int(number)] if head == "views" else everywhere
+    def views_of(place: Place) -> Bool[np.ndarray, " views"]:
+        item = 0 if place.item is None else place.item
+        return on[item] if place.owner == "lights" else alone[item] if place.owner == "views" else everywhere
 
     shows = np.zeros((len(unknowns), len(views)), bool)
     for j, unknown in enumerate(unknowns):
-        for path, _ in unknown.places:
-            shows[j] |= views_of(path)
+        for place in unknown.all_places:
+            shows[j] |= views_of(place)
         for product in unknown.products:
-            for factor in (j, j if product.other is None else product.other):
-                shows[factor] |= views_of(product.path)
+            if product.other is not None:
+                shows[product.other] |= views_of(product.place)
     return shows
 
 
@@ -79,17 +78,9 @@ def seeds_of(
     """
     if shown is None:
         return None
-    views_of: list[list[int]] = [[] for _ in range(p + 1)]
-    for v, row in enumerate(shown):
-        for j in row:
-            views_of[j].append(v)
-    taken: list[set[int]] = [set() for _ in shown]
-    seed = np.zeros(p + 1, int)
-    for j in range(p):
-        used = set().union(*(taken[v] for v in views_of[j]))
-        seed[j] = next(k for k in range(p) if k not in used)
-        for v in views_of[j]:
-            taken[v].add(int(seed[j]))
+    rows = np.zeros((len(shown), p + 1), bool)
+    rows[np.arange(len(shown))[:, None], shown] = True
+    seed = np.append(_apart(rows[:, :p]), 0)
     seeds = np.eye(int(seed.max()) + 1)[:, seed[:p]]
     in_order = shown.shape[1] == len(seeds) and (shown < p).all() and (seed[shown] == np.arange(len(seeds))).all()
     return seeds, None if in_order else seed[shown]
@@ -104,55 +95,22 @@ def seeds_of_bands(
     derivatives along these few are all that there are: no band shows the unknowns of another.
     """
     p, bands = len(unknowns), scene.channels
-    own = [unknown.name[len(unknown.quantity) + 1 :] for unknown in unknowns]
-    common = [j for j, band in enumerate(own) if band not in bands]
-    alone = [[j for j, of in enumerate(own) if of == band] for band in bands]
-    index = np.full((len(bands), len(common) + max(map(len, alone))), p)
-    for row, of_band in zip(index, alone, strict=True):
-        row[: len(common)] = common
-        row[len(common) : len(common) + len(of_band)] = of_band
-    seeds = np.zeros((index.shape[1], p + 1))
-    seeds[np.arange(index.shape[1]), index] = 1.0
-    return seeds[:, :p], index
+    shows = np.array([[of.channel == band or of.channel not in bands for of in unknowns] for band in bands])
+    seed = _apart(shows)
+    index = np.full((len(bands), seed.max() + 1), p)
+    band, unknown = np.nonzero(shows)
+    index[band, seed[unknown]] = unknown
+    return np.eye(seed.max() + 1)[:, seed], index
 
 
-def part_of(
-    scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown], some: Sequence[int], members: Sequence[int]
-) -> tuple[Scene, tuple[View, ...], list[Unknown]]:
-    """Return some of the views with the lights alone that are on in them, and some unknowns at their places there.
-
-    Args:
-        scene: The scene.
-        views: All views.
-        unknowns: All unknowns.
-        some: The indices of the views.
-        members: Those of the unknowns; all that these views show are among them.
-    """
-    on = sorted({i for v in some for i in lights_on(scene, views[v])})
-    number = {"lights": {i: k for k, i in enumerate(on)}, "views": {v: k for k, v in enumerate(some)}}
-
-    def there(path: str) -> str | None:
-        head, *rest = path.split(".")
-        if head not in number:
-            return path
-        k = number[head].get(int(rest[0]))
-        return None if k is None else ".".join([head, str(k), *rest[1:]])
-
-    def of(unknown: Unknown) -> Unknown:
-        places = [(path, channel) for old, channel in unknown.places if (path := there(old)) is not None]
-        products = [
-            dataclasses.replace(x, path=path, other=None if x.other is None else list(members).index(x.other))
-            for x in unknown.products
-            if (path := there(x.path)) is not None
-        ]
-        return dataclasses.replace(unknown, places=places, products=products)
-
-    lit = [tuple(number["lights"][i] for i in lights_on(scene, views[v])) for v in some]
-    return (
-        dataclasses.replace(scene, lights=[scene.lights[i] for i in on]),
-        tuple(dataclasses.replace(views[v], lit=of_view) for v, of_view in zip(some, lit, strict=True)),
-        [of(unknowns[j]) for j in members],
-    )
+def _apart(shows: Bool[np.ndarray, "rows p"]) -> Int[np.ndarray, " p"]:
+    """Return for each unknown the first direction that none has which is shown together with it."""
+    together = shows.T.astype(float) @ shows > 0
+    found = np.zeros(len(together), int)
+    for j, others in enumerate(together):
+        taken = set(found[:j][others[:j]].tolist())
+        found[j] = next(k for k in range(j + 1) if k not in taken)
+    return found
 
 
 def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -> Arrow | None:
@@ -184,7 +142,7 @@ def places_apart(unknowns: Sequence[Unknown], arrow: Arrow | None) -> list[list[
     found = []
     for block in [] if arrow is None else np.sort(arrow.blocks, 1).tolist():
         of = [j for j in block if j < len(unknowns)]
-        places = [j for j in of if re.fullmatch(r"lights\.\d+\.(direction|position)", unknowns[j].quantity)]
+        places = [j for j in of if len(unknowns[j].places) == 1 and unknowns[j].kind in ("direction", "position")]
         if len(places) == 3 and all(unknowns[j].lower < unknowns[j].upper for j in places):  # not held
             found.append(places)
     return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
+from ...core.progress import ReportProgress, silent
 from ...core.words import Note, listing
 from ..result import Fit
 from ..statistics.identifiability import null_directions
@@ -45,7 +46,7 @@ def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: floa
     return Pulls(without, errors, (without - mean) / np.sqrt(width**2 + errors**2))
 
 
-def check_priors(fit: Fit) -> Fit:
+def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     """Return a fit with notes on the priors that the images contradict; the values that these move are undetermined."""
     if not any(u.prior for u in fit.unknowns):
         return fit

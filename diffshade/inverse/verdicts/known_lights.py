@@ -8,25 +8,29 @@ that are fitted as one are wider, whichever way they moved.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
 from ...core.progress import ReportProgress
 from ...core.words import Note, listing
+from ...model.scenes import Scene
 from ..result import Fit
-from ..unknowns.light_priors import LightErrors
-from ..unknowns.unknown import values_at
+from ..unknowns.places import Place
+from ..unknowns.unknown import free_places, values_at
 
 PAIRS = 16  # of fits, each to lights moved one way and the opposite way
 LARGE = 0.5  # share of an error's square that makes a value one of those that depend on the lights
 SHIFTED = 1.0  # errors of independent noise by which a mean change is named
 
 
-def widen_by_lights(fit: Fit, errors: LightErrors, report_progress: ReportProgress) -> Fit:
-    """Return a fit whose errors are at least those that the stated errors of its known lights give. In float64."""
-    free = {path for unknown in fit.unknowns for path, _ in unknown.places}
-    if not errors.of_known(fit.scene, free):
+def widen_by_lights(fit: Fit, report_progress: ReportProgress, *, errors: Mapping[Place, float]) -> Fit:
+    """Return a fit whose errors are at least those that the errors of its known lights give. In float64."""
+    free = free_places(fit.unknowns)
+    known = {place: error for place, error in errors.items() if place not in free}
+    if not known:
         return fit
     draws = _draws(4 * len(fit.scene.lights))
     changes = np.zeros((PAIRS, 2, len(fit.values)))
@@ -34,13 +38,26 @@ def widen_by_lights(fit: Fit, errors: LightErrors, report_progress: ReportProgre
         report_progress("errors of the lights", pair / PAIRS)
         draw = draws[pair].reshape(-1, 4)
         for side, sign in enumerate((1.0, -1.0)):
-            under = fit.solved.changed(scene=errors.moved(fit.scene, free, sign * draw))
+            under = fit.solved.changed(scene=_moved(fit.scene, known, sign * draw))
             end = under.laid_out().minimise(rtol=1e-8)
             changes[pair, side] = values_at(end.theta, fit.unknowns) - fit.values
     from_lights = np.sqrt(np.mean(changes**2, (0, 1)))
     # the views' own scatter, where the errors are made of it, holds the lights' already
     whole = np.where(fit.determined, np.maximum(fit.errors, np.hypot(fit.plain_errors, from_lights)), fit.errors)
     return dataclasses.replace(fit, errors=whole, notes=(*fit.notes, *_notes(fit, from_lights, changes.mean((0, 1)))))
+
+
+def _moved(scene: Scene, errors: Mapping[Place, float], draw: Float[np.ndarray, "lights 4"]) -> Scene:
+    """Return the scene with its lights moved by their errors times numbers drawn from N(0, 1)."""
+    moved = []
+    for place, error in errors.items():
+        value, (*aside, brighter) = np.asarray(place.value_in(scene, ()), np.float64), draw[place.item or 0]
+        if place.field == "intensity":
+            moved.append(value * np.exp(error * brighter))
+        else:
+            far = np.linalg.norm(value) if place.field == "direction" else 1.0  # the error is that of the unit vector
+            moved.append(value + far * error * np.array(aside))
+    return eqx.tree_at(lambda of: [place.value_in(of, ()) for place in errors], scene, moved)
 
 
 def _draws(count: int) -> Float[np.ndarray, "pairs count"]:

@@ -11,6 +11,7 @@ import scipy
 from jaxtyping import Float
 
 from ...core.masks import Mask
+from ...core.progress import ReportProgress, silent
 from ...core.robust_scale import robust_scale
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
@@ -31,13 +32,11 @@ DARK = 5.0  # a pixel within this many standard deviations of the background's l
 UNIFORM = 0.1  # the largest variation of the background, over the object's brightness
 BLACK = 0.2  # the largest level of the background, over the object's brightness
 ALIKE = 0.98  # the least share of background pixels at that level
-BORDER = 0.5  # the least share of the outline with background inside it
+MOST = 0.5  # the least share of the outline, or of an edge, along which it must be seen that it is wrong
 STEP = 0.15  # the least brightness of the object right behind that background, over its usual brightness
-STEEP = 0.6  # the least share of that edge where the object is so bright
-OUTSIDE = 0.55  # the least brightness of the object outside the outline, over that just inside
+OUTSIDE = 0.55  # the least brightness outside the outline, over that just inside: at a blurred edge it is a half
 THIN = 0.75  # pixels: the outline is right if the border is narrower
-WIDEST = 0.35  # the widest border of background, over the silhouette's largest depth
-LIKE = 0.5  # the least share of the outline with the object outside it
+WIDEST = 0.35  # the widest border of background, over the silhouette's largest depth: else it is the unlit side
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class WrongOutline:
     """The share of the outline that has this border."""
 
 
-def check_outlines(fit: Fit) -> Fit:
+def check_outlines(fit: Fit, _: ReportProgress = silent) -> Fit:
     """Return a fit with a note if photographs without a mask contradict the scene's outline.
 
     If background lies inside the outline, nothing is determined.
@@ -143,18 +142,16 @@ def _too_large(inside: Mask, depth: np.ndarray, dark: Mask, above: np.ndarray, l
     # filled up over single pixels of noise
     closed: Any = scipy.ndimage.binary_closing(dark | ~inside, iterations=1, border_value=1)
     like = closed & inside
-    labels = np.asarray(scipy.ndimage.label(like, np.ones((3, 3)))[0])  # pyright: ignore[reportIndexIssue]
-    reached = np.unique(labels[rim & like])
-    border = np.isin(labels, reached[reached > 0])
+    border = np.asarray(scipy.ndimage.binary_propagation(rim & like, np.ones((3, 3)), mask=like))
     share = float((border & rim).sum() / rim.sum())
-    if share < BORDER:
+    if share < MOST:
         return None
     next_to = np.asarray(scipy.ndimage.binary_dilation(border, iterations=2)) & inside & ~border
-    if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < STEEP:
+    if not next_to.any() or float(np.mean(above[next_to] > STEP * light)) < MOST:
         return None
     width = _width(depth[border])
-    thin = width < WIDEST * float(depth.max())  # else it is the unlit side
-    return WrongOutline(True, int(border.sum()), width, share) if width > THIN and thin else None
+    wrong = THIN < width < WIDEST * float(depth.max())
+    return WrongOutline(True, int(border.sum()), width, share) if wrong else None
 
 
 def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.ndarray) -> WrongOutline | None:
@@ -165,12 +162,10 @@ def _too_small(inside: Mask, depth: np.ndarray, outside: np.ndarray, above: np.n
     next_inside = np.maximum(above[nearest[0], nearest[1]], 0.0)
     ring = (outside > 0) & (outside < 1.5)
     shows = (above > OUTSIDE * next_inside) & (next_inside > 0.05 * float(np.quantile(above[inside], 0.9))) & ~inside
-    labels = np.asarray(scipy.ndimage.label(shows)[0])  # pyright: ignore[reportIndexIssue]
-    reached = np.unique(labels[ring & shows])
-    border = np.isin(labels, reached[reached > 0])
+    border = np.asarray(scipy.ndimage.binary_propagation(ring & shows, mask=shows))
     share = float((border & ring).sum() / ring.sum())
     width = _width(outside[border])
-    return WrongOutline(False, int(border.sum()), width, share) if share > LIKE and width > THIN else None
+    return WrongOutline(False, int(border.sum()), width, share) if share > MOST and width > THIN else None
 
 
 def _width(distances: np.ndarray) -> float:

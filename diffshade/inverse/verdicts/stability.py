@@ -15,12 +15,12 @@ from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
 from ...model.scenes import Scene
-from ..data.samples import Masks, keep_pixels
+from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
 from ..laid_out import LaidOut
-from ..own_views import OthersAsQuadratics
-from ..problem import fit_problem, samples_for
+from ..own_views import OwnViews, blocks
+from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..statistics.clusters import Clusters
@@ -51,7 +51,7 @@ class FitWithout:
 
 def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
     """Yield what an examination leaves out each time, and the pixels that are kept."""
-    if len(fit.evidence.hessian) >= 4:
+    if fit.evidence.count >= 4:
         for half, name in ((0, "the odd views"), (1, "the even views")):
             yield name, [None if i % 2 == half else np.zeros(v.camera.shape, bool) for i, v in enumerate(fit.views)]
     yield from without_saturated(fit, (1, 3))
@@ -66,12 +66,10 @@ def left_out(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def without_saturated(fit: Fit, widths: Sequence[int]) -> Iterator[tuple[str, Masks]]:
     """Yield, for each width, the pixels farther than that from saturated ones; nothing if no pixel is saturated."""
-    if fit.clipped == "exclude":  # with those that the fit left out
-        samples, _ = samples_for(fit.scene, fit.views, fit.unknowns, "hinge")
-    else:
-        samples = fit.solved.problem.samples
     ends = [np.zeros(view.camera.shape, bool) for view in fit.views]
-    for end, of_view in zip(ends, samples, strict=True):
+    for end, of_view in zip(ends, fit.solved.problem.data.samples, strict=True):
+        if fit.clipped == "exclude":  # with those that the fit left out
+            of_view = of_view.at(np.flatnonzero(of_view.inside))
         end.reshape(-1)[of_view.pixels] = of_view.ends().any(-1)
     if any(end.any() for end in ends):
         for width in widths:
@@ -92,25 +90,16 @@ def without_brightest(fit: Fit) -> Iterator[tuple[str, Masks]]:
 
 def _is_glossy(fit: Fit) -> bool:
     """Whether a highlight's numbers are free."""
-    return any("n_s" in u.places[0][0].split(".") or u.kind == "k_s" for u in fit.unknowns if u.places)
+    return any(u.kind == "k_s" or "n_s" in place.fields for u in fit.unknowns for place in u.places)
 
 
 def highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
     """Return what the highlights alone add to a photograph, the mean of the channels."""
     scene = replace(scene, lights=[scene.lights[i] for i in lights_on(scene, view)])
     black = np.zeros(len(scene.channels))
-
-    def without(scene: Scene, *names: str) -> Scene:
-        of = lambda s: [getattr(item.material, name) for item in s.objects for name in names]  # noqa: E731
-        return eqx.tree_at(of, scene, [black for _ in of(scene)])
-
-    if scene.atmosphere is None and all(item.material.k_t is None for item in scene.objects):
-        materials = [replace(item.material, highlights=()) for item in scene.objects]
-        scene = eqx.tree_at(lambda s: [item.material for item in s.objects], scene, materials)
-        alone = replace(without(scene, "k_a", "k_d", "k_e"), background=0.0)
-        return np.asarray(render(alone, view.camera)).mean(-1)
-    with_it, dull = (np.asarray(render(s, view.camera)) for s in (scene, without(scene, "k_s")))
-    return (with_it - dull).mean(-1)
+    dull = eqx.tree_at(lambda s: [item.material.k_s for item in s.objects], scene, [black] * len(scene.objects))
+    with_it, without = (np.asarray(render(s, view.camera)) for s in (scene, dull))
+    return (with_it - without).mean(-1)
 
 
 def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
@@ -166,12 +155,8 @@ def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
         replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
         for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
     ]
-    samples = keep_pixels(fit.solved.problem.samples, keep)
-    again = fit_problem(
-        fit.scene, fit.views, unknowns, samples, fit.counts.of(samples), fit.likelihood.loss, fit.clipped
-    )
-    laid, end, begun = solve(again)
-    return summarise(laid, end, begun.step_variance)
+    kept = fit.solved.problem.data.keeping(keep)
+    return summarise(*solve(fit_problem(fit.scene, kept, unknowns, fit.likelihood.loss)))
 
 
 def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
@@ -182,7 +167,7 @@ def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
 
 def _enough(fit: Fit, keep: Masks) -> bool:
     """Whether the pixels to keep are as many as the unknowns."""
-    counts = fit.counts.of(keep_pixels(fit.solved.problem.samples, keep))
+    counts = fit.solved.problem.data.keeping(keep).counts
     return min(counts.pixels, counts.samples - counts.clipped) >= len(fit.unknowns)
 
 
@@ -257,13 +242,8 @@ def _contradicted_by_own_views(
         least: By how much twice the cost must rise for each unknown.
     """
     found: dict[int, bool] = {}
-    if laid.problem.box.arrow is None:
-        return found
-    if not np.isin(suspects, np.asarray(laid.problem.box.arrow.blocks)).any():
-        return found
-    others = OthersAsQuadratics(fit, laid, best, held)
-    for b, members in others.blocks(suspects).items():
-        own = others.of(b)
+    for members in blocks(laid, suspects):
+        own = OwnViews(fit, laid, best, members, held)
         for j in members:
             begins, exact = (laid.theta, there), 1e-3 * float(least[j])
             rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))

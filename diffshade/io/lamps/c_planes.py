@@ -13,24 +13,13 @@ from ...model.measured_lights import LampLabel
 
 Angles = Float[np.ndarray, " _"]
 Values = Float[np.ndarray, "_ _"]
-# The mirror planes of tables of type C, by their first and last plane.
-MIRRORS: dict[tuple[float, float], tuple[float, ...]] = {
-    (0.0, 90.0): (0.0, 90.0),
-    (0.0, 180.0): (0.0,),
-    (180.0, 360.0): (0.0,),
-    (-180.0, 0.0): (0.0,),
-    (90.0, 270.0): (90.0,),
-    (-90.0, 90.0): (90.0,),
-    (0.0, 360.0): (),
-    (-180.0, 180.0): (),
-}
 STEPS = (0.25, 1.0)  # degrees of gamma, of tables that are resampled
 
 
 class LampData(NamedTuple):
     """What a lamp file holds."""
 
-    table: Table
+    table: CandelaTable
     label: LampLabel
     notes: tuple[str, ...] = ()
     """What of the file is not in the table, in one line each."""
@@ -38,7 +27,7 @@ class LampData(NamedTuple):
     """Angles of tilt and the factors there."""
 
 
-class Table(NamedTuple):
+class CandelaTable(NamedTuple):
     """The table of a lamp file: angles in degrees, and candela at each pair of angles."""
 
     vertical: Angles
@@ -54,11 +43,12 @@ def whole_circle(horizontal: Angles, values: Values, name: str) -> tuple[Angles,
     if len(horizontal) == 1:
         return np.zeros(1), values
     first, last = float(horizontal[0]), float(horizontal[-1])
-    about = MIRRORS.get((first, last))
     gap = 360.0 - (last - first)
-    if about is None and first == 0 and 0 < gap <= 1.5 * float(np.diff(horizontal).max()):
+    if (gap == 180.0 and first % 90.0 == 0.0) or (gap == 270.0 and first == 0.0):  # between two mirror planes
+        about = (first, last)
+    elif gap == 0.0 or (first == 0.0 and 0.0 < gap <= 1.5 * float(np.diff(horizontal).max())):
         about = ()
-    if about is None:
+    else:
         raise ValueError(
             f"{name}: the horizontal angles must go from 0 to 0, 90, 180 or 360 degrees, or from 90 to 270; got "
             f"{first:g} to {last:g}. Correct the file."
@@ -66,7 +56,7 @@ def whole_circle(horizontal: Angles, values: Values, name: str) -> tuple[Angles,
     return mirrored(horizontal, values, about, name)
 
 
-def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name: str) -> Table:
+def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name: str) -> CandelaTable:
     """Return the C planes of a type A or B table about its axis V = H = 0 (LM-75).
 
     Directions to the right, up and forward, as seen from behind the lamp, are (sin H, cos H sin V, cos H cos V) for
@@ -82,9 +72,7 @@ def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name
     """
     for axis, angles in ((1, vertical), (0, horizontal)):
         if (np.diff(angles) <= 0).any() or np.abs(angles).max() > 180 or angles[0] > 0:
-            raise ValueError(
-                f"{name}: angles of type {kind} must increase from 0 or less, to at most 180. Correct them."
-            )
+            raise ValueError(f"{name}: angles of type {kind} must rise from 0 or less to at most 180. Correct them.")
         if angles[0] == 0 and len(angles) > 1:
             values = np.concatenate([np.flip(values, axis).take(range(len(angles) - 1), axis), values], axis)
     vertical, horizontal = (np.concatenate([-a[:0:-1], a]) if a[0] == 0 else a for a in (vertical, horizontal))
@@ -102,7 +90,7 @@ def turned(vertical: Angles, horizontal: Angles, values: Values, kind: str, name
     H, V = (within, around) if kind == "B" else (around, within)
     look_up = RegularGridInterpolator((horizontal, vertical), values, bounds_error=False, fill_value=0.0)
     inside = np.stack([_nearly(H, horizontal), _nearly(V, vertical)], -1)
-    return Table(gamma, C, look_up(inside))
+    return CandelaTable(gamma, C, look_up(inside))
 
 
 def _nearly(angle: Values, angles: Angles) -> Values:

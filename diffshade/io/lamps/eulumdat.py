@@ -8,7 +8,7 @@ import numpy as np
 
 from ...model.measured_lights import LampLabel
 from ..parsing import NUMBER, above_0, count, number, numbers, short
-from .c_planes import LampData, Table, mirrored
+from .c_planes import CandelaTable, LampData, mirrored
 
 SET = 6  # lines per set of lamps, from line 27 on
 RATIOS = 10  # direct ratios before the angles
@@ -73,9 +73,9 @@ def read_eulumdat(text: str, name: str, lamp_set: int | Literal["all"] | None) -
         source_lumens=flux if flux > 0 else None,
     )
     if symmetry == 1:
-        return LampData(Table(vertical, np.zeros(1), values), label, tuple(notes))
+        return LampData(CandelaTable(vertical, np.zeros(1), values), label, tuple(notes))
     about = {0: (), 2: (0.0,), 3: (90.0,), 4: (0.0, 90.0)}[symmetry]
-    return LampData(Table(vertical, *mirrored(C[stored], values, about, name)), label, tuple(notes))
+    return LampData(CandelaTable(vertical, *mirrored(C[stored], values, about, name)), label, tuple(notes))
 
 
 def _chosen(lamp_set: int | Literal["all"] | None, sets: int, name: str) -> int:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...model.measured_lights import LampLabel
 from ..parsing import NUMBER, above_0, count, number, numbers, short
-from .c_planes import LampData, Table, turned, whole_circle
+from .c_planes import CandelaTable, LampData, turned, whole_circle
 
 HEADER = 13  # numbers in the header, before the angles
 KINDS = {1: "C", 2: "B", 3: "A"}
@@ -59,7 +59,7 @@ def read_ies(text: str, name: str) -> LampData:
     candela = candela.reshape(n_h, n_v) * scale
     label = _label(lines[:at], words)
     if kind == "C":
-        return LampData(Table(vertical, *whole_circle(horizontal, candela, name)), label, tuple(notes), tilt)
+        return LampData(CandelaTable(vertical, *whole_circle(horizontal, candela, name)), label, tuple(notes), tilt)
     return LampData(turned(vertical, horizontal, candela, kind, name), label, tuple(notes), tilt)
 
 
@@ -72,9 +72,7 @@ def _tilt(words: list[str], name: str) -> Tilt:
     pairs = count(_word(words, 0, name), f"{name}: the number of tilt angles")
     found = np.array(numbers(words[1 : 1 + 2 * pairs], f"{name}: a tilt angle or factor"))
     if len(found) != 2 * pairs or (np.diff(found[:pairs]) <= 0).any() or (found[pairs:] < 0).any():
-        raise ValueError(
-            f"{name}: {pairs} tilt angles must increase, with one factor of at least 0 each. Correct them."
-        )
+        raise ValueError(f"{name}: {pairs} tilt angles must increase, with a factor of at least 0 each. Correct them.")
     return found[:pairs], found[pairs:]
 
 
@@ -98,7 +96,5 @@ def _label(lines: list[str], words: list[str]) -> LampLabel:
 
 def _word(words: list[str], i: int, name: str) -> str:
     if i >= len(words):
-        raise ValueError(
-            f"{name} ends after TILT at {short(' '.join(words[-3:]))}. It is cut off; give the whole file."
-        )
+        raise ValueError(f"{name} ends after TILT at {short(' '.join(words[-3:]))}. Give the whole file.")
     return words[i]

@@ -20,7 +20,7 @@ def spectra(fit: Fit, examination: Examination | None) -> list[Chart]:
     bands = fit.scene.bands
     found = []
     for quantity in dict.fromkeys(unknown.quantity for unknown in fit.unknowns):
-        at = {u.name[len(quantity) + 1 :]: j for j, u in enumerate(fit.unknowns) if u.quantity == quantity}
+        at = {u.channel: j for j, u in enumerate(fit.unknowns) if u.quantity == quantity}
         if len(bands) > 1 and set(at) == set(bands):
             found.append(_spectrum(fit, examination, quantity, [at[band] for band in bands]))
     return found

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ...core.tables import rounded, rows_of
 from ...diagnosis.examination import Examination
-from ...diagnosis.model_choice import ModelChoice
-from ...diagnosis.planning import Plan
 from ...diagnosis.prediction_bands import PredictionBands
 from ...inverse.result import Fit, Prediction
 
 REACH = 0.3  # the longest whisker, over the value; a value with a larger error is not determined
 MOST_CORRELATED = 40  # unknowns; with more, only the strongest pairs are shown
 STRONGEST = 5
-MOST_DECIMALS = 9
 LONGEST = 16  # letters of a name next to a correlation
 
 
@@ -66,12 +65,12 @@ class Correlations:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows of text under a header."""
 
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...]
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str]
 
 
 def bands(made: PredictionBands, predictions: Sequence[Prediction]) -> dict[str, str]:
@@ -120,16 +119,6 @@ def parameters(fit: Fit, examination: Examination | None) -> Parameters:
     return Parameters(tuple(rows), reach, kind, tuple(unknown))
 
 
-def rounded(value: float, error: float) -> str:
-    """Return a value rounded to the second digit of its error."""
-    if value == 0 or not (np.isfinite(error) and error > 0):
-        return f"{value:.6g}"
-    decimals = 1 - int(np.floor(np.log10(error)))
-    if not 0 <= decimals <= MOST_DECIMALS:
-        return f"{value:.2g}" if value == error else f"{value:.6g}"
-    return f"{value:.{decimals}f}"
-
-
 def _range(ends: np.ndarray, error: float) -> str:
     return " to ".join(rounded(float(end), float(error)) for end in ends)
 
@@ -154,27 +143,7 @@ def correlations(fit: Fit) -> Correlations:
     return Correlations(names, labels, cells if drawn else (), tuple(pair.replace("-", "−") for pair in strongest))
 
 
-def models(choice: ModelChoice) -> Table:
-    """Return the models, the best first."""
-    rows = [
-        (
-            name,
-            f"{choice.unknowns[i]:d}",
-            f"{choice.errors[i]:.4g}",
-            f"{choice.rmse[i]:.4g}",
-            f"{choice.differences[i]:.2g} ± {choice.difference_errors[i]:.1g}" if i else "–",
-            "" if i == 0 else "worse" if choice.worse[i] else "undecided",
-        )
-        for i, name in enumerate(choice.names)
-    ]
-    head = ("model", "unknowns", f"held-out error, {choice.held_out}", "RMSE, fitted", "difference of MSE", "")
-    return Table(head, tuple(rows), choice.notes)
-
-
-def shots(plan: Plan, first: int = 0, last: int | None = None) -> Table:
-    """Return the photographs that could be taken, or a range of them, the best first."""
-    quantities = list(dict.fromkeys(u.quantity for u in plan.unknowns))
-    now = ("now", *plan.cells(plan.now, quantities), "")
-    rows = [(plan.names[i], *plan.cells(plan.errors[i], quantities), f"{plan.gain[i]:.2f}") for i in plan.order]
-    head = ("photograph", *quantities, "gain in log det")
-    return Table(head, tuple(rows[first:last]), ()) if first else Table(head, (now, *rows[:last]), plan.notes)
+def shown(columns: Mapping[str, Any], notes: Sequence[str] = (), which: slice = slice(None)) -> PageTable:
+    """Return the table of a result, of these columns, or some of its rows."""
+    head, *rows = ([cell.replace("+-", "±") for cell in row] for row in rows_of(columns))
+    return PageTable(head, rows[which], notes)

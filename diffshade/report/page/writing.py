@@ -28,7 +28,7 @@ from . import charts, tables
 from .ball import ball_scene, scene_to_render
 from .checks import check_page, check_titles
 from .maps.checks import check_maps
-from .maps.writing import Photographs, write_maps_page
+from .maps.writing import PagePhotographs, write_maps_page
 from .pictures import ball_picture, build_gallery
 from .residuals import collect_residuals, curve
 from .shaders import shader
@@ -111,7 +111,7 @@ def write_report(
         check_maps(result, views, held_out, heights, titles)
         with replacing(path) as temporary, showing("report", show=progress) as report_progress:
             linear, left_out = (tuple(map(developed, of)) for of in (views, held_out))
-            photographs = Photographs(linear, left_out, tuple(titles))
+            photographs = PagePhotographs(linear, left_out, tuple(titles))
             write_maps_page(temporary, result, photographs, heights, bands, report_progress)
         return
     check_kind("result", result, Fit, "ds.fit(scene, views, free=('k_d',)), or maps of ds.fit_texels")
@@ -190,10 +190,10 @@ def _write_fit(
             correlations=tables.correlations(fit),
             convergence=charts.convergence(fit),
             profiles=_profiles(examination),
-            models=None if choice is None else tables.models(choice),
+            models=choice and tables.shown(choice.columns, choice.notes),
             undecided=() if choice is None else choice.undecided,
-            shots=None if plan is None else tables.shots(plan, 0, MOST_SHOTS),
-            other_shots=None if plan is None or len(plan.shots) <= MOST_SHOTS else tables.shots(plan, MOST_SHOTS),
+            shots=plan and tables.shown(plan.columns, plan.notes, slice(MOST_SHOTS + 1)),  # "now" is a row, too
+            other_shots=plan and tables.shown(plan.columns, (), slice(MOST_SHOTS + 1, None)),
         )
         temporary.write_text(page, encoding="utf-8")
 

@@ -11,10 +11,10 @@ from ...core.arrays import float64_of
 from ...core.fields import check, check_kind, refuse_traced
 from ...core.masks import as_mask
 from ...model.cameras import AbstractCamera
-from .differences import LEAST_FACING, Rays, facing, rays_of
+from .differences import MIN_FACING, TexelRays, facing, rays_of
 
-MOST_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
-LARGEST_ERROR = 40.0  # degrees; a normal with a larger error is not known
+MAX_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
+MAX_ERROR = 40.0  # degrees; a normal with a larger error is not known
 
 
 class Given(NamedTuple):
@@ -28,7 +28,7 @@ class Given(NamedTuple):
     known: Bool[np.ndarray, "h w"]
     away: int
     """Number of normals that face away from the camera, and count as not known."""
-    rays: Rays
+    rays: TexelRays
 
 
 def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
@@ -47,11 +47,11 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     if inside.shape != shape:
         raise ValueError(f"mask must have the camera's shape {shape}; got {inside.shape}. Resize it.")
     degrees = None if errors is None else _checked_errors(errors, shape, inside)
-    known = inside if degrees is None else inside & (degrees <= LARGEST_ERROR)
+    known = inside if degrees is None else inside & (degrees <= MAX_ERROR)
     if not known.any():
         raise ValueError(
             f"no normal is left to integrate: mask has {inside.sum()} texels, of which none has an error of at most "
-            f"{LARGEST_ERROR:g} degrees. Check mask and errors."
+            f"{MAX_ERROR:g} degrees. Check mask and errors."
         )
     length = np.linalg.norm(normals, axis=-1)
     if (wrong := known & ~(np.abs(length - 1.0) < 1e-2)).any():
@@ -63,8 +63,8 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     rays = rays_of(camera)
     toward = rays.toward / np.linalg.norm(rays.toward, axis=-1, keepdims=True)
     normals = np.where(known[..., None], normals / np.where(known, length, 1.0)[..., None], toward)
-    away = known & (facing(normals, rays) < LEAST_FACING)
-    if away.sum() > MOST_AWAY * known.sum():
+    away = known & (facing(normals, rays) < MIN_FACING)
+    if away.sum() > MAX_AWAY * known.sum():
         row, column = np.argwhere(away)[0]
         raise ValueError(
             f"normals must face the camera; {away.sum()} of {known.sum()} do not, the first {normals[row, column]} at "

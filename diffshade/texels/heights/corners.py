@@ -3,7 +3,7 @@
 A pixel's plane passes through its integrated point P, across its normal n. Pixels without a jump between them share
 their corners. A corner stands on its line of sight, at the distance d of the least
 
-    sum ((n . (S - d t - P))^2 + LEVEL^2 (d - d_P)^2)
+    sum ((n . (S - d t - P))^2 + HOLD^2 (d - d_P)^2)
 
 over the pixels that share it. The second term, d_P the distance of their points, decides only at the border, where a
 plane seen from its edge would leave the surface. From there `facets` moves all corners together.
@@ -21,7 +21,7 @@ from .differences import rays_of
 from .facets import Facets, refined
 from .map import HeightMap
 
-LEVEL = 0.1  # weight of a pixel's height beside its plane
+HOLD = 0.1  # weight of a pixel's height beside its plane
 
 
 class Corners(NamedTuple):
@@ -51,7 +51,7 @@ def corners_of(heights: HeightMap) -> Corners:
     def total(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " n"]:
         return np.bincount(owner.ravel(), of.ravel(), count)
 
-    begun = total(facing * ahead + LEVEL**2 * depth) / total(facing**2 + LEVEL**2)
+    begun = total(facing * ahead + HOLD**2 * depth) / total(facing**2 + HOLD**2)
     frontal = start[at] - depth[..., None] * toward[at]
     size = np.linalg.norm(frontal[:, 3] - frontal[:, 0], axis=-1) / np.sqrt(2.0)
     cosine = np.maximum((facing / np.linalg.norm(toward[at], axis=-1)).mean(-1), 0.0)

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from .differences import STEEP, Differences
+from .differences import MAX_STEEPNESS, Differences
 
 
-class Level(NamedTuple):
+class PyramidLevel(NamedTuple):
     """Differences across and down at one resolution."""
 
     inside: Bool[np.ndarray, "h w"]
@@ -29,7 +29,9 @@ class Level(NamedTuple):
     """Number of the level; the texels of the next one are twice as large."""
 
     @classmethod
-    def of(cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences, tail: float = 0.0) -> Level:
+    def of(
+        cls, inside: Bool[np.ndarray, "h w"], across: Differences, down: Differences, tail: float = 0.0
+    ) -> PyramidLevel:
         """Return the finest level, without differences where the surface is too steep.
 
         Args:
@@ -41,9 +43,9 @@ class Level(NamedTuple):
         """
         variances = [
             np.where(
-                pair.steepness > STEEP,
+                pair.steepness > MAX_STEEPNESS,
                 np.inf,
-                ((1.0 + tail * np.minimum(pair.steepness, STEEP)) * pair.deviation) ** 2,
+                ((1.0 + tail * np.minimum(pair.steepness, MAX_STEEPNESS)) * pair.deviation) ** 2,
             )
             for pair in (across, down)
         ]
@@ -56,7 +58,7 @@ class Level(NamedTuple):
         variance = v_across[:-1] + v_down[:, 1:] + v_across[1:] + v_down[:, :-1]
         return np.where(np.isfinite(variance), total / np.sqrt(variance), 0.0)
 
-    def coarser(self) -> Level:
+    def coarser(self) -> PyramidLevel:
         """Return the level of texels of twice the size; those that are not wholly inside are left out."""
         h, w = (size // 2 for size in self.inside.shape)
         inside = np.asarray(self.inside[: 2 * h, : 2 * w].reshape(h, 2, w, 2).all((1, 3)))
@@ -77,7 +79,7 @@ class Level(NamedTuple):
             spread = np.where(pair, mean(variance, 4.0) / 6.0 * growth, np.inf)
             values.append(turn(np.where(np.isfinite(spread), 0.5 * mean(value, 2.0), 0.0)))
             variances.append(turn(spread))
-        return Level(inside, (values[0], values[1]), (variances[0], variances[1]), self.depth + 1)
+        return PyramidLevel(inside, (values[0], values[1]), (variances[0], variances[1]), self.depth + 1)
 
 
 def _white_noise(depth: int) -> float:
@@ -85,7 +87,7 @@ def _white_noise(depth: int) -> float:
     return 2.0 / 3.0 - 4.0**-depth / 6.0
 
 
-def levels(finest: Level, smallest: int = 6) -> list[Level]:
+def levels(finest: PyramidLevel, smallest: int = 6) -> list[PyramidLevel]:
     """Return the levels from the finest one, as long as an image is not smaller than `smallest` texels."""
     found = [finest]
     while min(found[-1].inside.shape) >= 2 * smallest:
@@ -99,6 +101,6 @@ def noise_scale(inside: Bool[np.ndarray, "h w"], across: Differences, down: Diff
     Creases and jumps, which few texels have, do not count.
     """
     pairs = [pair._replace(deviation=np.sqrt(pair.deviation**2 - pair.crease**2)) for pair in (across, down)]
-    curl = Level.of(inside, pairs[0], pairs[1]).curl()
+    curl = PyramidLevel.of(inside, pairs[0], pairs[1]).curl()
     known = curl[curl != 0]
     return robust_scale(known) if known.size else 0.0

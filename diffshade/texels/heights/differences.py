@@ -21,13 +21,13 @@ from jaxtyping import Bool, Float
 from ...core.backend import in_float64
 from ...model.cameras import AbstractCamera
 
-LEAST_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
-STEEP = 0.1  # steepness above which a difference's distribution has nothing of a normal one
+MIN_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
+MAX_STEEPNESS = 0.1  # steepness above which a difference's distribution has nothing of a normal one
 WINDOW = 5  # texels: side of the window in which normals are smoothed for their weights
 CREASE = 3.0  # a change of the normals' turning counts as a crease above so many of its standard errors
 
 
-class Rays(NamedTuple):
+class TexelRays(NamedTuple):
     """The rays of a camera's texels, in world coordinates: parallel, or from one eye."""
 
     toward: Float[np.ndarray, "3"] | Float[np.ndarray, "h w 3"]
@@ -44,7 +44,7 @@ class Rays(NamedTuple):
         return self.toward.ndim == 1
 
 
-def rays_of(camera: AbstractCamera, *, corners: bool = False) -> Rays:
+def rays_of(camera: AbstractCamera, *, corners: bool = False) -> TexelRays:
     """Return the rays through the centres of a camera's texels, or through their corners, one more each way.
 
     Raises:
@@ -68,14 +68,14 @@ def rays_of(camera: AbstractCamera, *, corners: bool = False) -> Rays:
     row, column = (np.indices((rows + 1, columns + 1)) if corners else np.indices(camera.shape) + 0.5)[..., None]
     distance = distance_to_target(camera)
     if not d_column.any() and not d_row.any():
-        return Rays(backward, (o_column, o_row), o + o_column * column + o_row * row, distance)
+        return TexelRays(backward, (o_column, o_row), o + o_column * column + o_row * row, distance)
     if o_column.any() or o_row.any():
         raise ValueError(
             f"camera must have parallel rays or rays from one eye; those of {type(camera).__name__} are neither. Give "
             "a Camera or an OrthographicCamera."
         )
     zero = np.zeros(3)
-    return Rays(-(d + d_column * column + d_row * row), (zero, zero), o, distance)
+    return TexelRays(-(d + d_column * column + d_row * row), (zero, zero), o, distance)
 
 
 def distance_to_target(camera: AbstractCamera) -> float:
@@ -83,7 +83,7 @@ def distance_to_target(camera: AbstractCamera) -> float:
     return float(np.linalg.norm(np.asarray(camera.eye, np.float64) - np.asarray(camera.target, np.float64)))
 
 
-def facing(normals: Float[np.ndarray, "h w 3"], rays: Rays) -> Float[np.ndarray, "h w"]:
+def facing(normals: Float[np.ndarray, "h w 3"], rays: TexelRays) -> Float[np.ndarray, "h w"]:
     """Return the cosine of the angle between each normal and the direction to the camera."""
     return _dot(normals, rays.toward) / np.linalg.norm(rays.toward, axis=-1)
 
@@ -115,7 +115,7 @@ def differences(
     normals: Float[np.ndarray, "h w 3"],
     sigma: Float[np.ndarray, "h w"],
     inside: Bool[np.ndarray, "h w"],
-    rays: Rays,
+    rays: TexelRays,
     interpolated: Bool[np.ndarray, "h w"] | None = None,
 ) -> tuple[Differences, Differences]:
     r"""Return the differences across and down.
@@ -163,7 +163,7 @@ def differences(
                 np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
-                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, LEAST_FACING), np.inf),
+                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, MIN_FACING), np.inf),
             )
         )
     return both[0], both[1]
@@ -183,14 +183,14 @@ class _Chord(NamedTuple):
     """Of the normal with the direction to the camera."""
 
 
-def _chord(mean: Float[np.ndarray, "g v 3"], rays: Rays, axis: int) -> _Chord:
+def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Chord:
     """Return the difference for a mean normal, and how it changes with that normal."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if rays.parallel:
             step, cosine = rays.step[1 - axis], _dot(mean, rays.toward)
             value = -_dot(mean, step) / cosine
             lever = -(step + value[..., None] * rays.toward) / cosine[..., None]
-            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * LEAST_FACING, cosine)
+            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * MIN_FACING, cosine)
         here, there = _pair(axis)
         r_p, r_q = rays.toward[here], rays.toward[there]
         front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
@@ -199,7 +199,7 @@ def _chord(mean: Float[np.ndarray, "g v 3"], rays: Rays, axis: int) -> _Chord:
         lever = r_q / front_q[..., None] - r_p / front_p[..., None]
         bend = 0.5 * (square_p / front_p**2 - square_q / front_q**2)
         cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
-        return _Chord(value, lever, bend, cosine > 0.5 * LEAST_FACING, cosine)
+        return _Chord(value, lever, bend, cosine > 0.5 * MIN_FACING, cosine)
 
 
 def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:

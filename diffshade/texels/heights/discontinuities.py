@@ -21,24 +21,24 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
-from .curl import Level
+from ...core.robust_scale import OUTLIER
+from ..linear_systems import RIDGE
+from .curl import PyramidLevel
 from .regions import connected
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 
-SIGNIFICANT = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
+MIN_CURL = 5.5  # curl beyond so many deviations begins a search: noise does so once in 26 million texels
 SEED_LEVELS = 3
 STEPS = 12
-SETUPS = (0, 1, 2, 4, 7)  # steps with a multigrid hierarchy of their own; later ones keep the last
-CUT = 4.0  # residuals beyond so many deviations are jumps
-BESIDE = 2.0  # the same for pairs beside a cut one: a line is followed to where it fades out
-FOLLOWED = 8  # pairs, each time
-LINE = 4  # pairs that touch
-NONE = 1e-12  # relative weight of a cut pair
+SETUP_STEPS = (0, 1, 2, 4, 7)  # steps with a multigrid hierarchy of their own; later ones keep the last
+BESIDE = OUTLIER / 2.0  # the same for pairs beside a cut one: a line is followed to where it fades out
+MAX_FOLLOWED = 8  # pairs, each time
+MIN_PAIRS = 4  # pairs that touch
 
 
 def discontinuities(
-    grid: Grid,
-    levels: Sequence[Level],
+    grid: HeightGrid,
+    levels: Sequence[PyramidLevel],
     differences: Float[np.ndarray, " edges"],
     variances: Float[np.ndarray, " edges"],
     report_progress: ReportProgress,
@@ -54,28 +54,28 @@ def discontinuities(
     """
     testable = np.isfinite(grid.edges(*levels[0].variances))
     cut = np.zeros(testable.shape, bool)
-    if all(np.abs(level.curl()).max(initial=0.0) < SIGNIFICANT for level in levels):
+    if all(np.abs(level.curl()).max(initial=0.0) < MIN_CURL for level in levels):
         return cut, None
     base = 1.0 / variances
     weights, system, u = grid.edges(*seeds(levels[:SEED_LEVELS])), None, None
     square = np.zeros(testable.shape)
     for step in range(STEPS):
         report_progress("discontinuities", step / STEPS)
-        system = HeightSystem(grid, base * weights, None if step in SETUPS else system)
+        system = HeightSystem(grid, base * weights, None if step in SETUP_STEPS else system)
         u = system.solve(differences, u, tolerance=1e-4, most=25)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
         weights = 1.0 / (1.0 + square)
-    cut = square > CUT**2
+    cut = square > OUTLIER**2
     for _ in range(3):
         cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out
-        system = HeightSystem(grid, base * np.where(cut, NONE, 1.0))
+        system = HeightSystem(grid, base * np.where(cut, RIDGE, 1.0))
         u = system.solve(differences, u, tolerance=1e-5)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
-        cut = _followed(grid, square > CUT**2, square > BESIDE**2)
+        cut = _followed(grid, square > OUTLIER**2, square > BESIDE**2)
     return cut, u
 
 
-def seeds(levels: Sequence[Level]) -> tuple[np.ndarray, np.ndarray]:
+def seeds(levels: Sequence[PyramidLevel]) -> tuple[np.ndarray, np.ndarray]:
     """Return the weights to begin with, across and down: low beside a large curl, of this level and of coarser ones."""
     finest, *coarser = levels
     square = finest.curl() ** 2
@@ -99,21 +99,21 @@ def _spread(coarse: Float[np.ndarray, "h v"], shape: tuple[int, int]) -> Float[n
     return fine
 
 
-def _in_lines(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+def _in_lines(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs of which several touch."""
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True
     of_pair = connected(grid.image(near), diagonally=True)[grid.inside][grid.start[cut]]
     found = cut.copy()
-    found[cut] = np.bincount(of_pair)[of_pair] >= LINE
+    found[cut] = np.bincount(of_pair)[of_pair] >= MIN_PAIRS
     return found
 
 
 def _followed(
-    grid: Grid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
+    grid: HeightGrid, cut: Bool[np.ndarray, " edges"], candidates: Bool[np.ndarray, " edges"]
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cut pairs and the candidates that continue them."""
-    for _ in range(FOLLOWED):
+    for _ in range(MAX_FOLLOWED):
         more = cut | (candidates & _beside(grid, cut))
         if (more == cut).all():
             break
@@ -121,7 +121,7 @@ def _followed(
     return cut
 
 
-def _beside(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
+def _beside(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Bool[np.ndarray, " edges"]:
     """Return which pairs share four neighbouring texels with another pair that is cut."""
     across, down = (image.astype(np.int8) for image in grid.images(cut))
     around = across[:-1] + across[1:] + down[:, :-1] + down[:, 1:]

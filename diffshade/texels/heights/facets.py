@@ -7,7 +7,7 @@ faces along n where both its diagonals do, and is flat where it has no twist:
 
 There is about one corner for each pixel, so not all of this can be had. The corners are those of the least
 
-    sum rho(c sqrt(g^2 + tau^2 t^2) / size) + HELD^2 sum ((d - d_0) / size)^2
+    sum rho(c sqrt(g^2 + tau^2 t^2) / size) + HOLD^2 sum ((d - d_0) / size)^2
 
 over the pixels, c the normal's cosine to the line of sight. rho is Huber's loss (1964), by reweighted least squares: a
 pixel that no continuous surface can satisfy, as at a crease or where a jump was not found, does not turn the pixels
@@ -25,12 +25,12 @@ import scipy.stats
 from jaxtyping import Bool, Float, Int
 from scipy.sparse.linalg import LinearOperator, cg
 
+from ...inverse.forward.losses import HUBER
+
 # Chosen with three real objects and balls in view, with exact normals and with two degrees of noise.
-HELD = 0.01  # weight of the distances that the search begins with
-LEAST_TAU, MOST_TAU = 0.5, 4.0
-HUBER = 1.345  # standard deviations from which a misfit counts by its size (95 % efficient where noise is normal)
-TO_DEVIATION = 1.18  # the median length of two normal numbers, in standard deviations
-MOST = 0.75  # of the pixels, by which the twist of a surface is measured: it is small but along edges
+HOLD = 0.01  # weight of the distances that the search begins with
+MIN_TAU, MAX_TAU = 0.5, 4.0
+TWIST_QUANTILE = 0.75  # of the pixels, by which the twist of a surface is measured: it is small but along edges
 STEPS, SOLVES = 4, 12  # of reweighting; of conjugate gradients, each: only corners near one another still have to move
 
 
@@ -75,13 +75,13 @@ def refined(
     def gathered(of: Float[np.ndarray, "pixels 4"]) -> Float[np.ndarray, " corners"]:
         return np.bincount(facets.of_pixel.ravel(), of.ravel(), count)
 
-    held = gathered(np.repeat((HELD / facets.size[:, None]) ** 2, 4, 1))
+    held = gathered(np.repeat((HOLD / facets.size[:, None]) ** 2, 4, 1))
     stiffness = (0.5 + tau**2 / 4.0) * (facets.facing * (facets.cosine / facets.size)[:, None]) ** 2
     d, square = begun, (count, count)
     for _ in range(STEPS):
         off = facets.off(facets.ahead - facets.facing * d[facets.of_pixel], tau)
         length = np.linalg.norm(off, axis=-1)
-        enough = HUBER / TO_DEVIATION * float(np.median(length))
+        enough = HUBER * float(np.median(length) / scipy.stats.rayleigh.median())
         weight = enough / np.maximum(length, max(enough, np.finfo(float).tiny))
 
         def matrix(x: np.ndarray, weight: np.ndarray = weight) -> np.ndarray:
@@ -112,8 +112,8 @@ def _tau(facets: Facets, inside: Bool[np.ndarray, "h w"]) -> float:
         return 1.0
     curl, mixed = (downwards - sideways)[known], (downwards + sideways)[known]
     noise = _deviation(curl, 0.5)
-    twist = 0.5 * np.sqrt(max(_deviation(mixed, MOST) ** 2 - noise**2, 0.0))
-    return float(np.clip(2.0 * noise / max(twist, np.finfo(float).tiny), LEAST_TAU, MOST_TAU))
+    twist = 0.5 * np.sqrt(max(_deviation(mixed, TWIST_QUANTILE) ** 2 - noise**2, 0.0))
+    return float(np.clip(2.0 * noise / max(twist, np.finfo(float).tiny), MIN_TAU, MAX_TAU))
 
 
 def _deviation(of: Float[np.ndarray, " n"], share: float) -> float:

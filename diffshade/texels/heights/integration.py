@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,21 @@ from jaxtyping import ArrayLike, Bool, Float
 from ...core.progress import ReportProgress, showing
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
-from .checks import LARGEST_ERROR, Given, checked
-from .curl import Level, levels, noise_scale
+from .checks import MAX_ERROR, Given, checked
+from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
-from .discontinuities import NONE, SIGNIFICANT, discontinuities
+from .discontinuities import MIN_CURL, RIDGE, discontinuities
 from .errors import less_mean, standard_errors
-from .map import FEWEST, HeightMap
+from .map import MIN_TEXELS, HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals, fill
 
-LEAST_SIGMA = 1e-6  # radians: what normals without noise have
+MIN_SIGMA = 1e-6  # radians: what normals without noise have
 FIRST_SIGMA = 0.02  # radians: where the estimate of errors that are not given begins
 ROUNDS = 5
-UNDERSTATED = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
+MAX_RATIO = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
 
 
 def integrate_normals(
@@ -83,8 +84,8 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("differences")
     filled, scale = _with_errors(given, inside)
     across, down = differences(filled.normal, filled.sigma, inside, given.rays, filled.region > 0)
-    level = Level.of(inside, across, down, SIGNIFICANT)
-    grid = Grid.of(inside)
+    level = PyramidLevel.of(inside, across, down, MIN_CURL)
+    grid = HeightGrid.of(inside)
     d, variance = grid.edges(across.value, down.value), grid.edges(across.deviation, down.deviation) ** 2
     broken = ~np.isfinite(variance)  # so steep that one of the two rays would see the back
     variance = np.where(broken, 1e300, variance)
@@ -96,10 +97,10 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("heights")
     cut = cut | broken
     part = labels(grid, cut)
-    system = HeightSystem(grid, np.where(cut, NONE, 1.0) / variance)
+    system = HeightSystem(grid, np.where(cut, RIDGE, 1.0) / variance)
     u = less_mean(system.solve(d, u), part)
     deviation = standard_errors(system, across, down, filled, part, report_progress)
-    deviation = np.where(np.bincount(part)[part] < FEWEST, np.inf, deviation)
+    deviation = np.where(np.bincount(part)[part] < MIN_TEXELS, np.inf, deviation)
     return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))
 
 
@@ -118,9 +119,9 @@ def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledN
     factor = 1.0
     for _ in range(ROUNDS):  # what counts as steep depends on the errors
         change = _scale(given, factor * sigma, known)
-        if factor == 1.0 and given.sigma is not None and change <= UNDERSTATED:
+        if factor == 1.0 and given.sigma is not None and change <= MAX_RATIO:
             break
-        factor = max(factor * change, LEAST_SIGMA / FIRST_SIGMA)
+        factor = max(factor * change, MIN_SIGMA / FIRST_SIGMA)
         if abs(change - 1.0) < 0.01:
             break
     filled = fill(given.normal, factor * sigma, inside, known)
@@ -132,71 +133,66 @@ def _scale(given: Given, sigma: Float[np.ndarray, "h w"], known: Bool[np.ndarray
     return noise_scale(known, *differences(given.normal, sigma, known, given.rays))
 
 
-def _notes(given: Given, grid: Grid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
+def _notes(given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, scale: float) -> tuple[Note, ...]:
     """Return what is to be said about the heights."""
-    found = []
+    return (*_on_parts(given, part, jump), *_on_errors(given, scale), *_on_unknown_normals(given, grid))
+
+
+def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note]:
+    """Say which texels hang together, and where the height jumps."""
     sizes = np.bincount(part)
-    large = sizes[sizes >= FEWEST]
+    large = sizes[sizes >= MIN_TEXELS]
     what = "heights" if given.rays.parallel else "scales"
     if len(large) > 1:
-        found.append(
-            Note(
-                f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: "
-                "no normals join them, or too few do beside a jump. Each has a mean of its own.",
-                "parts",
-            )
+        yield Note(
+            f"the relative {what} of {count(len(large), 'part')}, of {_sizes(large)} texels, are not determined: "
+            "no normals join them, or too few do beside a jump. Each has a mean of its own.",
+            "parts",
         )
-    if (few := int(sizes[sizes < FEWEST].sum())) > 0:
-        found.append(
-            Note(
-                f"{count(few, 'texel')} in parts of fewer than {FEWEST} fit no neighbours: their errors are infinite.",
-                "single texels",
-            )
+    if (few := int(sizes[sizes < MIN_TEXELS].sum())) > 0:
+        yield Note(
+            f"{count(few, 'texel')} in parts of fewer than {MIN_TEXELS} fit no neighbours: their errors are infinite.",
+            "single texels",
         )
     if jump.any():
-        found.append(
-            Note(
-                f"the height jumps between {count(int(jump.sum()), 'pair')} of neighbours, where the normals "
-                "contradict a continuous surface.",
-                "jumps",
-            )
+        yield Note(
+            f"the height jumps between {count(int(jump.sum()), 'pair')} of neighbours, where the normals "
+            "contradict a continuous surface.",
+            "jumps",
         )
+
+
+def _on_errors(given: Given, scale: float) -> Iterator[Note]:
+    """Say what the curl of the normals says of their errors."""
     if given.sigma is None:
-        degrees = np.rad2deg(max(scale, LEAST_SIGMA)) * np.sqrt(2.0)
-        found.append(
-            Note(
-                f"no errors were given: {degrees:.2g} degrees, the same everywhere, follow from the curl of the "
-                "normals, which does not show errors that neighbours share.",
-                "errors estimated",
-            )
+        degrees = np.rad2deg(max(scale, MIN_SIGMA)) * np.sqrt(2.0)
+        yield Note(
+            f"no errors were given: {degrees:.2g} degrees, the same everywhere, follow from the curl of the "
+            "normals, which does not show errors that neighbours share.",
+            "errors estimated",
         )
-    elif scale > UNDERSTATED:
-        found.append(
-            Note(f"the normals' errors were multiplied by {scale:.2g}, which their curl asks for.", "errors enlarged")
-        )
+    elif scale > MAX_RATIO:
+        yield Note(f"the normals' errors were multiplied by {scale:.2g}, which their curl asks for.", "errors enlarged")
+
+
+def _on_unknown_normals(given: Given, grid: HeightGrid) -> Iterator[Note]:
+    """Say which normals were not used, and which texels have no height for it."""
     if given.away:
-        found.append(
-            Note(
-                f"{count(given.away, 'normal')} at 89 degrees from the camera or more were taken as not known.",
-                "facing away",
-            )
+        yield Note(
+            f"{count(given.away, 'normal')} at 89 degrees from the camera or more were taken as not known.",
+            "facing away",
         )
     if (unknown := int((given.inside & ~given.known).sum()) - given.away) > 0:
-        found.append(
-            Note(
-                f"{count(unknown, 'normal')} with an error over {LARGEST_ERROR:g} degrees were interpolated from their "
-                "neighbours.",
-                "interpolated",
-            )
+        yield Note(
+            f"{count(unknown, 'normal')} with an error over {MAX_ERROR:g} degrees were interpolated from their "
+            "neighbours.",
+            "interpolated",
         )
     if (lost := int(given.inside.sum()) - grid.size) > 0:
-        found.append(
-            Note(
-                f"{count(lost, 'texel')} have no height: they are in parts of the mask without a known normal.",
-                "without normals",
-            )
+        yield Note(
+            f"{count(lost, 'texel')} have no height: they are in parts of the mask without a known normal.",
+            "without normals",
         )
-    return tuple(found)
 
 
 def _sizes(sizes: np.ndarray) -> str:
@@ -208,7 +204,7 @@ def _sizes(sizes: np.ndarray) -> str:
 def _as_map(
     given: Given,
     camera: AbstractCamera,
-    grid: Grid,
+    grid: HeightGrid,
     normals: Float[np.ndarray, "h w 3"],
     u: Float[np.ndarray, " texels"],
     deviation: Float[np.ndarray, " texels"],

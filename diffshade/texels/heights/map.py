@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...core.tables import as_text
 from ...core.words import Note, count
 from ...io.images import write_image
 from ...model.cameras import AbstractCamera
@@ -16,7 +17,7 @@ from ...model.gbuffers import GBuffer
 from ..map_files import map_folder, write_about, write_numbers
 from .differences import distance_to_target, rays_of
 
-FEWEST = 10  # texels that a part needs for its errors to mean something
+MIN_TEXELS = 10  # texels that a part needs for its errors to mean something
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +130,11 @@ class HeightMap:
         """Return the number of texels and parts, the range of heights, their errors, and the notes."""
         low, high = self._range()
         finite = self.errors[self.mask & np.isfinite(self.errors)]
-        parts = int((np.bincount(self.part[self.mask]) >= FEWEST).sum())
+        parts = int((np.bincount(self.part[self.mask]) >= MIN_TEXELS).sum())
         error = f"{np.median(finite):.2g}" if finite.size else "infinite"
-        return "\n".join(
-            [
-                f"heights of {int(self.mask.sum()):,} texels in {count(parts, 'part')}, "
-                f"{self.part.shape[0]} x {self.part.shape[1]} pixels",
-                f"from {low:.4g} to {high:.4g} scene units, standard error {error} in the median",
-                *(f"- {note}" for note in self.notes),
-            ]
+        return as_text(
+            f"heights of {int(self.mask.sum()):,} texels in {count(parts, 'part')}, "
+            f"{self.part.shape[0]} x {self.part.shape[1]} pixels",
+            f"from {low:.4g} to {high:.4g} scene units, standard error {error} in the median",
+            notes=self.notes,
         )

@@ -15,7 +15,7 @@ from .corners import corners_of
 from .differences import rays_of
 from .map import HeightMap
 
-FEWEST, TRIALS = 16, 7  # triangles that are left; numbers of triangles that are tried
+MIN_TRIANGLES, TRIALS = 16, 7  # triangles that are left; numbers of triangles that are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def _fewest(
     The number of triangles is found by bisection of its logarithm.
     """
     middle = whole.corner[of_pixel[:, 1:3]].mean(1)  # of each pixel, where its two triangles meet
-    low, high = np.log(FEWEST), np.log(max(len(whole.face), FEWEST + 1))
+    low, high = np.log(MIN_TRIANGLES), np.log(max(len(whole.face), MIN_TRIANGLES + 1))
     best = (whole, 0.0)
     for _ in range(TRIALS):
         trial = 0.5 * (low + high)

@@ -13,18 +13,17 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from .discontinuities import CUT, NONE
+from .discontinuities import MIN_PAIRS, OUTLIER, RIDGE
 from .regions import connected, spread, widened
-from .system import Grid, HeightSystem
+from .system import HeightGrid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
-SPECIAL = 2.0  # a joint needs so many times the pairs of any other offset,
-MORE = 5  # and so many more
-FEWEST = 3  # cut pairs that touch: fewer are noise
-SMALLEST = 50  # texels of a piece; the texels of smaller ones belong to the nearest larger one
+MIN_RATIO = 2.0  # a joint needs so many times the pairs of any other offset,
+MIN_MORE = 5  # and so many more
+MIN_TEXELS = 50  # texels of a piece; the texels of smaller ones belong to the nearest larger one
 
 
-def labels(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
+def labels(grid: HeightGrid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " texels"]:
     """Return the part of each texel, joined by the pairs that are not cut; 0 is the largest part."""
     start, end = grid.start[~cut], grid.end[~cut]
     joined = coo_matrix((np.ones(start.size, bool), (start, end)), (grid.size, grid.size))
@@ -35,7 +34,7 @@ def labels(grid: Grid, cut: Bool[np.ndarray, " edges"]) -> Int[np.ndarray, " tex
 
 
 def cut_weak_joints(
-    grid: Grid,
+    grid: HeightGrid,
     cut: Bool[np.ndarray, " edges"],
     differences: Float[np.ndarray, " edges"],
     deviations: Float[np.ndarray, " edges"],
@@ -55,13 +54,13 @@ def cut_weak_joints(
         between = np.flatnonzero(piece[grid.start] != piece[grid.end])
         seams = _seams(piece, grid, between)
         jump = grid.step(u) - differences
-        doubtful = [seam for seam in seams if np.mean(np.abs(jump[seam]) < CUT * deviations[seam]) < 0.5]
+        doubtful = [seam for seam in seams if np.mean(np.abs(jump[seam]) < OUTLIER * deviations[seam]) < 0.5]
         if not doubtful:
             continue
         # a joint draws both sides to each other: only without it the jumps are what the normals say
         apart = cut.copy()
         apart[np.concatenate(doubtful)] = True
-        u = HeightSystem(grid, np.where(apart, NONE, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
+        u = HeightSystem(grid, np.where(apart, RIDGE, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
         jump = np.where(piece[grid.start] < piece[grid.end], 1.0, -1.0) * (grid.step(u) - differences)
         weak = [seam for seam in doubtful if not _determined(jump[seam], deviations[seam])]
         if weak:
@@ -70,7 +69,7 @@ def cut_weak_joints(
 
 
 def _seams(
-    piece: Int[np.ndarray, " texels"], grid: Grid, between: Int[np.ndarray, " seam"]
+    piece: Int[np.ndarray, " texels"], grid: HeightGrid, between: Int[np.ndarray, " seam"]
 ) -> list[Int[np.ndarray, " pairs"]]:
     """Return the pairs between each two pieces."""
     one, other = piece[grid.start[between]].astype(np.int64), piece[grid.end[between]]
@@ -80,7 +79,7 @@ def _seams(
 
 
 def _with_strips_joined(
-    grid: Grid, cut: Bool[np.ndarray, " edges"], seam: Int[np.ndarray, " pairs"]
+    grid: HeightGrid, cut: Bool[np.ndarray, " edges"], seam: Int[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " edges"]:
     """Return the cuts with a seam, but for its pairs that join strips between the seam and the cuts to one side."""
     found = cut.copy()
@@ -88,7 +87,7 @@ def _with_strips_joined(
     new = seam[~cut[seam]]
     for _ in range(2):
         label = labels(grid, found)
-        small = np.bincount(label)[label] < SMALLEST
+        small = np.bincount(label)[label] < MIN_TEXELS
         one, other = grid.start[new], grid.end[new]
         for here, there in ((one, other), (other, one)):
             strip = new[small[here] & ~small[there]]
@@ -108,17 +107,17 @@ def _of_most(
     return np.array([best[s] == k for s, k in zip(strip, inverse.ravel(), strict=True)], bool)
 
 
-def _pieces(grid: Grid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
+def _pieces(grid: HeightGrid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.ndarray, " texels"]:
     """Return connected pieces of the image without what is near a cut; what is near belongs to the nearest piece."""
     near = np.zeros(grid.size, bool)
     near[grid.start[cut]] = near[grid.end[cut]] = True
     close = grid.image(near)
     group = connected(close, diagonally=True)
-    close &= (np.bincount(group.ravel()) >= FEWEST)[group]
+    close &= (np.bincount(group.ravel()) >= MIN_PAIRS)[group]
     if reach > 1:
         close = widened(close, reach)
     piece = connected(grid.inside & ~close)
-    large = np.bincount(piece.ravel()) >= SMALLEST
+    large = np.bincount(piece.ravel()) >= MIN_TEXELS
     large[0] = False
     if not large.any():
         return np.zeros(grid.size, np.int32)
@@ -129,11 +128,11 @@ def _pieces(grid: Grid, cut: Bool[np.ndarray, " edges"], reach: int) -> Int[np.n
 def _determined(jump: Float[np.ndarray, " pairs"], deviation: Float[np.ndarray, " pairs"]) -> bool:
     """Whether clearly more pairs agree to one jump than to any other."""
     order = np.argsort(jump)
-    jump, width = jump[order], CUT * deviation[order]
+    jump, width = jump[order], OUTLIER * deviation[order]
 
     def agreeing(jump: np.ndarray, width: np.ndarray) -> np.ndarray:
         return np.searchsorted(jump, jump + width) - np.searchsorted(jump, jump - width)
 
     best = int(np.argmax(number := agreeing(jump, width)))
     others = np.abs(jump - jump[best]) >= width + width[best]
-    return bool(number[best] > SPECIAL * agreeing(jump[others], width[others]).max(initial=0) + MORE)
+    return bool(number[best] > MIN_RATIO * agreeing(jump[others], width[others]).max(initial=0) + MIN_MORE)

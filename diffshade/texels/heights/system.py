@@ -14,10 +14,10 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-TINY = 1e-12  # added to the diagonal, relative to it: it makes parts of which only differences are known regular
+from ..linear_systems import RIDGE
 
 
-class Grid(NamedTuple):
+class HeightGrid(NamedTuple):
     """The texels of a mask in the order of the image, and the pairs of neighbours among them."""
 
     inside: Bool[np.ndarray, "h w"]
@@ -31,7 +31,7 @@ class Grid(NamedTuple):
     """Where a pair begins."""
 
     @classmethod
-    def of(cls, inside: Bool[np.ndarray, "h w"]) -> Grid:
+    def of(cls, inside: Bool[np.ndarray, "h w"]) -> HeightGrid:
         """Return the grid of a mask."""
         number = np.full(inside.shape, -1, np.int32)
         number[inside] = np.arange(inside.sum(), dtype=np.int32)
@@ -75,7 +75,7 @@ class Grid(NamedTuple):
 class HeightSystem:
     """The matrix of a grid's weighted differences, and its multigrid hierarchy, which other weights may share."""
 
-    def __init__(self, grid: Grid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
+    def __init__(self, grid: HeightGrid, weights: Float[np.ndarray, " edges"], hierarchy: HeightSystem | None = None):
         self.grid, self.weights = grid, weights
         self.matrix = laplacian(grid, weights)
         self._cycle = _multigrid(self.matrix) if hierarchy is None else hierarchy._cycle
@@ -115,14 +115,14 @@ class HeightSystem:
         return x
 
 
-def laplacian(grid: Grid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
+def laplacian(grid: HeightGrid, weights: Float[np.ndarray, " edges"]) -> scipy.sparse.csr_array:
     """Return the weighted Laplacian of a grid, made regular."""
     size = grid.size
     diagonal = np.bincount(grid.start, weights, size) + np.bincount(grid.end, weights, size)
     own = np.arange(size, dtype=np.int32)
     rows = np.concatenate([grid.start, grid.end, own])
     columns = np.concatenate([grid.end, grid.start, own])
-    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + TINY), 1.0)])
+    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + RIDGE), 1.0)])
     return scipy.sparse.coo_array((values, (rows, columns)), (size, size)).tocsr()
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .regions import connected, distance
-from .system import Grid, laplacian
+from .system import HeightGrid, laplacian
 
-LARGEST = 1.0  # radians: the error of a normal of which nothing is known
-COMMON = 0.5  # share of the variance that the normals of a region of unknown ones have in common
+MAX_SIGMA = 1.0  # radians: the error of a normal of which nothing is known
+COMMON_SHARE = 0.5  # share of the variance that the normals of a region of unknown ones have in common
 
 
 class FilledNormals(NamedTuple):
@@ -23,12 +23,12 @@ class FilledNormals(NamedTuple):
     region: Int[np.ndarray, "h w"]
     """Region of neighbouring texels whose normals were not known, from 1; 0 where it was known."""
 
-    def noise(self, grid: Grid, random: np.random.Generator) -> Float[np.ndarray, "texels 3"]:
+    def noise(self, grid: HeightGrid, random: np.random.Generator) -> Float[np.ndarray, "texels 3"]:
         """Draw errors of the texels' normals. Those of a region of unknown ones are correlated."""
         region = self.region[grid.inside]
         own = random.standard_normal((grid.size, 3))
         common = random.standard_normal((int(region.max(initial=0)) + 1, 3))[region]
-        mixed = np.sqrt(1.0 - COMMON) * own + np.sqrt(COMMON) * common
+        mixed = np.sqrt(1.0 - COMMON_SHARE) * own + np.sqrt(COMMON_SHARE) * common
         return self.sigma[grid.inside][:, None] * np.where((region > 0)[:, None], mixed, own)
 
 
@@ -54,7 +54,7 @@ def fill(
         return FilledNormals(normals, sigma, region)
     import pyamg
 
-    grid = Grid.of(inside)
+    grid = HeightGrid.of(inside)
     free = ~known[inside]
     matrix = laplacian(grid, np.ones(grid.start.size))[free]
     rest = -matrix[:, ~free] @ normals[inside][~free]
@@ -64,7 +64,7 @@ def fill(
     normals[inside & ~known] = found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-9)
     away = distance(known)[inside & ~known]
     least = float(np.median(sigma[known]))
-    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, LARGEST)
+    sigma[inside & ~known] = np.clip(_turning(normals, sigma, known) * away, least, MAX_SIGMA)
     return FilledNormals(normals, sigma, region)
 
 

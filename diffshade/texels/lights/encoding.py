@@ -15,14 +15,15 @@ from jaxtyping import Bool, Float
 from ...core.robust_scale import robust_scale
 from ...io.encodings import srgb_decode
 from ...io.images import without_alpha
+from ..tiles import LEARNING_SAMPLE
 from .uncalibrated import bright_texels, factorize, middle_ranks, texels_under
 
-FEWEST = 6  # photographs
-TEXELS, FEWEST_TEXELS = 3000, 300
-CLEAR = 1.25  # ratio of the misfits from which one reading is believed
+MIN_PHOTOGRAPHS = 6  # as many as the numbers by which lengths say a map
+MIN_TEXELS = 300
+CLEAR_RATIO = 1.25  # ratio of the misfits from which one reading is believed
 
 
-class Encoding(NamedTuple):
+class FileEncoding(NamedTuple):
     """How photographs are encoded."""
 
     srgb: bool
@@ -33,7 +34,7 @@ class Encoding(NamedTuple):
     """Typical residual relative to a texel's brightness: as linear, and decoded from sRGB."""
 
 
-def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Encoding | None:
+def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> FileEncoding | None:
     """Return how photographs are encoded; None where there are too few, or some are beyond 0 to 1.
 
     Args:
@@ -41,17 +42,17 @@ def judge_encoding(images: Iterable[Any], mask: Bool[np.ndarray, "h w"]) -> Enco
         mask: True on the object.
     """
     pixels = np.flatnonzero(mask)
-    some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), TEXELS)).astype(int)]
+    some = pixels[np.linspace(0, len(pixels) - 1, min(len(pixels), LEARNING_SAMPLE)).astype(int)]
     taken = [without_alpha(np.asarray(image[:], np.float64)).reshape(mask.size, -1)[some] for image in images]
     if len({one.shape for one in taken}) != 1:  # grey ones and others
         return None
     samples = np.array(taken)
-    if len(samples) < FEWEST or len(some) < FEWEST_TEXELS or not 0.0 <= samples.min() <= samples.max() <= 1.0:
+    if len(samples) < MIN_PHOTOGRAPHS or len(some) < MIN_TEXELS or not 0.0 <= samples.min() <= samples.max() <= 1.0:
         return None
     counts = samples.max(-1) < 1.0
     linear, decoded = (_misfit(y.mean(-1), counts) for y in (samples, np.asarray(srgb_decode(samples))))
     ratio = max(linear, decoded) / max(min(linear, decoded), 1e-9)
-    return Encoding(decoded < linear, ratio > CLEAR, (linear, decoded))
+    return FileEncoding(decoded < linear, ratio > CLEAR_RATIO, (linear, decoded))
 
 
 def _misfit(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, "views texels"]) -> float:

@@ -20,18 +20,17 @@ from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
-from ..fitting import MEMORY, MOST_COPLANAR
+from ..fitting import MAX_COPLANAR, MEMORY
 from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
+from ..tiles import LEARNING_SAMPLE
+from .encoding import MIN_PHOTOGRAPHS
 from .found import FoundLights, notes_on
-from .refining import Lamps, Refined, Stated, refine
+from .refining import LOOSE, LightEstimates, Refined, Stated, refine
 from .uncalibrated import find_uncalibrated
 
 FREE = ("k_d", "k_s", "n_s", "normal")
-SAMPLE = 2048
-FEWEST_LIGHTS = 6  # as many as the numbers by which lengths say a map
-UNKNOWN = np.deg2rad(10.0)  # error of a direction that only the photographs tell
 
 
 def find_lights(
@@ -84,24 +83,24 @@ def find_lights(
     with showing("lights", show=progress) as report_progress, in_float64((scene, views)) as (scene, views):
         used, index = np.unique(light_of, return_inverse=True)
         middle = middle_of(scene)
-        given = Lamps(_directions(scene, used, middle), np.ones(len(used)))
+        given = LightEstimates(_directions(scene, used, middle), np.ones(len(used)))
         tiles = TileRunner(scene, views, "", report_progress, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
-            sample = tiles.reader.sample(SAMPLE)
+            sample = tiles.reader.sample(LEARNING_SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
             begin = given
             if error is None:
-                begin = Lamps(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
+                begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
             placed = _with(scene, used, begin, middle)
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
-            if error is not None and each.lights().coplanar > MOST_COPLANAR:
+            if error is not None and each.lights().coplanar > MAX_COPLANAR:
                 raise ValueError(
                     "the lights lie in one plane with the object, which leaves its normals, and so the lights, open. "
                     "Add photographs under lights out of the plane."
                 )
             run = RobustRun(each.setup, each.known, "cauchy", None, tiles, neighbours=False, light_error=None)
             stated = Stated(
-                begin.directions, np.full(len(used), UNKNOWN) if error is None else error[used], brighter[used]
+                begin.directions, np.full(len(used), LOOSE[0]) if error is None else error[used], brighter[used]
             )
             found = refine(
                 lambda lamps: _with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
@@ -114,7 +113,7 @@ def _result(
     found: Refined,
     used: Int[np.ndarray, " used"],
     light_of: Int[np.ndarray, " views"],
-    given: Lamps,
+    given: LightEstimates,
     stated: Stated,
     middle: Float[np.ndarray, "3"],
     *,
@@ -122,7 +121,7 @@ def _result(
 ) -> FoundLights:
     """Return what was found, for all lights of the scene."""
     exact = bool((stated.intensity_error == 0.0).all())
-    lamps = Lamps(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
+    lamps = LightEstimates(found.lamps.directions, np.where(stated.intensity_error == 0.0, 1.0, found.lamps.gain))
 
     def of_all(values: Any, nothing: float) -> Any:
         whole = np.full((len(scene.lights), *np.shape(values)[1:]), nothing)
@@ -178,9 +177,9 @@ def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:
                 f"{scene.lights[on[0]].intensity}. Give 1 where it is not known, or leave the view out."  # pyright: ignore[reportAttributeAccessIssue]
             )
         found.append(on[0])
-    if len(set(found)) < FEWEST_LIGHTS:
+    if len(set(found)) < MIN_PHOTOGRAPHS:
         raise ValueError(
-            f"find_lights needs at least {FEWEST_LIGHTS} lights; the views have {len(set(found))}. Add photographs "
+            f"find_lights needs at least {MIN_PHOTOGRAPHS} lights; the views have {len(set(found))}. Add photographs "
             "under other lights."
         )
     return np.array(found)
@@ -214,7 +213,7 @@ def _directions(
     return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
-def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: Lamps, middle: Float[np.ndarray, "3"]) -> Scene:
+def _with(scene: Scene, used: Int[np.ndarray, " used"], lamps: LightEstimates, middle: Float[np.ndarray, "3"]) -> Scene:
     """Return the scene with lights in these directions, each as far away as before."""
     lights = list(scene.lights)
     for i, towards, gain in zip(used, lamps.directions, lamps.gain, strict=True):

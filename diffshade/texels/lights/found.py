@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...core.tables import as_text, cells
 from ...core.words import Note, count
 from ...model.scenes import Scene
 
@@ -18,7 +19,7 @@ SHOWN = 8  # lights in the table, those that moved most
 class FoundLights:
     """Lights that agree with all texels of an object; `print` it for the lights that moved most, and the notes."""
 
-    scene: Scene
+    scene: Scene = field(repr=False)
     """The scene with these lights, for `fit_texels` and `fit`."""
     directions: Float[np.ndarray, "lights 3"]
     """Unit vectors towards the lights, from the middle of the object; NaN for lights on in no view."""
@@ -54,22 +55,24 @@ class FoundLights:
     def __str__(self) -> str:
         """Return the lights that moved most, and the notes below them."""
         used = np.unique(self.light_of)
-        order = used[np.argsort(-self.moved[used])][:SHOWN]
-        lines = [
+        shown = used[np.argsort(-self.moved[used])][:SHOWN]
+        errors, own, relative = (of[shown] for of in (self.errors, self.own_errors, self.intensity_errors))
+        columns = {
+            "light": shown,
+            "x y z": cells(self.directions[shown], np.deg2rad(own)[:, None]),
+            "error (deg)": cells(errors, errors),
+            "moved (deg)": cells(self.moved[shown], own),
+            "intensity": cells(self.intensities[shown], relative),
+            "error (%)": cells(100.0 * relative, 100.0 * relative),
+        }
+        title = (
             f"{count(len(used), 'light')}, moved by {np.median(self.moved[used]):.2f} degrees in the median and by "
-            f"{self.moved[used].max():.2f} at most; the misfit of a texel is {100 * self.misfit:.2g} %",
-            f"{'light':>5} {'x':>8} {'y':>8} {'z':>8} {'error':>10} {'moved':>8} {'intensity':>10} {'error':>7}",
-        ]
-        for i in order:
-            x, y, z = self.directions[i]
-            error = f"{self.errors[i]:.2f} deg" if np.isfinite(self.errors[i]) else "unknown"
-            lines.append(
-                f"{i:>5} {x:>8.4f} {y:>8.4f} {z:>8.4f} {error:>10} {self.moved[i]:>8.2f} {self.intensities[i]:>10.4f} "
-                f"{100 * self.intensity_errors[i]:>5.2g} %"
-            )
-        if len(order) < len(used):
-            lines.append(f"      and {count(len(used) - len(order), 'light')} that moved less")
-        return "\n".join([*lines, *(f"- {note}" for note in self.notes)])
+            f"{self.moved[used].max():.2f} at most; the misfit of a texel is {100 * self.misfit:.2g} %"
+        )
+        rest = len(used) - len(shown)
+        return as_text(
+            title, columns, *([f"and {count(rest, 'light')} that moved less"] * (rest > 0)), notes=self.notes
+        )
 
 
 def notes_on(

@@ -4,7 +4,7 @@ Each observation depends on its texel (two tilts of the normal, k_d, k_s) and on
 the logarithm of its intensity): normal equations of the shape of an arrow, as in bundle adjustment (Triggs et al.
 2000). With H_t of a texel, C_t its coupling to the lights and A that of the lights,
 
-$$ S = A - \sum_t C_t H_t^{-1} C_t^T $$
+$$ S = A - \sum_t C_t^T H_t^{-1} C_t $$
 
 is small, three numbers a light.
 """
@@ -20,17 +20,19 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
+from ...inverse.solve.elimination import eliminate
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from ..robust.block_fits import lowest_state
 from ..robust.learning import ObjectModel
-from ..robust.observations import Observed, observe
-from ..robust.robust_descent import State, around
+from ..robust.observations import BlockObservations, observe
+from ..robust.robust_descent import DescentState, around
+from ..tiles import SQUARE
 
-LEAST_CURVATURE = 1e-6  # added to that of every number of a texel of level 1
+CURVATURE = 1e-6  # added to that of every number of a texel of level 1
 HELD = 1e9  # curvature of a k_s that is 0, which then stays
-AT_ONCE = 256  # texels
+BLOCK = SQUARE**2  # texels
 TILT = 1e-3  # radians, over which derivatives in single precision are taken
 
 
@@ -66,11 +68,13 @@ def responses(
 
 
 @jax.jit
-def _responses(observed: Observed, tilted: Sequence[Observed], model: ObjectModel, state: State) -> Responses:
+def _responses(
+    observed: BlockObservations, tilted: Sequence[BlockObservations], model: ObjectModel, state: DescentState
+) -> Responses:
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
 
-    def shown(of: Observed) -> Array:
+    def shown(of: BlockObservations) -> Array:
         D, S = of.lights.shading(model.shape, state.n)
         return state.k_d[None] * D + state.k_s[None] * S
 
@@ -80,7 +84,7 @@ def _responses(observed: Observed, tilted: Sequence[Observed], model: ObjectMode
         y = jnp.where(observed.counts, one.y * (one.level / observed.level)[None], 0.0)
         by_light.append((shown(one) - y - value + jnp.where(observed.counts, observed.y, 0.0)) / TILT)
     ridge = weighing.ridge
-    known = jnp.full_like(ridge, LEAST_CURVATURE)
+    known = jnp.full_like(ridge, CURVATURE)
     held = jnp.where(state.k_s <= 0.0, HELD, 0.0)
     nothing = jnp.zeros_like(ridge)
     return Responses(
@@ -115,20 +119,18 @@ def light_equations(
     """
     S, gradient = np.zeros((lights, 3, lights, 3)), np.zeros((cells, lights, 3))
     on = np.eye(lights)[light_of]  # (views, lights)
-    for start in range(0, len(cell), AT_ONCE):
-        of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + AT_ONCE], np.float64), texels)
+    for start in range(0, len(cell), BLOCK):
+        of = jax.tree.map(lambda leaf, start=start: np.asarray(leaf[..., start : start + BLOCK], np.float64), texels)
         weighted = of.weight * of.by_texel
         H = np.einsum("ivt,jvt->tij", weighted, of.by_texel, optimize=True)
         H[:, range(4), range(4)] += of.curvature.T
         g = np.einsum("ivt,vt->ti", weighted, of.residual) + of.pull.T
-        C = np.einsum("vl,avt,ivt->tlai", on, of.by_light, weighted, optimize=True)
-        C = C.reshape(len(H), lights * 3, 4)
-        solved = np.linalg.solve(H, C.swapaxes(1, 2))  # H^-1 C^T
-        S -= np.tensordot(C, solved, ((0, 2), (0, 1))).reshape(S.shape)
+        side = np.einsum("vl,avt,ivt->tila", on, of.by_light, weighted, optimize=True).reshape(len(H), 4, 3 * lights)
+        _, _, of_matrix, of_right = eliminate(np.linalg.inv(H), side, g[..., None])
+        S -= of_matrix.reshape(S.shape)
         A = np.einsum("vl,avt,bvt,vt->lab", on, of.by_light, of.by_light, of.weight, optimize=True)
         S[range(lights), :, range(lights)] += A
         own = np.einsum("vl,avt,vt,vt->tla", on, of.by_light, of.weight, of.residual, optimize=True)
-        own -= np.einsum("tik,ti->tk", solved, g).reshape(own.shape)
-        np.add.at(gradient, cell[start : start + AT_ONCE], own)
+        np.add.at(gradient, cell[start : start + BLOCK], own - of_right.reshape(own.shape))
     S = S.reshape(3 * lights, 3 * lights)
     return LightEquations(0.5 * (S + S.T), gradient.reshape(cells, -1))

@@ -17,23 +17,22 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import least_squares
 
 from ...inverse.data.views import View
+from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup, lighting_setup
 from ..robust.disagreement import CELLS, cells_of
 from ..robust.learning import ObjectModel, learned
-from ..robust.run import RobustRun
+from ..robust.run import FIRST_ROUNDS, RobustRun
 from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
-from .uncalibrated import CAUCHY
 
 ROUNDS = 20
-SETTLED = 0.05  # of the error of a light: the step below which the rounds end
-LONGEST = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
+MAX_STEP = 0.05  # of the error of a light: the step below which the rounds end
+LONGEST_STEP = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
 COHERENT = 0.5  # share of a texel's misfit by which a light may be off: many texels lie in one shadow
-LEARNED = 4  # rounds after which the highlight is learned no more
 LOOSE = np.deg2rad(10.0), 0.1  # how far a light may be from the stated one while its texels are fitted
-BELIEVED = 0.02  # error of stated intensities, relative, by which a map is found: what a model leaves out is as much
+MIN_GAIN_ERROR = 0.02  # relative, of stated intensities where a map is found: what a model leaves out is as much
 
 
 class Stated(NamedTuple):
@@ -46,7 +45,7 @@ class Stated(NamedTuple):
     """Relative standard deviation of each intensity: 0 where it is exact, infinite where nothing is known."""
 
 
-class Lamps(NamedTuple):
+class LightEstimates(NamedTuple):
     """Lights: unit directions towards them, and how much brighter they are than the scene says."""
 
     directions: Float[np.ndarray, "lights 3"]
@@ -56,7 +55,7 @@ class Lamps(NamedTuple):
 class Refined(NamedTuple):
     """Lights as found, with covariances in their tangents and the logarithm of their intensities."""
 
-    lamps: Lamps
+    lamps: LightEstimates
     own: Float[np.ndarray, "lights 3 3"]
     """Of each light by itself."""
     shared: Float[np.ndarray, "lights 3 3"]
@@ -74,7 +73,7 @@ def tangents_to(directions: Float[np.ndarray, "*many 3"]) -> Float[np.ndarray, "
 
 
 def refine(
-    scene_with: Callable[[Lamps], Scene],
+    scene_with: Callable[[LightEstimates], Scene],
     views: Sequence[View],
     run: RobustRun,
     sample: TexelTile,
@@ -94,18 +93,18 @@ def refine(
         report_progress: Reports progress.
     """
     lights = len(stated.directions)
-    lamps, cell = Lamps(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
+    lamps, cell = LightEstimates(stated.directions, np.ones(lights)), cells_of(sample.pixels, run.tiles.reader.shape)
     model, settled, covariance = run.learn(sample)[0], False, np.zeros((3 * lights, 3 * lights))
     exact = not (stated.error > 0.0).any()
     free = np.stack([stated.error > 0.0, stated.error > 0.0, np.ones(lights, bool)], -1).ravel()
     for k in range(ROUNDS):
         report_progress("refining the lights:", (k + 1) / ROUNDS)
 
-        def setup_of(lamps: Lamps) -> LightingSetup:
+        def setup_of(lamps: LightEstimates) -> LightingSetup:
             return eqx.tree_at(lambda s: s.lobe, lighting_setup(scene_with(lamps), views), run.setup.lobe)
 
         run.setup = setup_of(lamps)
-        if 0 < k < LEARNED:
+        if 0 < k < FIRST_ROUNDS:
             model = learned(model, run.sample_at_minimum(sample, model))
         tangents = tangents_to(lamps.directions)
         tilted = [setup_of(_moved(lamps, TILT * np.eye(3)[[axis] * lights], tangents)) for axis in range(2)]
@@ -122,7 +121,7 @@ def refine(
         covariance = _covariance(equations, maps, free)
         covariance += np.diag(free * (COHERENT * float(model.relative_misfit)) ** 2)
         own = step.ravel()[free] @ (N := _complement(maps[free])) @ N.T
-        settled = bool((np.abs(own) < SETTLED * np.sqrt(np.diag(covariance)[free])).all())
+        settled = bool((np.abs(own) < MAX_STEP * np.sqrt(np.diag(covariance)[free])).all())
         if settled or k + 1 == ROUNDS:
             break
         lamps = _moved(lamps, step, tangents)
@@ -136,15 +135,21 @@ def _responses(run: RobustRun, sample: TexelTile, model: ObjectModel, setups: Se
     return run.each(sample, program, [model])
 
 
-def _moved(lamps: Lamps, step: Float[np.ndarray, "lights 3"], tangents: Float[np.ndarray, "lights 2 3"]) -> Lamps:
+def _moved(
+    lamps: LightEstimates, step: Float[np.ndarray, "lights 3"], tangents: Float[np.ndarray, "lights 2 3"]
+) -> LightEstimates:
     """Return the lights after a step, of which none is too long."""
-    tilt, brighter = step[:, :2], np.clip(step[:, 2], -LONGEST[1], LONGEST[1])
-    tilt = tilt * np.minimum(1.0, LONGEST[0] / np.maximum(np.linalg.norm(tilt, axis=-1, keepdims=True), 1e-12))
+    tilt, brighter = step[:, :2], np.clip(step[:, 2], -LONGEST_STEP[1], LONGEST_STEP[1])
+    tilt = tilt * np.minimum(1.0, LONGEST_STEP[0] / np.maximum(np.linalg.norm(tilt, axis=-1, keepdims=True), 1e-12))
     directions = lamps.directions + np.einsum("la,lai->li", tilt, tangents)
-    return Lamps(directions / np.linalg.norm(directions, axis=-1, keepdims=True), lamps.gain * np.exp(brighter))
+    return LightEstimates(
+        directions / np.linalg.norm(directions, axis=-1, keepdims=True), lamps.gain * np.exp(brighter)
+    )
 
 
-def _away(lamps: Lamps, stated: Stated, tangents: Float[np.ndarray, "lights 2 3"]) -> Float[np.ndarray, "lights 3"]:
+def _away(
+    lamps: LightEstimates, stated: Stated, tangents: Float[np.ndarray, "lights 2 3"]
+) -> Float[np.ndarray, "lights 3"]:
     """Return how far lights are from those stated: along both tangents, and in the logarithm of the intensity."""
     tilt = np.einsum("li,lai->la", lamps.directions - stated.directions, tangents)
     return np.concatenate([tilt, np.log(lamps.gain)[:, None]], -1)
@@ -168,7 +173,7 @@ def _maps(directions: Float[np.ndarray, "lights 3"], tangents: Float[np.ndarray,
 
 def _step(
     equations: LightEquations,
-    lamps: Lamps,
+    lamps: LightEstimates,
     stated: Stated,
     tangents: Float[np.ndarray, "lights 2 3"],
     free: Bool[np.ndarray, " 3*lights"],
@@ -196,40 +201,44 @@ def _covariance(equations: LightEquations, maps: np.ndarray, free: Bool[np.ndarr
     return covariance
 
 
-def _anchored(lamps: Lamps, covariance: np.ndarray, stated: Stated, misfit: float, *, settled: bool) -> Refined:
+def _anchored(
+    lamps: LightEstimates, covariance: np.ndarray, stated: Stated, misfit: float, *, settled: bool
+) -> Refined:
     """Return the lights after the map by which they are nearest to those stated."""
     lights = len(lamps.gain)
     own = np.stack([covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
     before = tangents_to(lamps.directions)
     if not (stated.error > 0.0).any():
         gain = lamps.gain / np.exp(np.log(lamps.gain).mean())
-        return Refined(Lamps(lamps.directions, gain), own, np.zeros_like(own), misfit, settled)
+        return Refined(LightEstimates(lamps.directions, gain), own, np.zeros_like(own), misfit, settled)
     lamps = _mapped(lamps, stated)
     tangents = tangents_to(lamps.directions)
     turn = np.zeros((lights, 3, 3))
     turn[:, :2, :2], turn[:, 2, 2] = np.einsum("lai,lbi->lab", tangents, before), 1.0
-    weights = np.stack([stated.error, stated.error, np.maximum(stated.intensity_error, BELIEVED)], -1).ravel()
+    weights = np.stack([stated.error, stated.error, np.maximum(stated.intensity_error, MIN_GAIN_ERROR)], -1).ravel()
     G = _maps(lamps.directions, tangents)
     whole = G @ np.linalg.pinv((G / weights[:, None] ** 2).T @ G, rcond=1e-10, hermitian=True) @ G.T
     shared = np.stack([whole[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(lights)])
     return Refined(lamps, turn @ own @ turn.swapaxes(1, 2), shared, misfit, settled)
 
 
-def _mapped(lamps: Lamps, stated: Stated) -> Lamps:
+def _mapped(lamps: LightEstimates, stated: Stated) -> LightEstimates:
     """Return the lights after the linear map by which they are nearest to those stated."""
     vectors = lamps.directions * lamps.gain[:, None]
     tangents = tangents_to(stated.directions)
     error = np.maximum(stated.error, 1e-6)[:, None]
 
-    def of(M: np.ndarray) -> Lamps:
+    def of(M: np.ndarray) -> LightEstimates:
         mapped = vectors @ M.reshape(3, 3).T
         length = np.linalg.norm(mapped, axis=-1)
-        return Lamps(mapped / length[:, None], length)
+        return LightEstimates(mapped / length[:, None], length)
 
     def apart(M: np.ndarray) -> np.ndarray:
         away = _away(of(M), stated, tangents)
         brighter = away[:, 2] - away[:, 2].mean()
-        return np.concatenate([(away[:, :2] / error).ravel(), brighter / np.maximum(stated.intensity_error, BELIEVED)])
+        return np.concatenate(
+            [(away[:, :2] / error).ravel(), brighter / np.maximum(stated.intensity_error, MIN_GAIN_ERROR)]
+        )
 
     found = of(least_squares(apart, np.eye(3).ravel(), loss="cauchy", f_scale=CAUCHY).x)
-    return Lamps(found.directions, found.gain / np.exp(np.log(found.gain).mean()))
+    return LightEstimates(found.directions, found.gain / np.exp(np.log(found.gain).mean()))

@@ -8,36 +8,40 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
-from ...core.robust_scale import robust_scale
+from ...core.robust_scale import jackknife_error, robust_scale
+from ...core.tables import as_text, with_error
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
 from ...model.scenes import Scene
+from ..between_lights import MIN_VIEWS  # of 8, a texel's four numbers fit the brightest, whatever the gamma
 from ..checks import checked
 from ..fitting import MEMORY
 from ..robust.learning import Fitted
 from ..robust.run import RobustRun
+from ..robust.stated_errors import CALIBRATION_SAMPLE
 from ..run import TexelRun
 from ..tile_runner import TileRunner
 from ..tiles import TexelTile
+from .encoding import CLEAR_RATIO
 from .finding import FREE
 
-SAMPLE = 1024  # texels
-FEWEST_VIEWS = 12  # of 8, a texel's four numbers fit the brightest, whatever the gamma
-RANGE = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
-NARROW = (0.12, 0.04)  # half widths, of log gamma, of the parabolas through three points that follow
+GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 GROUPS = 4  # of the views, left out in turn
-DARK = 0.05  # of a texel's brightest view, below which it is in shadow
-FLAT = 1.15  # ratio of misfits, within the range, below which they do not determine the gamma
+SHADOW = 0.05  # of a texel's brightest view, below which it is in shadow
+MIN_RATIO = 1.15  # of misfits, within the range, below which they do not determine the gamma
 
 Misfit = Callable[[float], float]
 
@@ -51,7 +55,7 @@ class FoundResponse:
     error: float
     """Its standard error: the scatter and the shift when groups of photographs are left out, and the misfit; infinite
     where these photographs do not determine it."""
-    views: tuple[View, ...]
+    views: tuple[View, ...] = field(repr=False)
     """The views with this gamma as their sensor, for `fit_texels` and `fit`."""
     misfit: float
     """Typical residual of a texel with this gamma, relative to its brightness in the file."""
@@ -60,12 +64,12 @@ class FoundResponse:
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        """Return the gamma, what it takes off the misfit, and the notes."""
-        first = (
-            f"gamma {self.gamma:.3f}, error {self.error:.2g}; the misfit of a texel is {100 * self.misfit:.2g} %, and "
-            f"{100 * self.misfit_linear:.2g} % if the photographs are taken to be linear"
+        """Return the gamma, how much it reduces the misfit, and the notes."""
+        return as_text(
+            f"gamma {with_error(self.gamma, self.error)}; the misfit of a texel is {100 * self.misfit:.2g} %, and "
+            f"{100 * self.misfit_linear:.2g} % if the photographs are taken to be linear",
+            notes=self.notes,
         )
-        return "\n".join([first, *(f"- {note}" for note in self.notes)])
 
 
 def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False) -> FoundResponse:
@@ -105,7 +109,7 @@ def find_response(scene: Scene, views: Sequence[View], *, progress: bool = False
         tiles = TileRunner(inner, plain, "", silent, out=None, memory=MEMORY, mesh=None)
         with contextlib.closing(tiles):
             each = TexelRun(inner, plain, FREE, "cauchy", None, tiles)
-            setup, sample = each.setup, tiles.reader.sample(SAMPLE)
+            setup, sample = each.setup, tiles.reader.sample(CALIBRATION_SAMPLE)
             known = each.known
 
             def misfit_of(sample: TexelTile) -> Misfit:
@@ -128,21 +132,21 @@ def _found(
     """Return the gamma of the least misfit, and its error by a jackknife over groups of views."""
     misfit = misfit_of(sample)
     tried = []
-    for k, gamma in enumerate(RANGE):
-        report_progress("trying gammas", 0.3 * k / len(RANGE))
+    for k, gamma in enumerate(GAMMAS):
+        report_progress("trying gammas", 0.3 * k / len(GAMMAS))
         tried.append(misfit(gamma))
-    gamma = float(RANGE[int(np.argmin(tried))])
-    for width in NARROW:
-        gamma = lowest(misfit, gamma, width)
+    k = int(np.clip(np.argmin(tried), 1, len(GAMMAS) - 2))
+    bounds = np.log(GAMMAS[[k - 1, k + 1]])
+    gamma = lowest(misfit, bounds)
     linear, least = misfit(1.0), misfit(gamma)
-    clear = min(tried[0], tried[-1]) > FLAT * least and RANGE[0] < gamma < RANGE[-1]
+    clear = min(tried[0], tried[-1]) > CLEAR_RATIO * least and GAMMAS[0] < gamma < GAMMAS[-1]
     left_out = []
     for group in range(GROUPS):
         report_progress("leaving out photographs", 0.5 + 0.5 * group / GROUPS)
         counts = sample.counts & (np.arange(len(views)) % GROUPS != group)[:, None]
         without = misfit_of(eqx.tree_at(lambda tile: tile.counts, sample, counts))
-        left_out.append(np.log(lowest(without, gamma, NARROW[-1])))
-    spread = np.sqrt((GROUPS - 1) / GROUPS * np.sum((np.array(left_out) - np.mean(left_out)) ** 2))
+        left_out.append(np.log(lowest(without, bounds)))
+    spread = float(jackknife_error(np.array(left_out)))
     notes = []
     if not clear:
         notes.append(
@@ -164,7 +168,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
     every gamma; of linear samples, a large gamma would make that of the dark ones small.
     """
     f, y = (tile.target.mean(1) for tile in (sample, linear))
-    believed = np.asarray(found.weight > 0.0) & (f > DARK * f.max(0))
+    believed = np.asarray(found.weight > 0.0) & (f > SHADOW * f.max(0))
     level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
@@ -175,7 +179,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
 def scatter_of_logarithms(sample: TexelTile) -> float:
     """Return the typical scatter, over the views, of the logarithm of what a texel shows."""
     y = sample.target.mean(1)
-    lit = sample.counts & (y > DARK * y.max(0))
+    lit = sample.counts & (y > SHADOW * y.max(0))
     logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
     return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
 
@@ -186,29 +190,16 @@ def raised(sample: TexelTile, gamma: float) -> TexelTile:
     return eqx.tree_at(lambda tile: tile.target, sample, linear)
 
 
-def lowest(misfit: Misfit, gamma: float, width: float) -> float:
-    """Return where the square of the misfit is least, by the parabola through three points of log gamma.
-
-    They are so far apart, and move downhill until the one in the middle is the lowest.
-    """
-    points = np.log(gamma) + width * np.array([-1.0, 0.0, 1.0])
-    costs = [misfit(float(np.exp(at))) ** 2 for at in points]
-    for _ in range(10):
-        if costs[1] <= min(costs):
-            break
-        side = 1 if costs[2] < costs[0] else -1
-        points = points + side * width
-        new = misfit(float(np.exp(points[1 + side]))) ** 2
-        costs = [*costs[1:], new] if side > 0 else [new, *costs[:2]]
-    bend = costs[0] - 2.0 * costs[1] + costs[2]
-    shift = 0.5 * (costs[0] - costs[2]) / bend if bend > 0.0 else 0.0
-    return float(np.exp(points[1] + width * np.clip(shift, -0.5, 0.5)))
+def lowest(misfit: Misfit, bounds: Float[np.ndarray, "2"]) -> float:
+    """Return where a misfit is least, between two logarithms of gamma."""
+    found: Any = minimize_scalar(lambda log: misfit(float(np.exp(log))), bounds=bounds, options={"xatol": 0.01})
+    return float(np.exp(found.x))
 
 
 def _check(views: Sequence[View]) -> None:
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_VIEWS:
         raise ValueError(
-            f"find_response needs at least {FEWEST_VIEWS} views; got {len(views)}. Add photographs, or give "
+            f"find_response needs at least {MIN_VIEWS} views; got {len(views)}. Add photographs, or give "
             "View(sensor=Sensor(gamma=...))."
         )
     for i, view in enumerate(views):

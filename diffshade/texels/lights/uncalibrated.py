@@ -22,22 +22,22 @@ from scipy.spatial.transform import Rotation
 
 from ...core.robust_scale import robust_scale
 from ...inverse.data.views import View, is_grey
+from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
+from ..robust.learning import MIN_LEVEL
 from ..tiles import TexelTile, ViewReader
 
-DARK, BRIGHT = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
+MIN_RANK, MAX_RANK = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
 ROUNDS = 60
-DIMMEST = 0.05  # level of a texel, over the median, below which it is left out
-CAUCHY = 2.385  # scale of the loss over the standard deviation: 95 % efficient for Gaussian noise
-LEAST = 1e-3  # eigenvalue, relative to the largest, of what must be positive
+MIN_EIGENVALUE = 1e-3  # eigenvalue, relative to the largest, of what must be positive
 STARTS = 8  # turns about the camera's axis
-BAND, MOST_ROWS, MOST_SLOPES = 64, 512, 100_000  # rows read at once, rows and slopes in all
-SMOOTH = 2.0  # pixels: standard deviation of what takes the noise off slopes
+BAND, MAX_ROWS, MAX_SLOPES = 64, 512, 100_000  # rows read at once, rows and slopes in all
+SIGMA = 2.0  # pixels: standard deviation of what takes the noise off slopes
 REWEIGHTINGS = 5
-CURL = 0.02  # of unit normals, a pixel: a larger one is an edge
+MAX_CURL = 0.02  # of unit normals, a pixel: a larger one is an edge
 
 
-class Surface(NamedTuple):
+class PseudoNormals(NamedTuple):
     """Pseudo-normals at texels that have neighbours to the right and below."""
 
     b: Float[np.ndarray, "n 3"]
@@ -93,11 +93,11 @@ def _surface(
     views: Sequence[View],
     strength: Float[np.ndarray, "views channels"],
     s: np.ndarray,
-) -> Surface:
+) -> PseudoNormals:
     """Return b and its slopes over the image, in bands of rows spread evenly over it."""
     width = reader.shape[1]
     top, bottom = sample.pixels.min() // width, sample.pixels.max() // width + 1
-    bands = -(-min(bottom - top, MOST_ROWS) // BAND)
+    bands = -(-min(bottom - top, MAX_ROWS) // BAND)
     starts = np.unique(np.linspace(top, max(bottom - BAND, top), bands).astype(int))
     parts = []
     for first in starts:
@@ -111,8 +111,8 @@ def _surface(
         b = np.zeros((*inside.shape, 3))
         y, counts = _grey(tile, views, strength)
         b[row - first, column] = _texels(y, counts, s)
-        share = np.maximum(gaussian_filter(inside.astype(float), SMOOTH), 1e-9)
-        b = np.stack([gaussian_filter(b[..., k], SMOOTH) for k in range(3)], -1) / share[..., None]
+        share = np.maximum(gaussian_filter(inside.astype(float), SIGMA), 1e-9)
+        b = np.stack([gaussian_filter(b[..., k], SIGMA) for k in range(3)], -1) / share[..., None]
         whole = inside[:-1, :-1] & inside[1:, :-1] & inside[:-1, 1:]
         here, right, below = b[:-1, :-1], b[:-1, 1:], b[1:, :-1]
         r, c = np.nonzero(whole)
@@ -121,8 +121,8 @@ def _surface(
     if not sum(len(part[0]) for part in parts):
         raise ValueError("the object has no texel with neighbours. Give photographs of more pixels, or the directions.")
     b, by_x, by_y, place = (np.concatenate(of) for of in zip(*parts, strict=True))
-    some = np.linspace(0, len(b) - 1, min(len(b), MOST_SLOPES)).astype(int)
-    return Surface(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
+    some = np.linspace(0, len(b) - 1, min(len(b), MAX_SLOPES)).astype(int)
+    return PseudoNormals(b[some], by_x[some], by_y[some], place[some] - place.mean(0))
 
 
 def _texels(y: np.ndarray, counts: np.ndarray, s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "texels 3"]:
@@ -143,7 +143,7 @@ def middle_ranks(y: Float[np.ndarray, "views texels"], counts: Bool[np.ndarray, 
     """Return which observations lie in neither shadow nor highlight, by their rank among those of their texel."""
     rank = np.argsort(np.argsort(np.where(counts, y, np.inf), 0), 0)
     number = counts.sum(0)
-    return counts & (rank >= DARK * number) & (rank < BRIGHT * number)
+    return counts & (rank >= MIN_RANK * number) & (rank < MAX_RANK * number)
 
 
 def bright_texels(
@@ -151,7 +151,7 @@ def bright_texels(
 ) -> tuple[Float[np.ndarray, "views _"], Bool[np.ndarray, "views _"]]:
     """Return the texels that show something: of a black one only the noise would be left."""
     level = np.where(counts, y, 0.0).sum(0) / np.maximum(counts.sum(0), 1)
-    bright = level > DIMMEST * np.median(level)
+    bright = level > MIN_LEVEL * np.median(level)
     return y[:, bright], counts[:, bright]
 
 
@@ -198,10 +198,10 @@ def of_lengths(s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 3"]:
     for value, (i, j) in zip(q, pairs, strict=True):
         Q[i, j] = Q[j, i] = value
     values, axes = np.linalg.eigh(Q)
-    return np.sqrt(np.maximum(values, LEAST * values.max()))[:, None] * axes.T
+    return np.sqrt(np.maximum(values, MIN_EIGENVALUE * values.max()))[:, None] * axes.T
 
 
-def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: Surface) -> Float[np.ndarray, "3 3"]:
+def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: PseudoNormals) -> Float[np.ndarray, "3 3"]:
     """Return R A, with the rotation R by which the normals are those of a surface that bulges to the camera."""
     inverse = np.linalg.inv(A)  # b turns as A^-T b
     b, by_x, by_y = (of @ inverse for of in (surface.b, surface.by_x, surface.by_y))
@@ -214,7 +214,7 @@ def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: Surface) -> Float[np
         def curl(turn: np.ndarray, towards: Rotation = towards, mirror: float = mirror) -> np.ndarray:
             M = mirror * (Rotation.from_rotvec(turn) * towards).as_matrix()
             r = across_x @ np.cross(M[1], M[2]) + across_y @ np.cross(M[2], M[0])
-            return r / CURL
+            return r / MAX_CURL
 
         for k in range(STARTS):
             begin = np.array([0.0, 0.0, 2.0 * np.pi * k / STARTS])

@@ -17,19 +17,18 @@ from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
 from ..lighting import LightingSetup
-from ..linear_systems import inverse_diagonal, solve
+from ..linear_systems import RIDGE, inverse_diagonal, solve
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
 from .learning import ObjectModel
-from .observations import Lights, Observed, observe, reflectances
-from .robust_descent import Local, State, Weighing, around, begin, descend, lowest, system
+from .observations import BlockObservations, Lights, observe, reflectances
+from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
 FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
 REWEIGHTINGS = 3
-DOUBTED = 4.0  # scales of the loss beyond which a residual is doubted
-LEAST_CURVATURE = 1e-12  # where no light reaches a texel
+MAX_RESIDUAL = 4.0  # scales of the loss beyond which a residual is doubted
 CURVATURE = 1e-4  # added to the curvature of every unknown, relative to a texel of level 1
 
 
@@ -51,7 +50,7 @@ class Normals(NamedTuple):
     """Share of the observations that are brighter than the model and believed less than half, with one more of them."""
 
 
-class Coefficients(NamedTuple):
+class BlockCoefficients(NamedTuple):
     """The coefficients of a block whose normals are known, and how its observations agree with them."""
 
     k_d: Float[Array, "channels texels"]
@@ -68,15 +67,15 @@ class Coefficients(NamedTuple):
 
 
 @jax.jit
-def lowest_state(observed: Observed, model: ObjectModel) -> State:
+def lowest_state(observed: BlockObservations, model: ObjectModel) -> DescentState:
     """Return the lowest minimum of each texel."""
     weighing = model.weighing(observed.level)
     n = lowest_minima(observed, model.shape, weighing.ridge * weighing.scale**2)
 
-    def from_start(n: Vec3) -> State:
+    def from_start(n: Vec3) -> DescentState:
         return descend(observed, model.shape, weighing, begin(observed, model.shape, weighing, n), FEW_STEPS)
 
-    def further(state: State) -> State:
+    def further(state: DescentState) -> DescentState:
         return descend(observed, model.shape, weighing, state, MORE_STEPS)
 
     few = lowest(jax.vmap(from_start)(n), FEW_STARTS)
@@ -107,9 +106,9 @@ def normals_of(
 def _with_spread(
     setup: LightingSetup,
     block: TexelBlock,
-    observed: Observed,
+    observed: BlockObservations,
     model: ObjectModel,
-    state: State,
+    state: DescentState,
     light_error: Float[Array, "views 3 3"] | None,
 ) -> Normals:
     """Return the normals of a block at their minimum, and what their errors follow from."""
@@ -145,7 +144,7 @@ def _with_spread(
 
 
 def by_bounce(
-    observed: Observed, model: ObjectModel, state: State, A: list[list[Array]], here: Local
+    observed: BlockObservations, model: ObjectModel, state: DescentState, A: list[list[Array]], here: Local
 ) -> Float[Array, " texels"]:
     """Return by how much the normals turn, to first order, where each light also arrives from around the camera.
 
@@ -157,7 +156,7 @@ def by_bounce(
     return jnp.sqrt(turn[0] ** 2 + turn[1] ** 2)
 
 
-def _brighter(observed: Observed, here: Local) -> Float[Array, " texels"]:
+def _brighter(observed: BlockObservations, here: Local) -> Float[Array, " texels"]:
     """Return the share of the observations that are brighter than the model and doubted, with one more of them."""
     doubted = observed.counts & (here.residual < 0.0) & (here.weight < 0.5 * observed.trust)
     number = jnp.sum(observed.counts, 0, dtype=jnp.float32)
@@ -165,10 +164,10 @@ def _brighter(observed: Observed, here: Local) -> Float[Array, " texels"]:
 
 
 def _by_lights(
-    observed: Observed,
+    observed: BlockObservations,
     shape: HighlightShape,
     weighing: Weighing,
-    state: State,
+    state: DescentState,
     A: list[list[Array]],
     J: tuple[Array, ...],
     weight: Array,
@@ -194,7 +193,7 @@ def _by_lights(
     return jnp.sqrt(jnp.maximum(rows[0][0] + rows[1][1], 0.0) / 2.0)
 
 
-class Seen(NamedTuple):
+class Reflectances(NamedTuple):
     """What the views show of a block, as reflectances."""
 
     beyond: Float[Array, "views texels"]
@@ -203,7 +202,7 @@ class Seen(NamedTuple):
     """Largest of all views and channels."""
 
 
-def seen_by(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, model: ObjectModel) -> Seen:
+def seen_by(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock, model: ObjectModel) -> Reflectances:
     """Return what the views show of a block."""
     observed = observe(setup, known, block)
     return _seen(setup, known, block, observed, model, lowest_state(observed, model))
@@ -214,14 +213,14 @@ def _seen(
     setup: LightingSetup,
     known: KnownCoefficients,
     block: TexelBlock,
-    observed: Observed,
+    observed: BlockObservations,
     model: ObjectModel,
-    state: State,
-) -> Seen:
+    state: DescentState,
+) -> Reflectances:
     here = around(observed, model.shape, model.weighing(observed.level), state)
     shown, _ = reflectances(setup, known, block, lighting_geometry(setup, block.p, block.v))
     brightest = jnp.max(jnp.where(observed.counts[:, None], shown, 0.0), (0, 1))
-    return Seen(jnp.where(observed.counts, -here.residual * observed.level[None], 0.0), brightest)
+    return Reflectances(jnp.where(observed.counts, -here.residual * observed.level[None], 0.0), brightest)
 
 
 @jax.jit
@@ -234,7 +233,7 @@ def coefficients_of(
     brightest: Float[Array, ""],
     taken: Float[Array, "parts lights"] | None,
     between: BetweenLights | None = None,
-) -> Coefficients:
+) -> BlockCoefficients:
     """Return k_d and k_s of each channel for normals that are known, by reweighted squares.
 
     Args:
@@ -262,7 +261,7 @@ def coefficients_of(
     _, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(shown)
     k_s = jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype))
     matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
-    k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + LEAST_CURVATURE)
+    k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + RIDGE)
     beyond = shown - k_d[None] * D[:, None] - k_s[None] * S[:, None]
     at_least = jnp.maximum(beyond, 0.0)  # of what was clipped; nothing was shown outside a mask
     beyond = jnp.where(observed.counts[:, None], beyond, at_least)
@@ -273,11 +272,11 @@ def coefficients_of(
             setup.noise, block.observed.target.astype(float)
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
-    doubted = observed.counts & (jnp.abs(here.residual) > DOUBTED * weighing.scale[None])
+    doubted = observed.counts & (jnp.abs(here.residual) > MAX_RESIDUAL * weighing.scale[None])
     if between is not None:
         beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, state.n, k_d, k_s))
     kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)
-    return Coefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, kept)
+    return BlockCoefficients(k_d, k_s, residual, doubted, observed.counts, observed.level, kept)
 
 
 class Shown(NamedTuple):
@@ -340,14 +339,16 @@ def turned(
 
 
 @jax.jit
-def seen_in(observed: Observed, part: Bool[Array, " views"]) -> Observed:
+def seen_in(observed: BlockObservations, part: Bool[Array, " views"]) -> BlockObservations:
     """Return the same with the observations of some views alone."""
     seen = (observed.believed & part[:, None], observed.counts & part[:, None])
     return eqx.tree_at(lambda o: (o.believed, o.counts), observed, seen)
 
 
 @jax.jit
-def _change(observed: Observed, whole: State, state: State, part: Bool[Array, " views"]) -> Turned:
+def _change(
+    observed: BlockObservations, whole: DescentState, state: DescentState, part: Bool[Array, " views"]
+) -> Turned:
     """Return by how much a state of some views differs from that of all."""
     apart = state.n - whole.n
     sine = jnp.sqrt(dot(apart, apart)) / 2.0

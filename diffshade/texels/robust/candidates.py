@@ -16,11 +16,11 @@ from jaxtyping import Float, Int
 from ...core.fields import Array
 from ...model.vectors import Vec3, tangents_of
 from .highlight_shape import HighlightShape
-from .observations import Lights, Observed
+from .observations import BlockObservations, Lights
 
 SIDE = 50  # candidates along each side of a square that is mapped onto the hemisphere: 2 to 3 degrees apart
-PART = 128  # texels that are searched for together
-LEAST_RIDGE = 1e-9  # where no view could show a highlight
+BLOCK = 128  # texels that are searched for together
+MIN_RIDGE = 1e-9  # where no view could show a highlight
 KEPT = 4  # minima of each texel that are kept: the best of them is 3 degrees better than the lowest on rough metal
 
 
@@ -38,7 +38,7 @@ def hemisphere() -> Float[np.ndarray, "rows columns 3"]:
     return np.stack([sign * flat * np.cos(angle), sign * flat * np.sin(angle), z], -1)
 
 
-def lowest_minima(observed: Observed, shape: HighlightShape, ridge: Float[Array, " texels"]) -> Vec3:
+def lowest_minima(observed: BlockObservations, shape: HighlightShape, ridge: Float[Array, " texels"]) -> Vec3:
     """Return the normals of the lowest local minima of squares over all candidates, components (KEPT, texels).
 
     Args:
@@ -56,7 +56,7 @@ def lowest_minima(observed: Observed, shape: HighlightShape, ridge: Float[Array,
         return _lowest(squares, *part)
 
     # parts so small that what is known of all their candidates stays in a core's cache
-    parts = max(believed.shape[1] // PART, 1)
+    parts = max(believed.shape[1] // BLOCK, 1)
     split = [jnp.stack(jnp.split(a, parts, -1)) for a in (believed, observed.y, ridge)]
     chosen = jnp.moveaxis(jax.lax.map(of_part, tuple(split)), 0, 1).reshape(KEPT, -1)
     return jax.tree.map(lambda c: c[chosen], n)
@@ -71,9 +71,9 @@ def _lowest(
     """Return the candidates with the lowest local minima."""
     D, S, DD, DS, SS = squares
     seen = believed * y
-    gain = best_coefficients(
-        DD @ believed, DS @ believed, SS @ believed + ridge[None] + LEAST_RIDGE, D @ seen, S @ seen
-    )[2]
+    gain = best_coefficients(DD @ believed, DS @ believed, SS @ believed + ridge[None] + MIN_RIDGE, D @ seen, S @ seen)[
+        2
+    ]
     cost = jnp.maximum(jnp.sum(seen * y, 0)[None] - gain, 0.0)
     # positive floats are ordered like their bits, of which the lowest 12 can hold the candidate
     index = jnp.arange(len(D), dtype=jnp.int32)[:, None]
@@ -111,7 +111,7 @@ def weighted_coefficients(
 ) -> tuple[Array, Array]:
     """Return k_d, k_s >= 0 that minimise weighted squares."""
     dd, ds, ss, dy, sy = (jnp.sum(weight * product, 0) for product in (D * D, D * S, S * S, D * y, S * y))
-    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + LEAST_RIDGE, dy, sy)
+    k_d, k_s, _ = best_coefficients(dd, ds, ss + ridge + MIN_RIDGE, dy, sy)
     return k_d, k_s
 
 

@@ -22,13 +22,12 @@ from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
 from .learning import ObjectModel
-from .observations import Lights, Observed, observe
-from .robust_descent import State
+from .observations import BlockObservations, Lights, observe
+from .robust_descent import DescentState
 from .run import RobustRun
 
 SAMPLE = 384  # texels
 EVERY = 3  # one view of so many is predicted
-FEWEST_VIEWS = 6
 
 
 def own_exponents_predict_better(
@@ -47,7 +46,7 @@ def own_exponents_predict_better(
         lobe: Lobe of the texels' own highlights.
         fit: Returns the estimates of texels with an n_s each.
     """
-    if len(sample.counts) < FEWEST_VIEWS:
+    if len(sample.counts) < 2 * EVERY:
         return True
     sample = sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, SAMPLE).astype(int)))
     seen = np.arange(len(sample.counts)) % EVERY != EVERY - 1
@@ -67,9 +66,9 @@ def own_exponents_predict_better(
 
 @jax.jit
 def _prediction_errors(
-    observed: Observed,
+    observed: BlockObservations,
     model: ObjectModel,
-    state: State,
+    state: DescentState,
     lights: Lights,
     own: Float[Array, "6 texels"],
     seen: Bool[Array, " views"],

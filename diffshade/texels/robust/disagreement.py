@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.words import Note, count
+from ...core.words import MAX_NAMED, Note, count
+from .learning import MIN_SAMPLES
 
 CELLS = 8  # cells along each side of the image
-FEWEST = 30  # observations of a cell that say something
-MOST, USUAL = 0.5, 0.25  # share of doubted observations of a cell that disagrees, and the most of others there
-WHOLE = 3.0, 0.1  # a photograph disagrees beyond this multiple of the median share, and this much more
-SHOWN = 3  # photographs that a note names
+MAX_DOUBTED = 0.5  # share of doubted observations of a cell, above which it disagrees; others there have half at most
+WHOLE_PHOTOGRAPH = 3.0, 0.1  # a photograph disagrees beyond this multiple of the median share, and this much more
 
 
 class Disagreement(NamedTuple):
@@ -42,14 +41,14 @@ def disagreements(doubts: Float[np.ndarray, "views cells 2"]) -> list[Disagreeme
     found = [
         Disagreement(v, None, float(share))
         for v, share in enumerate(whole)
-        if share > max(WHOLE[0] * usual, usual + WHOLE[1]) and number[v].sum() >= FEWEST
+        if share > max(WHOLE_PHOTOGRAPH[0] * usual, usual + WHOLE_PHOTOGRAPH[1]) and number[v].sum() >= MIN_SAMPLES
     ]
     named = {one.view for one in found}
-    share = np.where(number >= FEWEST, doubted / np.maximum(number, 1.0), np.nan)
+    share = np.where(number >= MIN_SAMPLES, doubted / np.maximum(number, 1.0), np.nan)
     for cell in np.flatnonzero((~np.isnan(share)).sum(0) >= 2):
         ordinary = np.nanmedian(share[:, cell])
-        for v in np.flatnonzero(share[:, cell] > MOST):
-            if int(v) not in named and ordinary < USUAL:
+        for v in np.flatnonzero(share[:, cell] > MAX_DOUBTED):
+            if int(v) not in named and ordinary < MAX_DOUBTED / 2.0:
                 found.append(Disagreement(int(v), int(cell), float(share[v, cell])))
     return sorted(found, key=lambda one: -one.share)
 
@@ -59,8 +58,8 @@ def note_on_disagreements(found: list[Disagreement], shape: tuple[int, int]) -> 
     whole, places = [d for d in found if d.cell is None], [d for d in found if d.cell is not None]
     notes = []
     if whole:
-        named = ", ".join(f"views[{d.view}] at {d.share:.0%} of its texels" for d in whole[:SHOWN])
-        more = f", and {len(whole) - SHOWN} more," if len(whole) > SHOWN else ""
+        named = ", ".join(f"views[{d.view}] at {d.share:.0%} of its texels" for d in whole[:MAX_NAMED])
+        more = f", and {len(whole) - MAX_NAMED} more," if len(whole) > MAX_NAMED else ""
         notes.append(
             Note(
                 f"{named}{more} disagree with the other photographs, which count for the result. Check the light and "
@@ -70,8 +69,8 @@ def note_on_disagreements(found: list[Disagreement], shape: tuple[int, int]) -> 
         )
     if places:
         views = list(dict.fromkeys(d.view for d in places))
-        named = ", ".join(f"views[{d.view}] around {_place(d.cell or 0, shape)}" for d in places[:SHOWN])
-        more = "" if len(places) <= SHOWN else f", and other places of {count(len(views), 'photograph')}"
+        named = ", ".join(f"views[{d.view}] around {_place(d.cell or 0, shape)}" for d in places[:MAX_NAMED])
+        more = "" if len(places) <= MAX_NAMED else f", and other places of {count(len(views), 'photograph')}"
         notes.append(
             Note(
                 f"{named}{more} disagree with the other photographs there: cast shadow, bounced light, or something in "

@@ -17,19 +17,17 @@ from scipy.optimize import nnls
 
 from ...core.fields import Array
 from ...core.robust_scale import MAD
+from ..status import ROUNDING
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
-from .observations import Observed
-from .robust_descent import State, Weighing, around
+from .observations import BlockObservations
+from .robust_descent import DescentState, Weighing, around
 
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
-LEAST_MISFIT = 1e-4
-DARK_ENOUGH = 50  # observations of what lies in its own shadow from which the absolute residual is found
-SEEN = 0.5  # S from which a view shows a highlight
-SEEN_ENOUGH = 20  # texels that show one, from which the brightness of highlights is learned
+MIN_SAMPLES = 30  # observations, or texels, from which a median or a quantile is taken
+MIN_HIGHLIGHT = 0.5  # S from which a view shows a highlight
 BRIGHT_PERCENT = 90.0
-NOTHING = 0.05  # of the bright texels' level: a texel below it shows no more than a black background
-FAINTEST = 1e-30  # curvature of the weights of the shape below which it has lost its digits
+MIN_LEVEL = 0.05  # of the bright texels' level: a texel below it shows no more than a black background
 RIDGE = 1e-4  # of the weights of the shape, relative to their mean curvature
 
 
@@ -76,7 +74,7 @@ class Fitted(NamedTuple):
 
 
 @jax.jit
-def fitted(observed: Observed, model: ObjectModel, state: State) -> Fitted:
+def fitted(observed: BlockObservations, model: ObjectModel, state: DescentState) -> Fitted:
     """Return what learning needs of a block of texels at their minimum."""
     here = around(observed, model.shape, model.weighing(observed.level), state)
     each = [HighlightShape(row) for row in np.eye(len(EXPONENTS), dtype=np.float32)]
@@ -97,12 +95,12 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     believed = texels.weight > 0.0
     dark = texels.residual * texels.level[None]
     in_shadow = dark[believed & ~texels.lit]
-    absolute = MAD * np.median(np.abs(in_shadow)) if len(in_shadow) > DARK_ENOUGH else 0.0
+    absolute = MAD * np.median(np.abs(in_shadow)) if len(in_shadow) > MIN_SAMPLES else 0.0
     lit = np.abs(texels.residual[believed & texels.lit])
-    relative = max(MAD * float(np.median(lit)) if len(lit) else 0.0, LEAST_MISFIT)
+    relative = max(MAD * float(np.median(lit)) if len(lit) else 0.0, ROUNDING)
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
-    seen = (texels.k_s * texels.level)[S.max(0) > SEEN]
-    brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > SEEN_ENOUGH else np.inf
+    seen = (texels.k_s * texels.level)[S.max(0) > MIN_HIGHLIGHT]
+    brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
     numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
     return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
@@ -110,7 +108,7 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
 
 def typical_level(level: Float[np.ndarray, " texels"]) -> float:
     """Return the median level of the texels that show anything, so that a black background does not count."""
-    return float(np.median(level[level >= NOTHING * np.percentile(level, BRIGHT_PERCENT)]))
+    return float(np.median(level[level >= MIN_LEVEL * np.percentile(level, BRIGHT_PERCENT)]))
 
 
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:
@@ -125,7 +123,7 @@ def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> Highligh
     target = target - (Q @ (Q.swapaxes(1, 2) @ target[..., None]))[..., 0]
     A, target = A.reshape(-1, len(current)), target.ravel()
     G = A.T @ A
-    if not np.trace(G) > FAINTEST:  # no texel has a highlight
+    if not np.trace(G) > np.finfo(np.float32).tiny:  # no texel has a highlight
         return model.shape
     ridge = RIDGE * np.trace(G) / len(G)
     L = np.linalg.cholesky(G + ridge * np.eye(len(G)))

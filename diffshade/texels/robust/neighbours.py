@@ -17,7 +17,7 @@ ITERATIONS = 10
 SOFT = 1e-2  # distance below which neighbours pull no harder: that of normals half a degree apart
 
 
-class Grid(NamedTuple):
+class NeighbourGrid(NamedTuple):
     """The rows of the image that some texels lie in."""
 
     mask: Bool[np.ndarray, "h w"]
@@ -31,13 +31,13 @@ class Grid(NamedTuple):
         return found
 
 
-def grid_of(pixels: Int[np.ndarray, " n"], width: int) -> Grid:
+def grid_of(pixels: Int[np.ndarray, " n"], width: int) -> NeighbourGrid:
     """Return the rows that some pixels lie in."""
     row, column = np.divmod(pixels, width)
     row = row - row.min()
     mask = np.zeros((int(row.max()) + 1, width), bool)
     mask[row, column] = True
-    return Grid(mask, row, column)
+    return NeighbourGrid(mask, row, column)
 
 
 def geometric_median(normal: Float[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:

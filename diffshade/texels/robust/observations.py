@@ -21,8 +21,8 @@ from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from .highlight_shape import HighlightShape
 
-DARKEST = 0.15  # share of the observations that is left out, so long as FEWEST are left
-FEWEST = 5
+DARKEST_SHARE = 0.15  # share of the observations that is left out, so long as MIN_BELIEVED are left
+MIN_BELIEVED = 5
 DARK_TRUST = 0.25  # weight of the darkest in a descent: they may show a steep slope as well as a shadow
 
 
@@ -79,7 +79,7 @@ class Lights(eqx.Module):
         return each[:, 0] if each.shape[1] == 1 else jnp.sum(self.strength * each, 1)
 
 
-class Observed(eqx.Module):
+class BlockObservations(eqx.Module):
     """What the views show of a block of texels, in single precision: what the model leaves out is far larger."""
 
     y: Float[Array, "views texels"]
@@ -96,14 +96,14 @@ class Observed(eqx.Module):
         dark = jnp.where(self.counts, DARK_TRUST, 0.0)
         return jnp.where(self.believed, 1.0, dark).astype(self.y.dtype)
 
-    def each_view(self) -> Observed:
+    def each_view(self) -> BlockObservations:
         """Return the same with one more axis of length 1 after that of the views, to be scanned."""
         lights = self.lights
         l, strength = jax.tree.map(lambda leaf: leaf[:, None], (lights.l, lights.strength))
         v = jax.tree.map(lambda c: jnp.broadcast_to(c[None], (len(self.y), *c.shape)), lights.v)
         every = eqx.tree_at(lambda o: (o.l, o.strength, o.v), lights, (l, strength, v))
         level = jnp.broadcast_to(self.level[None], self.y.shape)
-        return Observed(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
+        return BlockObservations(self.y[:, None], self.counts[:, None], self.believed[:, None], level, every)
 
 
 def reflectances(
@@ -115,7 +115,7 @@ def reflectances(
 
 
 @jax.jit
-def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> Observed:
+def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -> BlockObservations:
     """Return what the views show of a block."""
     geometry = lighting_geometry(setup, block.p, block.v)
     per_light, arriving = reflectances(setup, known, block, geometry)
@@ -126,9 +126,12 @@ def observe(setup: LightingSetup, known: KnownCoefficients, block: TexelBlock) -
     strength = (geometry.strength / jnp.where(arriving > 0.0, arriving, 1.0)[:, :, None]).mean(1)
     v = jax.tree.map(lambda c: c[None], geometry.v)
     lights = Lights(geometry.l, strength, v, geometry.lobe)
-    dropped = jnp.clip(jnp.floor(DARKEST * number + 1.0), 0.0, jnp.maximum(number - FEWEST, 0.0)).astype(int)
+    spare = jnp.maximum(number - MIN_BELIEVED, 0.0)
+    dropped = jnp.clip(jnp.floor(DARKEST_SHARE * number + 1.0), 0.0, spare).astype(int)
     ordered = jnp.sort(jnp.where(reached, grey, jnp.inf).astype(jnp.float32), 0)
     least = jnp.take_along_axis(ordered, jnp.minimum(dropped, len(grey) - 1)[None], 0)
     single = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), lights)
     believed = reached & (grey.astype(jnp.float32) >= least)
-    return Observed((grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single)
+    return BlockObservations(
+        (grey / level[None]).astype(jnp.float32), reached, believed, level.astype(jnp.float32), single
+    )

@@ -15,13 +15,14 @@ from jaxtyping import Float
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
 from ...model.vectors import Vec3, normalize, tangents_of
+from ..descent import FIRST_DAMPING
 from ..linear_systems import solve
 from .candidates import weighted_coefficients
 from .highlight_shape import HighlightShape
-from .observations import Observed
+from .observations import BlockObservations
 
-LONGEST_STEP = 0.2  # of the normal, as its tangent
-FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING = 1e-3, 0.3, 6.0
+MAX_TILT = 0.2  # of the normal, as its tangent
+LESS_DAMPING, MORE_DAMPING = 0.3, 6.0  # factors after a step that lowers the cost, and one that does not
 
 
 class Weighing(eqx.Module):
@@ -34,7 +35,7 @@ class Weighing(eqx.Module):
     loss: str = eqx.field(static=True)
 
 
-class State(eqx.Module):
+class DescentState(eqx.Module):
     """Where the descent of each texel is; every array may have an axis of starts before that of the texels."""
 
     n: Vec3
@@ -61,26 +62,28 @@ class System(NamedTuple):
     g: list[Array]
 
 
-def begin(observed: Observed, shape: HighlightShape, weighing: Weighing, n: Vec3) -> State:
+def begin(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, n: Vec3) -> DescentState:
     """Return the state at these normals with the best k_d and k_s for squares."""
     D, S = observed.lights.shading(shape, n)
     ridge = weighing.ridge * weighing.scale**2
     k_d, k_s = weighted_coefficients(observed.believed.astype(D.dtype), D, S, observed.y, ridge)
-    return State(n, k_d, k_s, jnp.full(k_d.shape, jnp.inf, k_d.dtype))
+    return DescentState(n, k_d, k_s, jnp.full(k_d.shape, jnp.inf, k_d.dtype))
 
 
-def descend(observed: Observed, shape: HighlightShape, weighing: Weighing, start: State, steps: int) -> State:
+def descend(
+    observed: BlockObservations, shape: HighlightShape, weighing: Weighing, start: DescentState, steps: int
+) -> DescentState:
     """Return the states after some steps, of which each texel takes those that lower its cost."""
     now = system(observed, shape, weighing, start)
     damping = jnp.full(start.k_d.shape, FIRST_DAMPING, start.k_d.dtype)
-    state = State(start.n, start.k_d, start.k_s, now.cost)
+    state = DescentState(start.n, start.k_d, start.k_s, now.cost)
 
-    def step(_: Array, carry: tuple[State, list[list[Array]], list[Array], Array]) -> tuple:
+    def step(_: Array, carry: tuple[DescentState, list[list[Array]], list[Array], Array]) -> tuple:
         state, A, g, damping = carry
         tried = _stepped(state, A, g, damping)
         there = system(observed, shape, weighing, tried)
         better = there.cost < state.cost
-        tried = State(tried.n, tried.k_d, tried.k_s, there.cost)
+        tried = DescentState(tried.n, tried.k_d, tried.k_s, there.cost)
         state, A, g = jax.tree.map(
             lambda new, old: jnp.where(better, new, old), (tried, there.A, there.g), (state, A, g)
         )
@@ -89,7 +92,7 @@ def descend(observed: Observed, shape: HighlightShape, weighing: Weighing, start
     return jax.lax.fori_loop(0, steps, step, (state, now.A, now.g, damping))[0]
 
 
-def around(observed: Observed, shape: HighlightShape, weighing: Weighing, state: State) -> Local:
+def around(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> Local:
     """Return the residuals of a state, their derivatives and their weights."""
     tangents = tangents_of(state.n)
     D, S, *by_tilt = observed.lights.slopes(shape, state.n, tangents)
@@ -100,12 +103,12 @@ def around(observed: Observed, shape: HighlightShape, weighing: Weighing, state:
     return Local(residual, (by_a, by_b, D, S), weight)
 
 
-def system(observed: Observed, shape: HighlightShape, weighing: Weighing, state: State) -> System:
+def system(observed: BlockObservations, shape: HighlightShape, weighing: Weighing, state: DescentState) -> System:
     """Return the cost of a state and its normal equations, one view after another: only sums leave a core's cache."""
     pairs = [(i, j) for i in range(4) for j in range(i + 1)]
     rho = LOSSES[weighing.loss]
 
-    def add(total: tuple[Array, ...], view: Observed) -> tuple[tuple[Array, ...], None]:
+    def add(total: tuple[Array, ...], view: BlockObservations) -> tuple[tuple[Array, ...], None]:
         here = around(view, shape, weighing, state)
         squared = (here.residual / weighing.scale[None]) ** 2
         terms = [view.trust * rho.value(squared)]
@@ -122,7 +125,7 @@ def system(observed: Observed, shape: HighlightShape, weighing: Weighing, state:
     return System(cost + weighing.ridge * state.k_s**2, A, g)
 
 
-def _stepped(state: State, A: list[list[Array]], g: list[Array], damping: Array) -> State:
+def _stepped(state: DescentState, A: list[list[Array]], g: list[Array], damping: Array) -> DescentState:
     """Return the state after one damped step; a coefficient that is 0 and would fall stays."""
     held = [None, None, (state.k_d <= 0.0) & (g[2] > 0.0), (state.k_s <= 0.0) & (g[3] > 0.0)]
 
@@ -136,13 +139,13 @@ def _stepped(state: State, A: list[list[Array]], g: list[Array], damping: Array)
 
     right = [-g[i] if (h := held[i]) is None else jnp.where(h, 0.0, -g[i]) for i in range(4)]
     a, b, k_d, k_s = solve([[element(i, j) for j in range(4)] for i in range(4)], right)
-    shorter = jnp.minimum(1.0, LONGEST_STEP / (jnp.sqrt(a * a + b * b) + 1e-9))
+    shorter = jnp.minimum(1.0, MAX_TILT / (jnp.sqrt(a * a + b * b) + 1e-9))
     s, t = tangents_of(state.n)
     n = normalize(state.n + s * (shorter * a) + t * (shorter * b))
-    return State(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost)
+    return DescentState(n, jnp.maximum(state.k_d + k_d, 0.0), jnp.maximum(state.k_s + k_s, 0.0), state.cost)
 
 
-def lowest(state: State, few: int) -> State:
+def lowest(state: DescentState, few: int) -> DescentState:
     """Return the `few` lowest of the starts of each texel, the lowest first."""
     order = jnp.argsort(state.cost, 0)[:few]
     return jax.tree.map(lambda leaf: jnp.take_along_axis(leaf, order, 0), state)

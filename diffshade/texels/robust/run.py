@@ -20,12 +20,12 @@ from ..lighting import LightingSetup
 from ..map_arrays import MapArrays
 from ..maps import SharedHighlight, TexelMaps
 from ..prediction import KnownCoefficients
-from ..status import DETERMINED, LEAST_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
+from ..status import DETERMINED, MIN_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
 from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
 from .block_fits import (
-    Coefficients,
+    BlockCoefficients,
     Normals,
     Shown,
     coefficients_of,
@@ -40,13 +40,12 @@ from .neighbours import MARGIN, geometric_median, grid_of, mean_around, scatter_
 from .stated_errors import COLUMNS, SpreadColumns, state_errors
 from .texel_work import FEW_EVERY, FEWEST_OF_REGION, Shared, TexelWork
 
-LEARNING_SAMPLE = 2048
 FIRST_ROUNDS, ROUNDS = 4, 5  # with each lobe on a part of the sample, then with the better one on all of it
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
-BETTER_LOBE = 0.85
-LEAST_LEVEL = 1e-4  # of the brightest reflectance: a texel that shows less on average shows nothing
-WORST = np.pi / 2  # largest turn of a normal
+MAX_MISFIT_RATIO = 0.85
+MIN_LEVEL = 1e-4  # of the brightest reflectance: a texel that shows less on average shows nothing
+MAX_TURN = np.pi / 2  # largest turn of a normal
 
 
 class _Scratch(NamedTuple):
@@ -100,7 +99,7 @@ class RobustRun(TexelWork):
                 report(f"learning the highlight, {type(lobe).__name__}:", (k + 1) / FIRST_ROUNDS)
                 whole = learned(whole, self.sample_at_minimum(few, whole))
             tried.append(whole)
-        better = int(len(tried) == 2 and tried[1].relative_misfit < BETTER_LOBE * tried[0].relative_misfit)
+        better = int(len(tried) == 2 and tried[1].relative_misfit < MAX_MISFIT_RATIO * tried[0].relative_misfit)
         self.setup = eqx.tree_at(lambda setup: setup.lobe, self.setup, lobes[better])
         whole = tried[better]
         for k in range(ROUNDS):
@@ -244,7 +243,7 @@ class RobustRun(TexelWork):
             return
         part, normal = tile.part(own), normal[:, own]
 
-        def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> Coefficients:
+        def coefficients(block: TexelBlock, model: ObjectModel, n: np.ndarray | None) -> BlockCoefficients:
             assert n is not None
             kept = (shared.brightest, shared.taken, shared.between)
             return coefficients_of(self.setup, self.known, block, model, n, *kept)
@@ -254,7 +253,7 @@ class RobustRun(TexelWork):
         def around(each: Float[Array, " n"]) -> Float[np.ndarray, " m"]:
             return mean_around(grid.image(each[:, None])[..., 0], grid.mask)[grid.row, grid.column][own]
 
-        misfit, brighter = np.sqrt(around(np.minimum(found.spread[0], WORST) ** 2)), around(found.brighter)
+        misfit, brighter = np.sqrt(around(np.minimum(found.spread[0], MAX_TURN) ** 2)), around(found.brighter)
         scatter = np.ones(len(own))
         if self.neighbours:
             scatter = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
@@ -262,16 +261,16 @@ class RobustRun(TexelWork):
         flat[part.pixels] = SpreadColumns(
             misfit * brighter,
             scatter,
-            np.minimum(found.by_bounce[own], WORST) * brighter,
+            np.minimum(found.by_bounce[own], MAX_TURN) * brighter,
             np.asarray(found.spread[1, own]),
             np.asarray(found.spread[2, own]),
             np.asarray(found.by_lights[own]),
         ).stacked()
         lit, plane = found.lit[own], found.plane[own]
-        unknown = (plane < COPLANAR) | (k.level < LEAST_LEVEL * shared.brightest)
-        flat[part.pixels[unknown | (lit < LEAST_LIT_WITH_NORMAL)]] = np.inf
+        unknown = (plane < COPLANAR) | (k.level < MIN_LEVEL * shared.brightest)
+        flat[part.pixels[unknown | (lit < MIN_LIT_WITH_NORMAL)]] = np.inf
         status = np.where(unknown, UNDETERMINED, DETERMINED)
-        status = np.where(lit < LEAST_LIT_WITH_NORMAL, SHADOWED, status).astype(np.uint8)
+        status = np.where(lit < MIN_LIT_WITH_NORMAL, SHADOWED, status).astype(np.uint8)
         n_s = np.array([model.shape.exponent for model in shared.refined])[self.region_of(part.pixels)]
         arrays.write_numbers(
             part.pixels,

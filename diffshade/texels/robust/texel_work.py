@@ -14,7 +14,7 @@ from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from ..tile_runner import TileRunner
-from ..tiles import SQUARE, Piece, TexelTile
+from ..tiles import SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
 from .learning import Fitted, ObjectModel, first_model, fitted, learned
@@ -22,7 +22,7 @@ from .observations import observe
 
 T = TypeVar("T")
 BLOCK = 1024  # texels in one call of a compiled program: their sums over the candidates stay in a core's cache
-SMALL_BLOCK = 64  # with lamps nearby a block is a square of the image, of which a sample has a few texels
+MIN_BLOCK = 64  # with lamps nearby a block is a square of the image, of which a sample has a few texels
 REFINING_ROUNDS = 3  # after which the shape of a highlight changes by a few percent
 FEW_EVERY = 3  # one texel of so many is enough to compare lobes and to refine a shape
 FEWEST_OF_REGION = 64  # texels of a sample from which a region learns a highlight of its own
@@ -105,12 +105,14 @@ class TexelWork:
         """
         region = self.region_of(tile.pixels) if len(models) > 1 else np.zeros(len(tile.pixels), int)
         no_exponent = np.zeros((2, len(tile.pixels)))
-        pieces: list[tuple[Piece, ObjectModel]] = []
+        pieces: list[tuple[TexelPart, ObjectModel]] = []
         for r, model in enumerate(models):
             which = np.flatnonzero(region == r)
-            pieces += [(Piece(tile, which[part], size, no_exponent), model) for part, size in self._blocks(tile, which)]
+            pieces += [
+                (TexelPart(tile, which[part], size, no_exponent), model) for part, size in self._blocks(tile, which)
+            ]
 
-        def of_piece(item: tuple[Piece, ObjectModel]) -> T:
+        def of_piece(item: tuple[TexelPart, ObjectModel]) -> T:
             piece, model = item
 
             def of_block(block: TexelBlock) -> T:
@@ -138,7 +140,7 @@ class TexelWork:
         order = np.argsort(square, kind="stable")
         for part in np.split(order, np.flatnonzero(np.diff(square[order])) + 1):
             if len(part):
-                yield part, SMALL_BLOCK if len(part) <= SMALL_BLOCK else SQUARE * SQUARE
+                yield part, MIN_BLOCK if len(part) <= MIN_BLOCK else SQUARE * SQUARE
 
     def region_of(self, pixels: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return the region of each pixel, given by its index in the flattened image."""

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ....texels.maps import TexelMaps
 from ....texels.status import OUTSIDE
-from ..tables import Table
+from ..tables import PageTable
 from .layers import Layer, thinned, unfolded
 from .numbers import Numbers
 
@@ -43,24 +43,7 @@ def remarks(stage: dict[str, Any]) -> list[str]:
     return [f"The live picture has a light at infinity in place of those of {', '.join(missing)}."] if missing else []
 
 
-def table_of(maps: TexelMaps) -> Table:
-    """Return percentiles of each map, and its errors in the median."""
-    rows = []
-    for name, value in maps.values.items():
-        where = maps.trusted(name)
-        if not where.any():
-            continue
-        errors, wide = maps.errors[name], maps.errors_95[name]
-        for c in range(errors.shape[2]):
-            label = name if errors.shape[2] == 1 else f"{name}.{'rgb'[c]}"
-            unit = "°" if name == "normal" else ""
-            ends = [f"{x:.3g}" for x in np.percentile(value[..., c][where], (5, 50, 95))]
-            found = ("–",) * 3 if name == "normal" else ends
-            rows.append((label, *found, *(f"{np.median(of[..., c][where]):.2g}{unit}" for of in (errors, wide))))
-    return Table(("map", "5 %", "median", "95 %", "error", "error, 95 %"), tuple(rows), ())
-
-
-def packed(numbers: Numbers, layers: Sequence[Layer]) -> Table:
+def packed(numbers: Numbers, layers: Sequence[Layer]) -> PageTable:
     """Return how finely each number is kept."""
     inside, rows = numbers.inside, []
     for layer in layers:
@@ -84,7 +67,7 @@ def packed(numbers: Numbers, layers: Sequence[Layer]) -> Table:
                 _off_beyond(numbers, parts),
             )
         )
-    return Table(("number", "bits", "largest difference from the maps"), tuple(rows), ())
+    return PageTable(("number", "bits", "largest difference from the maps"), tuple(rows), ())
 
 
 def _off_beyond(numbers: Numbers, parts: Sequence[Layer]) -> str:

@@ -22,6 +22,7 @@ from .. import charts
 from ..pictures import build_gallery
 from ..shaders import shader
 from ..tables import bands as on_bands
+from ..tables import shown
 from ..template import as_script, fill
 from . import tables
 from .layers import Layer, layers_of
@@ -46,7 +47,7 @@ SCRIPTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Photographs:
+class PagePhotographs:
     """The photographs of a page: those of the fit, then those that were left out, with the name of each."""
 
     fitted: tuple[View, ...]
@@ -75,7 +76,7 @@ class Photographs:
 def write_maps_page(
     path: Path,
     maps: TexelMaps,
-    photographs: Photographs,
+    photographs: PagePhotographs,
     heights: HeightMap | None,
     bands: PredictionBands | None,
     report_progress: ReportProgress,
@@ -120,7 +121,7 @@ def write_maps_page(
         overlays=overlays,
         gradient=["#" + bytes(colour.tolist()).hex() for colour in gradient()],
         remarks=tables.remarks(stage),
-        table=tables.table_of(maps),
+        table=shown(maps.columns),
         notes=[str(note) for note in (*maps.notes, *(() if heights is None else heights.notes))],
         gallery=build_gallery(predictions, names, drawn_bands(())) if predictions else None,
         seen=not photographs.left_out,
@@ -136,14 +137,14 @@ def write_maps_page(
     path.write_text(page, encoding="utf-8")
 
 
-def _lightings(maps: TexelMaps, photographs: Photographs) -> list[Lighting]:
+def _lightings(maps: TexelMaps, photographs: PagePhotographs) -> list[Lighting]:
     """Return the lights of each photograph; without photographs, each of the scene's lights alone."""
     if not photographs.every:
         return [Lighting((i,), 1.0, 0.0) for i in range(len(maps.scene.lights))]
     return [Lighting(view.lit, float(view.exposure), float(view.black)) for view in photographs.every]
 
 
-def _name(views: list[dict[str, Any]], photographs: Photographs) -> None:
+def _name(views: list[dict[str, Any]], photographs: PagePhotographs) -> None:
     """Add to the lights of the stage which photograph they are those of."""
     names = photographs.names or [f"light {i}" for i in range(len(views))]
     shown = photographs.some(MOST_PHOTOGRAPHS)
