@@ -28,7 +28,7 @@ def dome(fit: ds.Fit) -> list[ds.Shot]:
     import diffshade as ds
 
     from ..calibration.balls import axes, project
-    from ..diagnosis.misfit.regions import center_of
+    from ..inverse.misfit.regions import center_of
 
     light, camera = fit.scene.lights[0], fit.views[0].camera
     frame = axes(project(camera))

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import special
 
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
+from ..inverse.misfit.residual_correlation import inflate_errors
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy, some_channels
@@ -20,9 +22,8 @@ from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
 from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
 from .intervals import LikelihoodProfile, intervals
-from .misfit.residual_correlation import inflate_errors
-from .misfit.suspicions import Suspicion, suspicions
 from .patches import find_clusters
+from .suspicions import Suspicion, suspicions
 
 LEVELS = (0.68, 0.95)
 STRONG_CORRELATION = 0.95  # a correlation above which two parameters are reported
@@ -71,9 +72,8 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     3. The fit is repeated without half of the views, without saturated pixels and 1 and 3 px around them, without the
        brightest half of the highlight, and without 2 and 5 degrees around it. A value that moves by 30 % or by three
        errors is not determined, unless the remaining data allow the old value too.
-    4. The residuals are checked against the scene description: the files' curve, an exposure, a light's place, cast
-       shadows, interreflection at a rim; and in all views together vignetting, a gamma, blur, the other lobe, a
-       sphere's size or place, and all lights turned. A value that such a fault moves by two errors is not determined.
+    4. The faults of the description that the fit found in its residuals are corrected one by one, with cast shadows and
+       interreflection at a rim, so that each has its size beside the others.
 
     Args:
         fit: The fit to examine.
@@ -120,16 +120,15 @@ def summarise(
         suspected: Where the residuals contradict the scene description.
         inflation: A note on errors that were inflated; empty if they were not.
     """
-    errors = clusters.wide_errors()
-    interval_68, interval_95 = found
+    errors = np.hypot(clusters.wide_errors(), fit.from_faults)
+    interval_68, interval_95 = _allowing_for_faults(fit, found)
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     unconstrained = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
     wide = _too_wide(fit, interval_95) & fit.determined & ~unconstrained
-    affected = fit.determined & np.isin(fit.names, [name for one in suspected for name in one.affected])
-    determined = fit.determined & ~unconstrained & ~wide & ~unstable & ~affected
+    determined = fit.determined & ~unconstrained & ~wide & ~unstable
     notes = [
         *(suspicion.sentence for suspicion in suspected),
-        *_not_determined(fit, affected, unconstrained, wide, interval_95),
+        *_not_determined(fit, unconstrained, wide, interval_95),
         *dependence(fit, refitted, unstable),
         *_correlated(fit),
         *([inflation] if inflation else []),
@@ -142,17 +141,25 @@ def summarise(
     )
 
 
+def _allowing_for_faults(fit: Fit, found: Float[np.ndarray, "2 p 2"]) -> Float[np.ndarray, "2 p 2"]:
+    """Return intervals whose ends lie as much farther out as the faults that the residuals show add to the errors."""
+    wider = np.array([special.ndtri(0.5 + 0.5 * level) for level in LEVELS])[:, None, None]
+    away = np.array(found) - fit.values[:, None]
+    out = np.hypot(away, wider * fit.from_faults[:, None])
+    lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
+    ends = fit.values[:, None] + np.where(np.arange(2) == 0, -out, out)
+    return np.clip(
+        ends, np.minimum(lower, found[..., 0].min(0))[:, None], np.maximum(upper, found[..., 1].max(0))[:, None]
+    )
+
+
 def _not_determined(
     fit: Fit,
-    affected: Bool[np.ndarray, " p"],
     unconstrained: Bool[np.ndarray, " p"],
     wide: Bool[np.ndarray, " p"],
     interval_95: Float[np.ndarray, "p 2"],
 ) -> Iterator[str]:
-    """Name what suspected faults move, what the views do not constrain, and what is lost in the noise."""
-    if affected.any():
-        names = some_channels(affected, fit.unknowns)
-        yield f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
+    """Name what the views do not constrain, and what is lost in the noise."""
     if unconstrained.any():
         names = listing(some_channels(unconstrained, fit.unknowns))
         yield f"the views do not constrain {names}: any value within the bounds fits."

@@ -20,6 +20,7 @@ from ..parallel.threads import ONE_BLAS_THREAD
 from .data.view_sets import ViewSet
 from .data.views import View
 from .forward.losses import LOSSES
+from .misfit.noise_tests import leftovers, p_value
 from .problem import fit_problem, with_samples_for
 from .result import Fit
 from .solving import solve
@@ -31,6 +32,7 @@ from .unknowns.unknown import Unknown
 from .verdicts.contradictions import check_priors
 from .verdicts.known_lights import widen_by_lights
 from .verdicts.outlines import check_outlines
+from .verdicts.residuals import allow_for_faults
 from .verdicts.stability import withdraw_unstable
 
 DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or ds.image_sensitivity(fit, view)."
@@ -146,10 +148,17 @@ def fit(
         report_progress("reading the views")
         data = with_samples_for(scene, data, unknowns, clipped, memory=memory)
         problem = fit_problem(scene, data, unknowns, loss)
-        end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
-        found = summarise(*end)
+        laid, end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
+        found, p_of_noise = summarise(laid, end), p_value(leftovers(laid, end.theta))
+        del laid
         of_lights = stated_errors(found.scene, light_error, intensity_error)
-        for judge in (withdraw_unstable, check_outlines, check_priors, partial(widen_by_lights, errors=of_lights)):
+        for judge in (
+            withdraw_unstable,
+            check_outlines,
+            check_priors,
+            partial(widen_by_lights, errors=of_lights),
+            partial(allow_for_faults, p_of_noise=p_of_noise),
+        ):
             found = judge(found, report_progress)
         return found
 

@@ -66,6 +66,8 @@ class Fit:
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
+    from_faults: Float[np.ndarray, " p"]
+    """What the faults that the residuals show add to the errors, which contain it; 0 where the residuals are noise."""
     notes: tuple[Note, ...]
     """What these views do not determine, what is at a bound, and what was left out: a sentence each."""
 
@@ -153,7 +155,16 @@ class Fit:
             ),
             **{
                 name: getattr(self, name)[free]
-                for name in ("values", "errors", "plain_errors", "determined", "at_bound", "at_lower", "scales")
+                for name in (
+                    "values",
+                    "errors",
+                    "plain_errors",
+                    "determined",
+                    "at_bound",
+                    "at_lower",
+                    "scales",
+                    "from_faults",
+                )
             },
         )
 

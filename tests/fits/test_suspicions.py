@@ -18,18 +18,13 @@ import diffshade as ds
 from diffshade.core.tables import rounded
 from diffshade.core.words import Note
 from diffshade.diagnosis.examination import summarise
-from diffshade.diagnosis.misfit import encodings
-from diffshade.diagnosis.misfit.changes import Case, Move
-from diffshade.diagnosis.misfit.encodings import better_encoding
-from diffshade.diagnosis.misfit.explanations import at_minimum
-from diffshade.diagnosis.misfit.faults import FAULTS
-from diffshade.diagnosis.misfit.found import Fault, Found
-from diffshade.diagnosis.misfit.linearised import linearise
-from diffshade.diagnosis.misfit.regions import MeanPrediction, cast_shadows, center_of, measure_rim, rims
-from diffshade.diagnosis.misfit.residual_correlation import ResidualCorrelation
-from diffshade.diagnosis.misfit.scores import refitted, scored
-from diffshade.diagnosis.misfit.set_up import SetUp
-from diffshade.diagnosis.misfit.suspicions import Suspicion, described, suspicions
+from diffshade.inverse.misfit.changes import Case, Move
+from diffshade.inverse.misfit.faults import FAULTS
+from diffshade.inverse.misfit.found import Fault, Found
+from diffshade.inverse.misfit.linearised import linearise
+from diffshade.inverse.misfit.regions import MeanPrediction, cast_shadows, center_of, measure_rim, rims
+from diffshade.inverse.misfit.set_up import SetUp
+from diffshade.diagnosis.suspicions import Suspicion, suspicions
 from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.unknowns.places import Place
 from diffshade.inverse.verdicts.stability import FitWithout
@@ -476,49 +471,6 @@ def test_views_or_lights_that_all_disagree_are_told_as_one():
     assert len(at_end("exposure", dark, (0, 1))) == 2
     (found,) = at_end("light", [3.0, 4.0, 5.0], (0, 1, 2))
     assert "3 of the 3 lights are 3 to 5 degrees off" in found.sentence
-
-
-@pytest.mark.parametrize(
-    ("kind", "amount", "own_share", "part", "expected"),
-    [
-        ("light", 2.6, 0.8, 1.0, True),
-        ("light", 2.4, 0.8, 1.0, False),
-        ("light", 2.6, 0.14, 1.0, False),
-        ("exposure", -0.04, 0.8, 1.0, True),
-        ("exposure", 0.02, 0.8, 1.0, False),
-        ("exposure", 0.02, 0.8, 0.5, True),
-        ("exposure", 0.02, 0.04, 0.5, False),
-    ],
-)
-def test_what_is_large_enough_to_matter(kind, amount, own_share, part, expected):
-    found = Found(BY_KIND[kind], NOTHING, 0, (0,), 0.5, own_share, np.array([amount]))
-    assert found.exceeds(part) == expected
-
-
-@pytest.mark.parametrize(
-    ("structure", "rival", "share", "agreed", "believed"),
-    [
-        (0.04, 0.0, 0.5, 4, False),  # nothing beyond noise that a curve could explain
-        (0.06, 0.2, 0.5, 4, True),
-        (0.8, 0.2, 0.41, 4, True),
-        (0.8, 0.1, 0.39, 4, False),
-        (0.8, 0.42, 0.41, 4, False),  # something else explains more
-        (0.8, 0.3, 0.57, 4, True),
-        (0.6, 0.6, 0.59, 4, False),
-        (0.06, 0.2, 0.5, 2, False),
-    ],
-)
-def test_when_another_encoding_is_believed(monkeypatch, structure, rival, share, agreed, believed):
-    before = np.array([[1.0, 1.0, 100.0]] * 4)
-    after = before * np.where(np.arange(4) < agreed, 1.0, 1.0001)[:, None]
-    after[0, 0] -= after[:, 0].sum() - 4 * (1.0 - share)
-    after[1 : max(agreed, 1), 0] -= 1e-9
-    monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 9.0))
-    monkeypatch.setattr(encodings, "_refitted", lambda fit, curve: "refitted")
-    monkeypatch.setattr(encodings, "_misfits", lambda fit, curve: after if fit == "refitted" else before)
-    assert (better_encoding(NOTHING, rival) is not None) == believed
-    monkeypatch.setattr(encodings, "correlation_of", lambda fit: ResidualCorrelation(structure, 3.0))
-    assert better_encoding(NOTHING, rival) is None  # not certain
 
 
 def test_views_are_said_in_words():

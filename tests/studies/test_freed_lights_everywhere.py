@@ -13,7 +13,7 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
-from diffshade.diagnosis.misfit import set_up
+from diffshade.inverse.misfit import set_up
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
 from diffshade.inverse.laid_out import LaidOut

@@ -8,10 +8,7 @@ from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
-from diffshade.diagnosis.misfit.explanations import at_minimum, of_all_views
-from diffshade.diagnosis.misfit.residual_correlation import CELL_SIDES, cell_correlation, residuals
-from diffshade.diagnosis.misfit.score_tests import CERTAIN_ERRORS
-from diffshade.diagnosis.misfit.suspicions import suspicions
+from diffshade.diagnosis.suspicions import suspicions
 
 
 def remarks(fit: ds.Fit) -> list[str]:

@@ -39,8 +39,8 @@ GROUPS = {
     ),
     "statistics": (
         "diagnosis/cross_validation diagnosis/examination diagnosis/forecasting diagnosis/intervals "
-        "diagnosis/misfit/explanations diagnosis/misfit/found diagnosis/misfit/regions diagnosis/misfit/scores "
-        "diagnosis/misfit/suspicions diagnosis/model_choice "
+        "inverse/misfit/explanations inverse/misfit/found inverse/misfit/regions inverse/misfit/scores "
+        "inverse/misfit/suspicions diagnosis/model_choice "
         "diagnosis/patches diagnosis/planning diagnosis/resampling diagnosis/sensitivity "
         "diagnosis/shots inverse/verdicts/stability "
         "inverse/statistics/clusters inverse/statistics/identifiability inverse/statistics/uncertainty texels/estimates"

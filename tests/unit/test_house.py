@@ -44,7 +44,7 @@ LAYERS = (
     "inverse.fitting",
     "inverse.fit_functions",
     "texels",
-    "diagnosis.misfit",
+    "inverse.misfit",
     "diagnosis",
     "calibration",
     "exchange",
@@ -61,7 +61,7 @@ STRANGERS = {
     ]
     for pair in [(light, material) for light in lights for material in materials]
     for one, other in (pair, pair[::-1])
-} | {("exchange", "diagnosis"), ("exchange", "diagnosis.misfit"), ("exchange", "calibration")}
+} | {("exchange", "diagnosis"), ("exchange", "inverse.misfit"), ("exchange", "calibration")}
 # Packages that one place alone knows.
 ONLY_IN = {
     "optimistix": "inverse.solve",

@@ -10,8 +10,8 @@ from grams import by_view
 from scipy import ndimage
 
 import diffshade as ds
-from diffshade.diagnosis.misfit import residual_correlation
-from diffshade.diagnosis.misfit.residual_correlation import cell_correlation, inflate_errors, neighbour_correlation
+from diffshade.inverse.misfit import residual_correlation
+from diffshade.inverse.misfit.residual_correlation import cell_correlation, inflate_errors, neighbour_correlation
 from diffshade.inverse.statistics.clusters import Clusters, independent
 from diffshade.inverse.statistics.evidence import Evidence
 

@@ -10,8 +10,8 @@ import pytest
 from scipy import sparse, stats
 
 import diffshade as ds
-from diffshade.diagnosis.misfit.changes import with_materials, with_other_lobe
-from diffshade.diagnosis.misfit.score_tests import CERTAIN_ERRORS, FALSE_ALARM, Rows, ScoreTests, gram
+from diffshade.inverse.misfit.changes import with_materials, with_other_lobe
+from diffshade.inverse.misfit.score_tests import CERTAIN_ERRORS, FALSE_ALARM, Rows, ScoreTests, gram
 
 SIGMA = 0.1
 RANDOM = np.random.default_rng(0)

@@ -5,21 +5,22 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.masks import Mask
-from ...inverse.data.view_sets import Masks
-from ...inverse.pixels.blocks import Block
-from ...inverse.result import Fit
-from ...inverse.solve.solvers import NEAR
-from ...inverse.statistics.uncertainty import Vector
-from ...inverse.unknowns.parameters import find_unknowns
-from ...inverse.unknowns.places import Place
-from ...inverse.unknowns.slots import put_back
-from ...inverse.unknowns.unknown import values_at
-from ...inverse.unknowns.visibility import shown_unknowns
+from ..data.view_sets import Masks
+from ..pixels.blocks import Block
+from ..result import Fit
+from ..solve.solvers import NEAR
+from ..statistics.uncertainty import Vector
+from ..unknowns.parameters import find_unknowns
+from ..unknowns.places import Place
+from ..unknowns.slots import put_back
+from ..unknowns.unknown import values_at
+from ..unknowns.visibility import shown_unknowns
 from .regions import center_of, rims
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
@@ -53,16 +54,15 @@ class Corrected:
 class SetUp:
     """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
 
-    def __init__(self, fit: Fit, numbers: Iterable[Place]):
-        """Lay the fit out on some of its pixels, and minimise there; `numbers` are the places of what faults move."""
+    def __init__(self, fit: Fit, numbers: Iterable[Place], pixels: int = PIXELS):
+        """Lay the fit out on so many of its pixels; `numbers` are the places of what faults move."""
         data = fit.solved.problem.data
         self.fit, self.samples, self.lit = fit, data.samples, data.lit
         self.center = center_of(fit.scene.objects, fit.views[0].camera)
-        self.rims = [rims(fit.scene.objects, view.camera) for view in fit.views]
         own = {place.whole for unknown in fit.unknowns for place in unknown.all_places}
         paths = [place.path for place in dict.fromkeys(numbers) if place not in own]
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
-        self.laid = fit.solved.beside(added).laid_out(PIXELS)
+        self.laid = fit.solved.beside(added).laid_out(pixels)
         self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
         self.places: dict[Place, list[int]] = {}
         """The index of each number that faults move."""
@@ -77,7 +77,22 @@ class SetUp:
         self.view, self.pixel, self.channel = np.hstack([np.reshape(of, (3, -1)) for of in samples]).astype(int)
         self.first = np.searchsorted(self.view, np.arange(len(fit.views) + 1))
         """The first sample of each view, and their number."""
-        self.base = self.minimise(self.laid.theta, (None,) * len(fit.views), {})
+
+    @cached_property
+    def rims(self) -> list[tuple[Mask, np.ndarray]]:
+        """The grazing rims of each view, and the sector of each pixel."""
+        return [rims(self.fit.scene.objects, view.camera) for view in self.fit.views]
+
+    @property
+    def given(self) -> Corrected:
+        """The fit as it is; its costs are not known."""
+        none = (None,) * len(self.fit.views)
+        return Corrected(self.laid.theta, self.fit, np.zeros(len(none)), none, {})
+
+    @cached_property
+    def base(self) -> Corrected:
+        """The minimum on the pixels that are laid out."""
+        return self.minimise(self.laid.theta, (None,) * len(self.fit.views), {})
 
     def exclude(self, state: Corrected, masks: MasksOf) -> Corrected:
         """Return the minimum with more pixels of some views left out."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...core.masks import Mask
 from ...core.words import listing
+from .noise_tests import CERTAIN_ERRORS
 from .regions import MeanPrediction, Shadow, cast_shadows, measure_rim, predicted, see
-from .score_tests import CERTAIN_ERRORS
 from .set_up import Corrected, MasksOf, SetUp
 
 MIN_SHARE = 0.1  # the least fraction of the cost of its views that a region explains

@@ -7,26 +7,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from ...core.words import listing
-from ...inverse.result import Fit
-from ...inverse.statistics.uncertainty import Vector
-from ...inverse.unknowns.places import Place
+from ..result import Fit
+from ..statistics.uncertainty import Vector
+from ..unknowns.places import Place
 from .changes import Case
 from .linearised import Linearised
 from .set_up import Corrected, MasksOf, SetUp
 
-REPORTED_ERRORS, AFFECTED_ERRORS = (
-    1.0,
-    2.0,
-)  # errors by which a fault moves a value: it is reported; the value is not determined
-GROSS_SHARE = 0.2  # a fault that explains more of the cost is reported whatever it moves to first order
+AFFECTED_ERRORS = 2.0  # errors by which a fault moves a value that then depends on it
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """Something that may be wrong with a set-up. It has `cases`, which are scored, or `regions`, which are left out."""
+    """Something that may be wrong with a set-up. It has `cases`, which are looked for, or `regions`, to be left out."""
 
     kind: str
     what: str
@@ -43,15 +39,12 @@ class Fault:
     """Its size in the units of the sentence, from which case it is and its amount."""
     plausible: tuple[float, float] = (-np.inf, np.inf)
     """Between these is its size: an image is darker at its corners, and blurred, not sharpened."""
-    yields_to: tuple[str, ...] = ()
-    """Simpler kinds, which are named instead where they explain nearly as much."""
+    unnamed: bool = False
+    """Whether it is a change of so many numbers that many causes have it: its sentence says what is seen, not why."""
+    beside: bool = False
+    """Whether samples beside the objects show its amount too."""
     at_rims: bool = True
     """Whether its change is linear at grazing rims too."""
-    least: float = 0.0
-    """Of one view or light: the least amount that matters, such as a relative error or degrees."""
-    least_share: float = 0.0
-    """Of one view, light or region: the least fraction of the cost of its own views that it explains. 0 if it is of all
-    views together: then it explains part of the structure in the residuals."""
     relative: bool = False
     """Whether its size counts relative to that of the other views, if there are several."""
     of_most: str = ""
@@ -75,14 +68,10 @@ class Found:
     """The index of its case."""
     views: tuple[int, ...]
     share: float
-    """The fraction of the cost of all views that it explains."""
-    own_share: float
-    """That of its own views."""
+    """The fraction of the residuals' squares that it explains."""
     amount: Vector = field(default_factory=lambda: np.zeros(1))
     moves: Vector = field(default_factory=lambda: np.zeros(0))
     """How far it moves the values, in their own units."""
-    change: Float[np.ndarray, "k n"] = field(default_factory=lambda: np.zeros((0, 0)))
-    """The change of each sample by an amount of 1."""
     after: Corrected | None = None
     """The minimum with it corrected, if it was refitted."""
     masks: MasksOf = field(default_factory=dict)
@@ -106,20 +95,10 @@ class Found:
         """The length of its amount."""
         return float(np.linalg.norm(self.amount))
 
-    def exceeds(self, part: float = 1.0) -> bool:
-        """Whether it is as large as matters and explains enough of its own views, or a part of that."""
-        return self.own_share > part * self.fault.least_share and self.length >= part * self.fault.least
-
-    def matters(self) -> bool:
-        """Whether it is gross, or moves a value which the fit determines."""
-        return self.share > GROSS_SHARE or bool(
-            np.any(self.given.determined & (np.abs(self.moves) > REPORTED_ERRORS * self.given.errors))
-        )
-
     @property
     def affected(self) -> Bool[np.ndarray, " p"]:
-        """The values that it moves so far that they are not determined."""
-        return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.errors)
+        """The values that it moves by more than `AFFECTED_ERRORS`."""
+        return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.plain_errors)
 
     def __str__(self) -> str:
         """Return what it is, its size, what it explains and moves, and the remedy."""
@@ -127,10 +106,8 @@ class Found:
         what, remedy = (text.format(f=self, **words) for text in (self.fault.what, self.fault.remedy))
         if self.fault.regions:
             return f"{what}. {remedy}"
-        if self.fault.least_share:
-            return f"{what}, which explains {self.own_share:.0%} of the residuals there. {remedy}"
-        away = np.where(fit.determined, np.abs(self.moves) / fit.errors, 0.0)
-        worst = int(np.argmax(away))
         share = f"{self.share:.0%}" if self.share >= 0.01 else "less than 1%"
-        moves = f"This moves {fit.names[worst]} by {away[worst]:.2g} errors."
-        return f"{what}, which explains {share} of the residuals. {moves} {remedy}"
+        away = np.where(fit.determined, np.abs(self.moves) / np.where(fit.determined, fit.plain_errors, 1.0), 0.0)
+        worst = int(np.argmax(away)) if len(away) else 0
+        moves = f" and moves {fit.names[worst]} by {away[worst]:.2g} errors" if len(away) and away[worst] > 0 else ""
+        return f"{what}; this explains {share} of the residuals{moves}. {remedy}"

@@ -12,14 +12,14 @@ from scipy import ndimage
 
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
-from ...inverse.data.recording import record
-from ...inverse.data.samples import Samples
-from ...inverse.data.views import View
-from ...inverse.result import Fit
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
 from ...model.scenes import Object
 from ...model.vectors import Vec3, dot
+from ..data.recording import record
+from ..data.samples import Samples
+from ..data.views import View
+from ..result import Fit
 
 Picture = Float[np.ndarray, "h w"]
 

@@ -62,6 +62,11 @@ def _vector(of: Any, form: str) -> str:
     return f"({', '.join(format(x, form) for x in np.asarray(of))})"
 
 
+LOOK_AT_IT = (
+    "Look for shadows, light from other things and patterns of the material; mask them out with View.mask, or add them "
+    "to the scene."
+)
+
 FAULTS = (
     Fault(
         "exposure",
@@ -72,9 +77,7 @@ FAULTS = (
         changes.exposures,
         _of_exposure,
         size=lambda which, amount: 1.0 + float(amount[0]),
-        least=0.03,
         relative=True,
-        least_share=regional.MIN_SHARE,
         of_most="{count} of the {of} views are darker or brighter than the other views predict, by factors of "
         "{smallest:.3g} to {largest:.3g}. Check the lights' intensities, distances and attenuation and whether the "
         "material model is complete, or free 'exposure'.",
@@ -88,8 +91,6 @@ FAULTS = (
         changes.places,
         _of_light,
         size=lambda which, amount: float(np.linalg.norm(amount)),
-        least=2.5,
-        least_share=0.15,
         of_most="{count} of the {of} lights are {smallest:.2g} to {largest:.2g} degrees off, judging by the shading. "
         "Check the axes of directions and normals, that directions point the way the light travels, and whether the "
         "material model is complete.",
@@ -98,7 +99,6 @@ FAULTS = (
         "shadow",
         "predicted light is missing, as in a cast shadow: {f.where}",
         "Exclude these pixels with View.mask, or fit with loss='cauchy'.",
-        least_share=regional.MIN_SHARE,
         regions=regional.shadows,
         confirmed=regional.in_shadow,
         described=regional.where_shadows_are,
@@ -108,7 +108,6 @@ FAULTS = (
         "the rim in {f.views_in_words} is brighter than predicted{f.where}",
         "Possible causes are interreflection or another form of highlight. Exclude the rim with View.mask, or fit with "
         "loss='cauchy'.",
-        least_share=regional.MIN_SHARE,
         regions=regional.bright_rims,
         confirmed=regional.at_bright_rims,
         described=regional.how_bright_rims_are,
@@ -128,8 +127,8 @@ FAULTS = (
         "and free 'sensor.gamma'.",
         changes.of_gamma,
         words=lambda f: {"inverse": 1.0 / f.size},
-        size=lambda which, amount: 1.0 + float(amount[0]),
-        plausible=(0.3, 1.7),
+        size=lambda which, amount: float(np.exp(amount[0])),
+        plausible=(0.15, 6.0),
     ),
     Fault(
         "blur",
@@ -156,7 +155,6 @@ FAULTS = (
         words=_of_highlight,
         plausible=(0.0, np.inf),
         # of any width it mimics many faults: report the simpler one
-        yields_to=("vignetting", "gamma", "blur", "lobe", "radius", "center", "rotation"),
     ),
     Fault(
         "radius",
@@ -174,7 +172,6 @@ FAULTS = (
         partial(changes.of_sphere, "center"),
         partial(changes.of_spheres, "center"),
         _of_sphere,
-        yields_to=("radius",),  # one of its three amounts does nearly what the radius does
         at_rims=False,
     ),
     Fault(
@@ -184,5 +181,48 @@ FAULTS = (
         changes.of_rotation,
         changes.places,
         _of_rotation,
+    ),
+    Fault(
+        "shift",
+        "the pictures are shifted by about {f.length:.2g} pixels against the scene",
+        "Check the camera's pose and principal point, and the objects' places.",
+        changes.of_shift,
+        size=lambda which, amount: float(np.linalg.norm(amount)),
+        plausible=(0.0, 3.0),
+    ),
+    Fault(
+        "black",
+        "all pixels are {f.size:.2g} brighter than the scene says, beside the object too (a black level, or haze)",
+        "Give View(black={f.size:.2g}), or the scene's background.",
+        changes.of_black,
+        beside=True,
+    ),
+    Fault(
+        "uneven light",
+        "the light changes across the object as no light of the scene makes it change",
+        LOOK_AT_IT,
+        changes.of_uneven_light,
+        unnamed=True,
+    ),
+    Fault(
+        "uneven view",
+        "the light in {f.views_in_words} changes across the object as no light of the scene makes it change",
+        LOOK_AT_IT,
+        changes.of_uneven_view,
+        unnamed=True,
+    ),
+    Fault(
+        "colour",
+        "a colour changes across the object as no light of the scene makes it change",
+        LOOK_AT_IT,
+        changes.of_colour,
+        unnamed=True,
+    ),
+    Fault(
+        "stray light",
+        "there is light that the scene does not have",
+        LOOK_AT_IT,
+        changes.of_stray_light,
+        unnamed=True,
     ),
 )

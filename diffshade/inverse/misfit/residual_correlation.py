@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.masks import Mask
-from ...inverse.forward.losses import LOSSES
-from ...inverse.result import Fit
-from ...inverse.statistics.clusters import Clusters
-from .score_tests import CERTAIN_ERRORS
+from ..forward.losses import LOSSES
+from ..result import Fit
+from ..statistics.clusters import Clusters
+from .noise_tests import CERTAIN_ERRORS
 
 CELL_SIDES = (2, 4, 8, 16)  # pixels: the sides of the cells over which residuals are summed
 MIN_CELLS = 40  # cells

@@ -8,32 +8,28 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ...inverse.data.samples import MIN_PIXELS, Samples, SensorRange, share_of
-from ...inverse.forward.losses import LOSSES
-from ...inverse.problem import fit_problem
-from ...inverse.result import Fit
-from ...inverse.solving import solve
-from ...inverse.unknowns.slots import put_back
-from ...inverse.unknowns.unknown import values_at
 from ...io.encodings import srgb_decode, srgb_encode
-from .explanations import MIN_EXPLAINED
+from ..data.samples import MIN_PIXELS, Samples, SensorRange, share_of
+from ..forward.losses import LOSSES
+from ..problem import fit_problem
+from ..result import Fit
+from ..solving import solve
+from ..unknowns.slots import put_back
+from ..unknowns.unknown import values_at
 from .regional import MIN_AGREEMENT
 from .residual_correlation import correlation_of
 from .set_up import PIXELS
 
+MIN_EXPLAINED = 0.5  # the least that the other encoding explains of the structure in the residuals
 MIN_STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
-def better_encoding(fit: Fit, rival: float) -> str | None:
+def better_encoding(fit: Fit) -> str | None:
     """Return a sentence if the images fit so much better in the other encoding that it is believed. Runs in float64.
 
-    It explains most of the structure in the residuals, in most views, and more than anything else does.
-
-    Args:
-        fit: The fit.
-        rival: The largest fraction of the cost that another fault explains.
+    It explains most of the structure in the residuals, in most views.
     """
     structure = correlation_of(fit)
     if structure.share < MIN_STRUCTURE or not structure.least > 0.0:
@@ -46,7 +42,7 @@ def better_encoding(fit: Fit, rival: float) -> str | None:
         after = _misfits(_refitted(fit, to), back)
         share = 1.0 - after[:, 0].sum() / before[:, 0].sum()
         agreed = np.mean((after < before)[before[:, 0] > 0, 0])
-        if agreed >= MIN_AGREEMENT and share > max(rival, MIN_EXPLAINED * structure.share):
+        if agreed >= MIN_AGREEMENT and share > MIN_EXPLAINED * structure.share:
             rmse = [np.sqrt(of[:, 1].sum() / before[:, 2].sum()) for of in (before, after)]
             return (
                 f"the images seem to be {what}, they fit with RMSE {rmse[1]:.3g} instead of {rmse[0]:.3g}. Read them "

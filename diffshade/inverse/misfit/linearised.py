@@ -1,11 +1,10 @@
-"""Linearised: the samples of a state of a set-up, and their derivatives, on which faults are scored."""
+"""Linearised: the samples of a state of a set-up, and their derivatives, on which faults are looked for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,34 +14,36 @@ from scipy import sparse
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
-from ...inverse.data.recording import photograph
-from ...inverse.data.views import channels
-from ...inverse.forward.gram import directions_of
-from ...inverse.forward.interface import AbstractForwardModel
-from ...inverse.forward.rounding import sawtooth
-from ...inverse.pixels.blocks import Block
-from ...inverse.pixels.blocks import chunks as in_chunks
-from ...inverse.result import Fit
 from ...parallel.threads import on_all_cores
-from .score_tests import Rows
+from ..data.recording import photograph
+from ..data.views import channels
+from ..forward.gram import directions_of
+from ..forward.interface import AbstractForwardModel
+from ..pixels.blocks import Block
+from ..pixels.blocks import chunks as in_chunks
+from ..result import Fit
+from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The samples of a state and their derivatives, on which faults are scored."""
+    """The samples of a state and their derivatives, on which faults are looked for."""
 
     set_up: SetUp
     state: Corrected
     predicted: Float[np.ndarray, " n"]
     jacobian: sparse.csr_array
-    """The derivatives by all numbers, (numbers, samples)."""
-    rows: Rows
-    """Those by the unknowns of the fit that are not at a bound."""
+    """The derivatives by all numbers of the set-up, those of the fit first, (numbers, samples)."""
+    slope: Float[np.ndarray, " n"]
+    """The derivative of the cost by the prediction: weight times (prediction - photograph)."""
+    weight: Float[np.ndarray, " n"]
+    """0 for a clipped sample whose limit is met."""
     count: int
     """The number of measured samples."""
-    changes: dict[str, Any] = field(default_factory=dict)
-    """What each kind of fault changes, once it has been asked for."""
+    known_hessian: Matrix
+    """That of the priors of all numbers."""
+    known_gradient: Vector
 
     @property
     def fit(self) -> Fit:
@@ -88,23 +89,10 @@ def linearise(set_up: SetUp, state: Corrected) -> Linearised:
     predicted, J, slope, weight, base = (np.concatenate(of, -1) for of in zip(*found, strict=True))
     index = set_up.shown[set_up.view].T
     shown = index < len(theta)
-    places = index[shown], np.nonzero(shown)[1]
-    jacobian = sparse.csr_array((J[shown], places), shape=(len(theta), len(predicted)))
+    jacobian = sparse.csr_array((J[shown], (index[shown], np.nonzero(shown)[1])), shape=(len(theta), len(predicted)))
     known = set_up.laid.prior_gram(state.theta)
-    measured, inside, fit = base > 0, set_up.inside, set_up.fit
-    noise, bend = ((of[measured] / base[measured]).sum() for of in (slope**2, weight))
-    size = max(view.image.shape[0] * view.image.shape[1] for view in fit.views)
-    rows = Rows(
-        jacobian[inside],
-        slope,
-        weight,
-        np.unique(set_up.view * size + set_up.pixel, return_inverse=True)[1],
-        np.asarray(known.hessian)[np.ix_(inside, inside)],
-        np.asarray(known.gradient)[inside],
-        float(noise / bend),
-        None if fit.evidence.waves is None else sawtooth(fit.rounding, set_up.view, predicted, base),
-    )
-    return Linearised(set_up, state, predicted, jacobian, rows, int(measured.sum()))
+    hessian, gradient = np.asarray(known.hessian), np.asarray(known.gradient)
+    return Linearised(set_up, state, predicted, jacobian, slope, weight, int(np.sum(base > 0)), hessian, gradient)
 
 
 @partial(jit_quickly, options=PLAINLY)

@@ -10,14 +10,10 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float
+from numpy.polynomial import legendre
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from ...inverse.data.recording import photograph
-from ...inverse.data.views import View, channels, lights_on
-from ...inverse.result import Fit
-from ...inverse.statistics.uncertainty import Vector
-from ...inverse.unknowns.places import Place
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
 from ...model.lobes import AbstractPowerLobe, Blinn, Phong
@@ -25,11 +21,19 @@ from ...model.materials import Highlight, Material
 from ...model.patterns import AbstractPattern
 from ...model.scenes import Scene
 from ...model.surfaces import Sphere
+from ..data.recording import photograph
+from ..data.views import View, channels, lights_on
+from ..result import Fit
+from ..statistics.uncertainty import Vector
+from ..unknowns.places import Place
 from .linearised import Linearised
 
 MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
 MAX_SPHERES = 4  # with more spheres, their places are not tested
+SMOOTH_DEGREE = 7  # of the changes that have no name: a wave is half as long as the object
+SMOOTH_OF_ONE_DEGREE = 3  # of those of one view
+MAX_SMOOTH_VIEWS = 24  # of more views, those of one view are not tested
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 
 
@@ -74,6 +78,8 @@ class Case:
     """The change of each sample by an amount of 1, or the move of the set-up's numbers from which it follows."""
     views: tuple[int, ...] | None = None
     """The views that it affects; None for all."""
+    renamed: Vector | None = None
+    """What an amount of 1 adds to the fit's own values because they mean something else then: n_s of another lobe."""
 
 
 def exposures(fit: Fit) -> list[Place]:
@@ -99,6 +105,29 @@ def of_vignetting(at: Linearised) -> Iterator[Case]:
     yield Case(0, -(at.light * at.of([_rho2(view) for view in at.fit.views]))[None])
 
 
+def of_uneven_light(at: Linearised) -> Iterator[Case]:
+    """Yield light that changes smoothly across all pictures alike, in a way that the scene does not have."""
+    yield Case(0, _smooth(at, SMOOTH_DEGREE)[1:] * at.light)
+
+
+def of_uneven_view(at: Linearised) -> Iterator[Case]:
+    """Yield light that changes smoothly across one picture."""
+    if 1 < len(at.fit.views) <= MAX_SMOOTH_VIEWS:
+        smooth = _smooth(at, SMOOTH_OF_ONE_DEGREE)[1:] * at.light
+        for i in range(len(at.fit.views)):
+            yield Case(i, np.where(at.set_up.view == i, smooth, 0.0), views=(i,))
+
+
+def of_stray_light(at: Linearised) -> Iterator[Case]:
+    """Yield light that is added to all pictures alike, and changes smoothly across them."""
+    yield Case(0, _smooth(at, SMOOTH_DEGREE) * np.sqrt(np.mean(at.light**2)))
+
+
+def of_shift(at: Linearised) -> Iterator[Case]:
+    """Yield pictures that are shifted, by pixels along a row and along a column."""
+    yield Case(0, np.array([at.of([np.gradient(x, axis=axis) for x in at.pictures]) for axis in (1, 0)]))
+
+
 def of_gamma(at: Linearised) -> Iterator[Case]:
     """Yield light raised to a power."""
     yield Case(0, (at.light * np.log(np.maximum(at.light, 1e-6)) * (at.light > 0))[None])
@@ -112,8 +141,28 @@ def of_blur(at: Linearised) -> Iterator[Case]:
 
 
 def of_lobe(at: Linearised) -> Iterator[Case]:
-    """Yield the other lobe."""
-    yield from _of_material(at, 0, with_other_lobe)
+    """Yield the other lobe, of which n_s is another number."""
+    renamed = np.zeros(len(at.fit.values))
+    for j, unknown in enumerate(at.fit.unknowns):
+        for place in unknown.all_places:
+            if place.field == "n_s":
+                blinn = isinstance(at.fit.scene.objects[place.item or 0].material.lobe, Blinn)
+                renamed[j] = at.fit.values[j] * (1.0 - (0.25 if blinn else 4.0))
+    for case in _of_material(at, 0, with_other_lobe):
+        yield replace(case, renamed=renamed)
+
+
+def of_black(at: Linearised) -> Iterator[Case]:
+    """Yield a level that is added to every sample."""
+    yield Case(0, np.ones((1, len(at.predicted))))
+
+
+def of_colour(at: Linearised) -> Iterator[Case]:
+    """Yield light of one channel that changes smoothly across all pictures alike."""
+    smooth, channel = _smooth(at, SMOOTH_OF_ONE_DEGREE)[1:], at.set_up.channel
+    for c in range(int(channel.max()) + 1) if channel.max() else ():
+        both = np.concatenate([smooth * at.light, smooth * np.sqrt(np.mean(at.light**2))])
+        yield Case(c, np.where(channel == c, both, 0.0))
 
 
 def of_second_highlight(at: Linearised) -> Iterator[Case]:
@@ -168,6 +217,24 @@ def _of_material(at: Linearised, which: int, change: Callable[[Material], Materi
     if scene is not None:
         changed = [photograph(scene, v) - x for v, x in zip(at.fit.views, at.pictures, strict=True)]
         yield Case(which, at.of(changed)[None])
+
+
+def _smooth(at: Linearised, degree: int) -> Float[np.ndarray, "k n"]:
+    """Return products of Legendre polynomials across the object, so weighted that smooth ones come more easily.
+
+    The first is constant: that of light is its intensity, which no photograph tells from the reflections.
+    """
+    set_up = at.set_up
+    width = np.array([view.camera.shape[1] for view in at.fit.views])[set_up.view]
+    across = []
+    for index in (set_up.pixel // width, set_up.pixel % width):
+        first, last = (
+            np.array([of(index[set_up.view == i], initial=end) for i in range(len(at.fit.views))])[set_up.view]
+            for of, end in ((np.min, np.iinfo(int).max), (np.max, 0))
+        )
+        across.append(legendre.legvander(2.0 * (index - first) / np.maximum(last - first, 1) - 1.0, degree))
+    y, x = across
+    return np.array([x[:, i] * y[:, j] / (1 + i + j) for i in range(degree + 1) for j in range(degree + 1 - i)])
 
 
 def _rho2(view: View) -> np.ndarray:

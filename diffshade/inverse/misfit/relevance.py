@@ -1,0 +1,120 @@
+"""Relevance: which groups of directions the residuals of a fit contain, and how much of each.
+
+Each group has a variance of its own, which the residuals' own likelihood sets: that of a group that they do not need
+goes to 0 (Tipping 2001, "Sparse Bayesian Learning and the Relevance Vector Machine"; the updates are MacKay's, 1992).
+What is left is a posterior of the groups' amounts, that holds what the residuals cannot tell of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import special
+
+from ..statistics.uncertainty import Matrix, Vector
+from .noise_tests import FALSE_ALARM
+
+ITERATIONS = 60  # of the variances, at most
+SETTLED = 0.02  # change of the logarithms of the variances that matter below which they have settled
+ROUNDS = 3  # in which groups that show only beside others come back
+SEEN = 1e-6  # eigenvalue of a group's information over its largest, below which a part of it cannot be told
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the residuals say of k directions, in groups, beyond what the fitted numbers can imitate."""
+
+    information: Float[np.ndarray, "k k"]
+    """For residuals of variance 1."""
+    score: Float[np.ndarray, " k"]
+    """The derivative of half the squares by each amount, negated."""
+    group: Int[np.ndarray, " k"]
+    squares: float
+    """The sum of squares of the whitened residuals."""
+    freedom: float
+    """Samples less fitted numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relevance:
+    """The groups that the residuals contain, and the posterior of their amounts; 0 for all others."""
+
+    active: Bool[np.ndarray, " groups"]
+    gain: Float[np.ndarray, " groups"]
+    """By how much each active group raises twice the logarithm of the likelihood, beside the others."""
+    mean: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+    sigma2: float
+    """The variance of the residuals that are left."""
+
+
+def relevance(of: Evidence) -> Relevance:
+    """Return which groups are in the residuals: those that show alone, less what others explain as well."""
+    groups = int(of.group.max(initial=-1)) + 1
+    found = _posterior(of, np.zeros(groups, bool))
+    for _ in range(ROUNDS):
+        more = ~found.active & (_p_values(of, found) < FALSE_ALARM)
+        if not more.any():
+            break
+        found = _pruned(of, found.active | more)
+    return found
+
+
+def _pruned(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
+    """Return the posterior without the groups that the others explain as well: the least half of these at a time."""
+    while True:
+        found = _posterior(of, active)
+        spare = np.flatnonzero(active & (_p_values(of, found) > FALSE_ALARM))
+        if not len(spare):
+            return found
+        active = active.copy()
+        active[spare[np.argsort(found.gain[spare])][: max(1, len(spare) // 2)]] = False
+
+
+def _posterior(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
+    """Return the posterior of the amounts of some groups, each of the variance that is likeliest."""
+    use = np.flatnonzero(active[of.group])
+    A, s, own = of.information[np.ix_(use, use)], of.score[use], np.searchsorted(np.flatnonzero(active), of.group[use])
+    sizes = np.bincount(own, minlength=int(active.sum()))
+    sigma2, variance = of.squares / of.freedom, np.full(len(sizes), 0.01 * of.squares)
+    mean, covariance = np.zeros(len(use)), np.zeros((len(use), len(use)))
+    for _ in range(ITERATIONS if len(use) else 0):
+        root = np.sqrt(variance[own])
+        C = np.linalg.inv(np.eye(len(use)) + root[:, None] * A / sigma2 * root)
+        covariance = root[:, None] * C * root
+        mean = covariance @ s / sigma2
+        told = np.maximum(sizes - np.bincount(own, np.diag(C), len(sizes)), 1e-12)  # of the numbers of each group
+        before, variance = variance, np.maximum(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares)
+        sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), 1e-300)
+        if np.all(np.abs(np.log(variance / before)) < SETTLED):
+            break
+    whole, spread, gain = np.zeros(len(of.score)), np.zeros(of.information.shape), np.zeros(len(active))
+    whole[use], spread[np.ix_(use, use)] = mean, covariance
+    for k, group in enumerate(np.flatnonzero(active)):
+        of_group = own == k
+        gain[group] = mean[of_group] @ np.linalg.solve(covariance[np.ix_(of_group, of_group)], mean[of_group])
+    return Relevance(active, gain, whole, spread, sigma2)
+
+
+def _p_values(of: Evidence, found: Relevance) -> Float[np.ndarray, " groups"]:
+    """Return the p-value of each group's score beside the active groups, itself left out: chi^2 if it is not there."""
+    return np.array([_p_value(of, found, group) for group in range(len(found.active))])
+
+
+def _p_value(of: Evidence, found: Relevance, group: int) -> float:
+    own, active = of.group == group, found.active[of.group]
+    others = active & ~own
+    C = found.covariance[np.ix_(others, others)]
+    if found.active[group]:  # the posterior of the others without it
+        beside = found.covariance[np.ix_(others, own)]
+        C = C - beside @ np.linalg.solve(found.covariance[np.ix_(own, own)], beside.T)
+    explained: Matrix = of.information[np.ix_(own, others)] @ C / found.sigma2
+    score: Vector = of.score[own] - explained @ of.score[others]
+    w, V = np.linalg.eigh(of.information[np.ix_(own, own)] - explained @ of.information[np.ix_(others, own)])
+    told = w > SEEN * max(float(np.diag(of.information)[own].max()), 1e-300)
+    if not told.any():
+        return 1.0
+    chi2 = np.sum((V.T @ score)[told] ** 2 / w[told]) / found.sigma2
+    return float(special.chdtrc(int(told.sum()), chi2))

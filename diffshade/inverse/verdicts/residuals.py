@@ -1,0 +1,76 @@
+"""Residuals: whether a fit leaves noise alone of its photographs, or faults that its errors must allow for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool
+
+from ...core.progress import ReportProgress
+from ...core.words import Note, listing
+from ..misfit.beside import beside, p_of_level
+from ..misfit.encodings import better_encoding
+from ..misfit.explained import Explained, explain
+from ..misfit.found import Found
+from ..misfit.noise_tests import FALSE_ALARM
+from ..result import Fit
+from ..statistics.identifiability import some_channels, vague
+from .stability import ROUNDING
+
+MAX_NAMED = 2  # faults that the note names
+
+
+def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, p_of_noise: float) -> Fit:
+    """Return a fit whose errors allow for the faults that its residuals show. In float64.
+
+    The values stay as they are; one that is lost in its new error is not determined.
+
+    Args:
+        fit: The fit.
+        report_progress: Reports progress.
+        p_of_noise: The probability of noise to look as little like noise as the residuals (`noise_tests.p_value`).
+    """
+    exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
+    if exact or fit.evidence.waves is not None or not fit.determined.any():
+        return fit
+    shown = beside(fit)
+    if p_of_noise > FALSE_ALARM and (shown is None or p_of_level(shown) > FALSE_ALARM):
+        return fit
+    report_progress("what the residuals show")
+    seen = explain(fit)
+    errors = np.maximum(fit.errors, np.hypot(np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
+    lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
+    notes = (*fit.notes, *_notes(fit, seen, lost))
+    return replace(fit, errors=errors, from_faults=seen.errors, determined=fit.determined & ~lost, notes=notes)
+
+
+def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"]) -> list[Note]:
+    """Say what the residuals show, how sure that is, and what to do."""
+    named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
+    if any(f.fault.kind == "gamma" for f in named) and (encoding := better_encoding(fit)):
+        why = f"{encoding} The errors allow for this."
+    elif not seen.found:
+        why = (
+            "no fault of the description explains them. The noise differs with brightness, or is correlated. The "
+            "errors are by the scatter of the samples; give View.noise, or read the files without denoising."
+        )
+    elif not named or seen.found[0].fault.unnamed:
+        why = (
+            f"{seen.found[0]} No fault that has a name explains it, so the model may not have its cause. The errors "
+            "allow for such a change; treat them as lower limits."
+        )
+    else:
+        why = f"{_sentences(named)} The errors allow for this."
+    notes = [Note(f"the residuals are not noise: {why}", "misfit", tuple(f.fault.kind for f in seen.found))]
+    if lost.any():
+        names = some_channels(lost, fit.unknowns)
+        text = f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
+        notes.append(Note(text, "not determined", tuple(names)))
+    return notes
+
+
+def _sentences(named: Sequence[Found]) -> str:
+    first, *others = map(str, named)
+    return " ".join([first, *(f"Perhaps also, or instead: {other}" for other in others)])
