@@ -10,8 +10,9 @@ import numpy as np
 from ..core.backend import in_float64
 from ..core.masks import Mask
 from ..inverse.misfit.changes import Move
+from ..inverse.misfit.directions import amount_alone, changes_of
 from ..inverse.misfit.encodings import better_encoding
-from ..inverse.misfit.explained import amount_alone, changes_of, explained
+from ..inverse.misfit.explained import explained
 from ..inverse.misfit.faults import FAULTS
 from ..inverse.misfit.found import Found
 from ..inverse.misfit.linearised import Linearised, linearise
