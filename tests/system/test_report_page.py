@@ -100,7 +100,7 @@ def test_whatever_is_shown_is_escaped(fit, tmp_path):
     named = with_problem(
         dataclasses.replace(fit, notes=(HOSTILE,)),
         scene=scene,
-        unknowns=tuple(dataclasses.replace(u, name=f"{u.name}{HOSTILE}") for u in fit.unknowns),
+        unknowns=tuple(dataclasses.replace(u, quantity=f"{u.quantity}{HOSTILE}") for u in fit.unknowns),
     )
     choice, plan = choice_of(HOSTILE), dataclasses.replace(ds.plan(fit, shot), unknowns=named.unknowns)
     names = ["first", HOSTILE, "third"]
