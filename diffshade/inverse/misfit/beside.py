@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import ndimage, special
 
+from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
 from ...io.lazy_images import LazyImage
 from ..data.recording import record
@@ -13,7 +14,7 @@ from ..data.views import colours, has_mask
 from ..result import Fit
 
 FAR = 4  # pixels: the least distance from the outline at which a pixel shows the background alone
-MAX_SAMPLES = 2048  # of a view, so that noise common to many pixels does not count too often
+MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count too often
 MIN_SAMPLES = 256  # of all views
 NOT_DARK = 0.2  # of the object's brightness: what is brighter beside it is no black level
 UNIFORM = 1.5  # noises of the object: what scatters more beside it is a thing, no black level
@@ -26,18 +27,17 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
     if it is bright or of many levels: then it shows things, of which the scene says nothing.
     """
     found, brightness = [], []
+    far: dict[int, np.ndarray] = {}
     for view, samples in zip(fit.views, fit.solved.problem.data.samples, strict=True):
         if has_mask(view) or isinstance(view.image, LazyImage) or not len(samples.pixels):
             continue
-        pixels = np.flatnonzero(np.logical_not(ndimage.binary_dilation(samples.inside, iterations=FAR)))
-        image, width = np.asarray(colours(view)), view.camera.shape[1]
-        pixels = pixels[:: max(len(pixels) * image.shape[2] // MAX_SAMPLES, 1)]
+        if (key := id(samples.pixels)) not in far:
+            far[key] = _far_from(samples.inside)
+        row, column = np.divmod(far[key], view.camera.shape[1])
         flat = np.broadcast_to(
-            np.asarray(fit.scene.background, np.float64), (*view.camera.shape, fit.scene.background.shape[0])
+            np.asarray(fit.scene.background, np.float64), (*view.camera.shape, len(fit.scene.background))
         )
-        found.append(
-            (image[pixels // width, pixels % width] - record(flat, view)[pixels // width, pixels % width]).ravel()
-        )
+        found.append((np.asarray(colours(view))[row, column] - record(flat, view)[row, column]).ravel())
         brightness.append(float(samples.values(samples.pixels[:: max(len(samples.pixels) // 256, 1)]).mean()))
     shown = np.concatenate(found) if found else np.zeros(0)
     if len(shown) < MIN_SAMPLES or abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):
@@ -46,6 +46,12 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
         fit.rmse if fit.views[0].noise is None else fit.rmse * np.sqrt(float(fit.views[0].noise.variance(np.zeros(()))))
     )
     return shown if robust_scale(shown - level) <= UNIFORM * noise else None
+
+
+def _far_from(inside: Mask) -> Int[np.ndarray, " n"]:
+    """Return some pixels far from the objects, evenly spread."""
+    far = np.flatnonzero(np.asarray(ndimage.distance_transform_cdt(np.logical_not(inside))) > FAR)
+    return far[:: max(len(far) // MAX_PIXELS, 1)]
 
 
 def p_of_level(shown: Float[np.ndarray, " m"]) -> float:

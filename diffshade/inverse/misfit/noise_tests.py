@@ -21,7 +21,6 @@ from scipy import special
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
 from ...parallel.threads import on_all_cores
-from ..data.views import channels
 from ..forward.interface import AbstractForwardModel
 from ..laid_out import LaidOut
 from ..pixels.blocks import Block
@@ -33,12 +32,33 @@ CELLS = 16  # cells along each side of the object; they are joined to 8 and to 4
 BINS = 16  # of equally many pixels, by brightness
 
 
+class Shown:
+    """Where the pixels of a view are; views of one camera that show the same share it."""
+
+    def __init__(self, pixels: Int[np.ndarray, " n"], width: int):
+        """Find the cell of each pixel, and which pixels have four neighbours."""
+        row, column = pixels // width, pixels % width
+        self.cell = _cell(row) * CELLS + _cell(column)
+        row, column = row - row.min(), column - column.min()
+        self.shape = int(row.max()) + 1, int(column.max()) + 1
+        self.at = row * self.shape[1] + column
+        inside = np.zeros(self.shape, bool)
+        inside.flat[self.at] = True
+        middle = inside[1:-1, 1:-1] & inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
+        self.inner = np.flatnonzero(np.pad(middle, 1)) if middle.size else np.zeros(0, int)
+
+    def image(self, of: Float[np.ndarray, " n"]) -> Float[np.ndarray, " h*w"]:
+        """Return a picture of the pixels, 0 elsewhere, flattened."""
+        found = np.zeros(self.shape[0] * self.shape[1])
+        found[self.at] = of
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Leftover:
     """What a fit leaves of one view: the whitened residuals, the channels added up, and the prediction's brightness."""
 
-    row: Int[np.ndarray, " n"]
-    column: Int[np.ndarray, " n"]
+    shown: Shown
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
 
@@ -48,28 +68,34 @@ Sums = tuple[Float[np.ndarray, " cells"], Float[np.ndarray, " cells"]]  # of res
 
 def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
     """Return what is left of each view, at these numbers; clipped samples count as met."""
-    at = jnp.asarray(theta)
+    at, views = jnp.asarray(theta), laid.problem.data.views
     done = on_all_cores(lambda chunk: _residuals(at, laid.model, chunk), laid.chunks)
-    views = laid.problem.data.views
-    found: list[list[list[np.ndarray]]] = [[] for _ in views]
+    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in views]
     for of_chunk, parts in zip(done, in_chunks(laid.parts), strict=True):
         residual, light = (np.asarray(of) for of in of_chunk)
         for b, (view, _, pixels) in enumerate(parts):
-            c, n = channels(views[view]), len(pixels)
-            found[view].append([pixels, residual[b, :c, :n].sum(0), light[b, :c, :n].sum(0)])
-    joined = [[np.concatenate(of) for of in zip(*parts, strict=True)] for parts in found if parts]
-    widths = [view.camera.shape[1] for view, parts in zip(views, found, strict=True) if parts]
-    return [Leftover(p // w, p % w, residual, light) for (p, residual, light), w in zip(joined, widths, strict=True)]
+            found[view].append((pixels, residual[b, : len(pixels)], light[b, : len(pixels)]))
+    shown: dict[tuple[int, ...], Shown] = {}
+    left = []
+    for view, parts in zip(views, found, strict=True):
+        pixels, residual, light = ([of[k] for of in parts if len(of[0])] for k in range(3))
+        if pixels:
+            key = (view.camera.shape[1], *map(id, pixels))
+            if key not in shown:
+                shown[key] = Shown(np.concatenate(pixels), key[0])
+            left.append(Leftover(shown[key], np.concatenate(residual), np.concatenate(light)))
+    return left
 
 
 @partial(jit_quickly, options=PLAINLY)
 def _residuals(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple[Array, Array]:
-    """Return the whitened residuals of a chunk, 0 where a sample is clipped, and the predictions."""
+    """Return sums over the channels of the whitened residuals, 0 where a sample is clipped, and of the predictions."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        m, seen = jnp.stack(model.predict(theta, block)), block.observed
-        terms = model.likelihood.terms(m, seen.target, model.measured_weights(block), seen.clipped)
-        return terms.slope / jnp.sqrt(jnp.where(terms.curvature > 0, terms.curvature, 1.0)), m
+        m, seen, weight = jnp.stack(model.predict(theta, block)), block.observed, model.measured_weights(block)
+        terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
+        residual = terms.slope / jnp.sqrt(jnp.where(terms.curvature > 0, terms.curvature, 1.0))
+        return residual.sum(0), jnp.where(weight > 0, m, 0.0).sum(0)
 
     return jax.lax.map(of_block, chunk)
 
@@ -79,33 +105,38 @@ def p_value(views: Sequence[Leftover]) -> float:
     views = [view for view in views if len(view.residual) > 1 and view.residual.any()]
     if not views:
         return 1.0
-    found = [p for of in zip(*map(_all_sums, views), strict=True) for p in _p_values(of)]
-    found.append(min(_p_of_variance(view) for view in views) * len(views))
+    *sums, of_variance = zip(*map(_all_sums, views), strict=True)
+    found = [p for of in sums for p in _p_values(of)]
+    found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
     return min(1.0, min(found) * len(found))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
-    """Return the sums of one view over cells of three sizes, by brightness, and with what the picture looks like."""
-    z = view.residual
-    cell = _cell(view.row) * CELLS + _cell(view.column)
-    fine = [np.bincount(cell, of, CELLS**2) for of in (z, z**2)]
+    """Return the sums of one view over cells of three sizes, by brightness, and with what the picture looks like.
+
+    The last are the sums of the squares by brightness, less their mean, and of the squares of these.
+    """
+    z, at = view.residual, view.shown
+    squares, bins = z**2, _bins(view)
+    fine = [np.bincount(at.cell, of, CELLS**2) for of in (z, squares)]
     found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS, CELLS // 2, CELLS // 4)]
-    bins = _bins(view)
-    found.append((np.bincount(bins, z, BINS), np.bincount(bins, z**2, BINS)))
-    shape = int(view.row.max()) + 1, int(view.column.max()) + 1
-    residual, light, inside = np.zeros(shape), np.zeros(shape), np.zeros(shape, bool)
-    residual[view.row, view.column], light[view.row, view.column], inside[view.row, view.column] = z, view.light, True
-    inner = inside[1:-1, 1:-1] & inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
-    down, up, right, left = light[2:, 1:-1], light[:-2, 1:-1], light[1:-1, 2:], light[1:-1, :-2]
-    for looks in (down - up, right - left, down + up + right + left - 4.0 * light[1:-1, 1:-1]):
-        found.append(_sum(residual[1:-1, 1:-1][inner] * looks[inner]))
-    beside = residual[:, 1:] * residual[:, :-1], residual[1:] * residual[:-1]
-    found.append(_sum(np.concatenate([of.ravel() for of in beside])))
+    of_bins = [np.bincount(bins, of, BINS) for of in (z, squares)]
+    found.append((of_bins[0], of_bins[1]))
+    residual, light, width, inner = at.image(z), at.image(view.light), at.shape[1], at.inner
+    here, down, up, right, left = (light[inner + step] for step in (0, width, -width, 1, -1))
+    own, vertical, horizontal = residual[inner], down + up, right + left
+    for looks in (down - up, right - left, vertical + horizontal - 4.0 * here):
+        found.append(_sum(own * looks))
+    beside = residual[1:] * residual[:-1], residual[width:] * residual[:-width]  # 0 beside the object
+    (a, b), (c, d) = map(_sum, beside)
+    found.append((a + c, b + d))
+    count, mean = np.bincount(bins, minlength=BINS), float(squares.mean())
+    found.append((of_bins[1] - count * mean, count * (float(squares @ squares) / len(z) - mean**2)))
     return found
 
 
 def _sum(products: Float[np.ndarray, " n"]) -> Sums:
-    return products.sum(keepdims=True), np.sum(products**2, keepdims=True)
+    return products.sum(keepdims=True), np.array([products @ products])
 
 
 def _cell(index: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -140,10 +171,8 @@ def _p_values(of_views: Sequence[Sums]) -> list[float]:
     ]
 
 
-def _p_of_variance(view: Leftover) -> float:
+def _p_of_variance(of: Sums) -> float:
     """Return the p-value of the residuals' variance being the same at every brightness."""
-    squares, bins = view.residual**2, _bins(view)
-    n, mean, scatter = np.bincount(bins, minlength=BINS), squares.mean(), squares.var()
-    excess = np.bincount(bins, squares, BINS) - n * mean
-    chi2 = np.sum(excess**2 / np.maximum(n * scatter, 1e-300))
-    return float(special.chdtrc(max(int(np.sum(n > 0)) - 1, 1), chi2))
+    excess, expected = of
+    chi2 = np.sum(excess**2 / np.maximum(expected, 1e-300))
+    return float(special.chdtrc(max(int(np.sum(expected > 0)) - 1, 1), chi2))
