@@ -53,7 +53,7 @@ class Photographs:
     def clipped(self, i: int) -> Mask:
         """Return the pixels of one photograph with a sample at 1, the top of a file's range, or above."""
         image = np.asarray(self.images[i][:])
-        return np.asarray((image >= top_of(float(image.max()))).any(-1))
+        return np.asarray((image >= top_of(image)).any(-1))
 
 
 def gather(photographs: Any, mask: Any, srgb: bool | None, *, mirror: bool = False) -> Photographs:

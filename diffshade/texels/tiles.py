@@ -13,10 +13,11 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.backend import in_float64
 from ..core.fields import Array
-from ..inverse.data.samples import SensorRange, brightest_of, kept, not_finite
+from ..inverse.data.samples import SensorRange, kept, not_finite, top_of, top_of_view
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import View, is_grey
 from ..inverse.forward.rendered import projection_of
+from ..io.lazy_images import LazyImage
 from ..model.cameras import Projection
 from ..model.gbuffers import GBuffer
 from ..model.scenes import Scene
@@ -94,7 +95,7 @@ class ViewReader:
         self.with_position = near
         self.channels = 1 if is_grey(views[0]) else 3
         self.repeated = ViewSet.of(scene, views).repeats
-        self.brightest = [brightest_of(view) for view in views]
+        self.tops = [top_of_view(view) for view in views]
 
     def rows_of(self, memory: int) -> int:
         """Return how many rows a band may have for its photographs, as read and laid out, to fit in `memory` bytes."""
@@ -134,10 +135,10 @@ class ViewReader:
             values[:] = given
             finite = np.isfinite(values).all(0)
             shown = counts[which]
-            brightest = self.brightest[i]
-            if brightest is None:  # of an image that is not read as a whole
-                brightest = float(given[:, shown & finite].max(initial=-np.inf))
-            usable[i] = shown & (SensorRange.of(view, brightest).clipped(given) == 0).all(0)
+            top = self.tops[i]
+            if isinstance(view.image, LazyImage):  # which is not read as a whole
+                top = top_of(given[:, shown & finite])
+            usable[i] = shown & (SensorRange.of(view, top).clipped(given) == 0).all(0)
             if (bad := usable[i] & ~finite).any():
                 where = pixels[bad] + first * width
                 raise ValueError(f"views[{i}]: {not_finite(values[:, bad].T, where, width)}")

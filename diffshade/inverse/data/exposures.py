@@ -79,7 +79,7 @@ def merge_exposures(
         )
     order = np.argsort(-t, kind="stable")  # the longest first
     z, t = z[order], t[order, None, None, None]
-    top = top_of(float(z.max())) if saturation is None else float(saturation)
+    top = top_of(z) if saturation is None else float(saturation)
     hat = np.maximum(np.minimum(z - floor, top - z), 0.0)
     unclipped = z < top
     longest = unclipped & (np.cumsum(unclipped, 0) == 1)

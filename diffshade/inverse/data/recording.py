@@ -14,7 +14,7 @@ from ...core.backend import in_float64
 from ...io.lazy_images import LazyImage
 from ...model.rendering import render, select
 from ...model.scenes import Scene
-from .samples import SensorRange, brightest_of
+from .samples import SensorRange, top_of_view
 from .sensors import Sensor, falloff, linear_level
 from .views import Image, View, channels, is_grey
 
@@ -60,7 +60,7 @@ def developed(view: View) -> View:
 
 
 def _developed(view: View, sensor: Sensor) -> View:
-    ends = SensorRange.of(view, brightest_of(view))
+    ends = SensorRange.of(view, top_of_view(view))
     pairs = zip(ends, (np.min, np.max), strict=True)
     shown = SensorRange(*(end if np.isinf(end) else _level_at(view, sensor, end, farthest) for end, farthest in pairs))
 

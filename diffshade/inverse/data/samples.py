@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,6 +18,9 @@ from ...model.scenes import Scene, check_positions, check_shapes
 from .views import Image, View, camera_key, colours, has_alpha, has_mask
 
 RUN = 1 << 16  # pixels that are ordered by their brightness at a time
+JUST_BELOW = 0.9  # of the largest value: so far down values are compared with it
+MIN_LEVELS, MIN_PILE = 3, 12  # different values there, and samples of the largest, that are enough to compare
+PILED = 4.0  # times as many samples of the largest value as of any below it, where a sensor clipped
 MIN_PIXELS = 256  # of a view, if it has as many, among those of a part
 
 
@@ -27,10 +31,10 @@ class SensorRange(NamedTuple):
     level: float = np.inf
 
     @classmethod
-    def of(cls, view: View, brightest: float | None) -> SensorRange:
-        """Return the range of a view, given its largest sample that counts, or None where that is not known."""
+    def of(cls, view: View, top: float) -> SensorRange:
+        """Return the range of a view, given where its samples show that they end (`top_of`)."""
         rounded = view.image.dtype.type  # a file or sensor of float32 ends at float32(0.45), which is below 0.45
-        level = top_of(brightest) if view.saturation is None else float(rounded(view.saturation))
+        level = top if view.saturation is None else float(rounded(view.saturation))
         return cls(-np.inf if view.floor is None else float(rounded(view.floor)), level)
 
     def clipped(self, values: Float[np.ndarray, "..."]) -> Int8[np.ndarray, "..."]:
@@ -38,9 +42,18 @@ class SensorRange(NamedTuple):
         return (values >= self.level).astype(np.int8) - (values <= self.floor).astype(np.int8)
 
 
-def top_of(brightest: float | None) -> float:
-    """Return where an image of unknown saturation clips: at 1, the top of an integer file's range, if it ends there."""
-    return 1.0 if brightest == 1.0 else np.inf
+def top_of(values: Float[np.ndarray, "..."]) -> float:
+    """Return where an image of unknown saturation clips; infinity where it does not.
+
+    It does at 1, the top of an integer file's range, if it ends there; and at its largest value, whatever that is, if
+    it has that one much oftener than any of the values just below: a sensor of 12 bits in a file of 16, say.
+    """
+    most = float(values.max(initial=-np.inf))
+    if most == 1.0:
+        return 1.0
+    at_top = np.count_nonzero(values == most)
+    _, times = np.unique(values[(values > JUST_BELOW * most) & (values < most)], return_counts=True)
+    return most if at_top >= MIN_PILE and len(times) >= MIN_LEVELS and at_top > PILED * times.max() else np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +69,8 @@ class Samples:
     sensor_range: SensorRange
     brightest: float
     """The largest sample."""
+    zeros: int = 0
+    """How many are exactly 0, if none is below."""
 
     @property
     def count(self) -> int:
@@ -131,11 +146,14 @@ def find_samples(scene: Scene, view: View, *, moving: bool = False, outlines: di
             "Check the camera, and that the mask is white on the object."
         )
     samples = Samples(inside, pixels, colours(view), SensorRange(), 0.0)
-    least, most = _extremes(samples)
-    ends = SensorRange.of(view, most)
+    least, most, zeros, at_top = _extremes(samples)
+    near_top = np.array([most])
+    if at_top >= MIN_PILE and most != 1.0:
+        near_top = np.concatenate([values[values > JUST_BELOW * most] for values in _pieces(samples)])
+    ends = SensorRange.of(view, top_of(near_top))
     if least >= ends.level:
         raise ValueError(f"every pixel is saturated: all are at least {ends.level:g}. Give a shorter exposure.")
-    return dataclasses.replace(samples, sensor_range=ends, brightest=most)
+    return dataclasses.replace(samples, sensor_range=ends, brightest=most, zeros=zeros)
 
 
 def kept(view: View, rows: Any = None, first: int = 0) -> Bool[np.ndarray, "r w"]:
@@ -147,26 +165,30 @@ def kept(view: View, rows: Any = None, first: int = 0) -> Bool[np.ndarray, "r w"
     return inside & (rows[..., -1] >= 0.5) if has_alpha(view) else inside
 
 
-def brightest_of(view: View) -> float | None:
-    """Return the largest sample that mask and alpha keep; None for a lazy image, which is not read for it."""
-    if isinstance(view.image, LazyImage):
-        return None
-    return float(colours(view)[kept(view)].max(initial=-np.inf))
+def top_of_view(view: View) -> float:
+    """Return `top_of` of the samples that mask and alpha keep; infinity for a lazy image, which is not read for it."""
+    return np.inf if isinstance(view.image, LazyImage) else top_of(colours(view)[kept(view)])
 
 
-def _extremes(samples: Samples) -> tuple[float, float]:
-    """Return the smallest and the largest sample, piece by piece; raise ValueError where one is not finite."""
-    least, most = np.inf, -np.inf
+def _pieces(samples: Samples) -> Iterator[Float[np.ndarray, "m c"]]:
+    """Yield the samples, `RUN` pixels at a time."""
     for start in range(0, len(samples.pixels), RUN):
-        pixels = samples.pixels[start : start + RUN]
-        values = samples.values(pixels)
+        yield samples.values(samples.pixels[start : start + RUN])
+
+
+def _extremes(samples: Samples) -> tuple[float, float, int, int]:
+    """Return the smallest and the largest sample, and how many are 0 and that; ValueError where one is not finite."""
+    least, most, zeros, at_top = np.inf, -np.inf, 0, 0
+    for values in _pieces(samples):
         low, high = float(values.min()), float(values.max())  # NaN where one is
         if not np.isfinite([low, high]).all():
             every = samples.values(samples.pixels)
             wrong = ~np.isfinite(every).all(-1)
             raise ValueError(not_finite(every[wrong], samples.pixels[wrong], samples.photograph.shape[1]))
+        zeros += int(np.count_nonzero(values == 0.0)) if low <= 0.0 else 0
+        at_top = (at_top if most >= high else 0) + (int(np.count_nonzero(values == high)) if high >= most else 0)
         least, most = min(least, low), max(most, high)
-    return least, most
+    return least, most, zeros if least == 0.0 else 0, at_top
 
 
 def not_finite(values: Float[np.ndarray, "m c"], pixels: Int[np.ndarray, " m"], width: int) -> str:

@@ -143,8 +143,8 @@ class View(Checked):
         exposure: The factor from radiance to the image, above 0; default 1.
         black: What the image shows where there is no light; default 0.
         noise: A `Noise`, or the standard deviation of noise that is the same everywhere. Default: it is estimated.
-        saturation: Samples at or above it are clipped. Default: 1 in an image whose largest value that counts is
-            exactly 1, the top of an integer file's range; else none.
+        saturation: Samples at or above it are clipped. Default: the largest value that counts, if it is exactly 1, the
+            top of an integer file's range, or stands there much oftener than any value just below; else none.
         floor: Samples at or below it are clipped from below. Default: none.
         sensor: Response, white balance, vignetting and blur of the camera. Default: none of these.
         bands: Whether each channel is a band, and none of them alpha; `fit` sets it as the scene says.

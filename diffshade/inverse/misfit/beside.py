@@ -17,6 +17,7 @@ FAR = 4  # pixels: the least distance from the outline at which a pixel shows th
 MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count too often
 MIN_SAMPLES = 256  # of all views
 NOT_DARK = 0.2  # of the object's brightness: what is brighter beside it is no black level
+CUT_OFF = 0.05  # of the samples that are exactly 0: more were cut off there, whatever the black level is
 UNIFORM = 1.5  # noises of the object: what scatters more beside it is a thing, no black level
 
 
@@ -37,7 +38,10 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
         flat = np.broadcast_to(
             np.asarray(fit.scene.background, np.float64), (*view.camera.shape, len(fit.scene.background))
         )
-        found.append((np.asarray(colours(view))[row, column] - record(flat, view)[row, column]).ravel())
+        seen = np.asarray(colours(view))[row, column]
+        if np.mean(seen == 0.0) > CUT_OFF:
+            continue
+        found.append((seen - record(flat, view)[row, column]).ravel())
         brightness.append(float(samples.values(samples.pixels[:: max(len(samples.pixels) // 256, 1)]).mean()))
     shown = np.concatenate(found) if found else np.zeros(0)
     if len(shown) < MIN_SAMPLES or abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):

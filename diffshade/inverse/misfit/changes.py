@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
-from scipy import ndimage
+from scipy import ndimage, special
 from scipy.spatial.transform import Rotation
 
 from ...model.bands import widened
@@ -24,7 +24,7 @@ from ...model.surfaces import Sphere
 from ..data.recording import photograph
 from ..data.views import View, channels, lights_on
 from ..result import Fit
-from ..statistics.uncertainty import Vector
+from ..statistics.uncertainty import Vector, over
 from ..unknowns.places import Place
 from .linearised import Linearised
 
@@ -34,6 +34,8 @@ MAX_SPHERES = 4  # with more spheres, their places are not tested
 SMOOTH_DEGREE = 7  # of the changes that have no name: a wave is half as long as the object
 SMOOTH_OF_ONE_DEGREE = 3  # of those of one view
 MAX_SMOOTH_VIEWS = 24  # of more views, those of one view are not tested
+MIN_ZEROS = 12  # samples of exactly 0 in a view, the smallest: its noise was cut off there
+MAX_NOISES = 4.0  # of a sample above 0: a darker one can be cut off
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 
 
@@ -78,6 +80,8 @@ class Case:
     """The change of each sample by an amount of 1, or the move of the set-up's numbers from which it follows."""
     views: tuple[int, ...] | None = None
     """The views that it affects; None for all."""
+    known: bool = False
+    """Whether it is there for sure, by an amount of 1, which the residuals need not show."""
     renamed: Vector | None = None
     """What an amount of 1 adds to the fit's own values because they mean something else then: n_s of another lobe."""
 
@@ -155,6 +159,20 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 def of_black(at: Linearised) -> Iterator[Case]:
     """Yield a level that is added to every sample."""
     yield Case(0, np.ones((1, len(at.predicted))))
+
+
+def of_floor(at: Linearised) -> Iterator[Case]:
+    """Yield what dark samples gain on average where their noise is cut off at 0."""
+    zeros = [samples.zeros for samples in at.fit.solved.problem.data.samples]
+    told = [view.floor is not None for view in at.fit.views]
+    cut = np.array([n > MIN_ZEROS and not here for n, here in zip(zeros, told, strict=True)])
+    if cut.any():
+        sigma = at.fit.rmse if at.fit.views[0].noise is None else np.sqrt(np.median(over(at.weight)))
+        true = np.linspace(-MAX_NOISES, MAX_NOISES, 1024)
+        seen = true * special.ndtr(true) + np.exp(-0.5 * true**2) / np.sqrt(2.0 * np.pi)  # the mean of max(0, x)
+        level = np.maximum(at.predicted / sigma, seen[0])
+        above = np.where(level < MAX_NOISES, level - np.interp(level, seen, true), 0.0)
+        yield Case(0, sigma * (above * cut[at.set_up.view])[None], known=True)
 
 
 def of_colour(at: Linearised) -> Iterator[Case]:

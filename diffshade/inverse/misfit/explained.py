@@ -73,13 +73,15 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     evidence = _with_samples_beside(at, candidates, group, directions)
     of = relevance(evidence)
     moves, of_noise = directions.moves()
-    named = _named(of, evidence, candidates)
+    certain = [(k, np.array([one.size]), 0.0) for k, one in enumerate(candidates) if one.case.known]
+    named = [*certain, *_named(of, evidence, candidates)]
     for k, *_ in named:
         if (renamed := candidates[k].case.renamed) is not None:
             moves[candidates[k].of] += renamed / candidates[k].size
-    errors = np.sqrt(np.einsum("kp,kl,lp->p", moves, of.covariance, moves) + (of.mean @ moves) ** 2)
+    variance = np.einsum("kp,kl,lp->p", moves, of.covariance, moves) + (of.mean @ moves) ** 2
+    variance += sum((amount @ moves[candidates[k].of]) ** 2 for k, amount, _ in certain)
     found = [_found(at, candidates[k], amount, moves, gain / evidence.squares) for k, amount, gain in named]
-    return Explained(tuple([f for f in found if _matters(f)] or found[:1]), errors, of_noise)
+    return Explained(tuple([f for f in found if _matters(f)] or found[len(certain) :][:1]), np.sqrt(variance), of_noise)
 
 
 def _with_samples_beside(
@@ -95,6 +97,8 @@ def _with_samples_beside(
             information[np.ix_(of.of, of.of)] += weight * len(shown) / of.size**2
             score[of.of] += weight * shown.sum() / of.size
         squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
+    for of in (of.of for of in candidates if of.case.known):
+        information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     return Evidence(information, score, group, squares, freedom)
 
 
@@ -119,7 +123,13 @@ def _named(
     for k, one in enumerate(candidates):
         amount = inverse(information[np.ix_(one.of, one.of)]) @ score[one.of]
         gain = float(amount @ score[one.of])
-        unfit = one.fault.unnamed or one.fault.beside or gain <= MOST * whole or not one.is_plausible(amount)
+        unfit = (
+            one.case.known
+            or one.fault.unnamed
+            or one.fault.beside
+            or gain <= MOST * whole
+            or not one.is_plausible(amount)
+        )
         alone += [] if unfit else [(k, amount, gain)]
     best = max((gain for *_, gain in alone), default=0.0)
     alone = [one for one in alone if one[2] > NEARLY * best]

@@ -191,6 +191,16 @@ FAULTS = (
         plausible=(0.0, 3.0),
     ),
     Fault(
+        "floor",
+        "{zeros:,} samples are exactly 0, where their noise was cut off, so that the dark is too bright on average",
+        "Give the views floor=0 and noise={noise:.2g}, and fit with clipped='tobit'.",
+        changes.of_floor,
+        words=lambda f: {
+            "zeros": sum(samples.zeros for samples in f.given.solved.problem.data.samples),
+            "noise": f.given.rmse,
+        },
+    ),
+    Fault(
         "black",
         "all pixels are {f.size:.2g} brighter than the scene says, beside the object too (a black level, or haze)",
         "Give View(black={f.size:.2g}), or the scene's background.",

@@ -11,6 +11,7 @@ from jaxtyping import Bool
 from ...core.progress import ReportProgress
 from ...core.words import Note, listing
 from ..misfit.beside import beside, p_of_level
+from ..misfit.changes import MIN_ZEROS
 from ..misfit.encodings import better_encoding
 from ..misfit.explained import Explained, explain
 from ..misfit.found import Found
@@ -35,18 +36,21 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, p_of_noise: f
     exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
     if exact or fit.evidence.waves is not None or not fit.determined.any():
         return fit
-    shown = beside(fit)
-    if p_of_noise > FALSE_ALARM and (shown is None or p_of_level(shown) > FALSE_ALARM):
+    is_noise, shown = p_of_noise > FALSE_ALARM, beside(fit)
+    dark = any(samples.zeros >= MIN_ZEROS for samples in fit.solved.problem.data.samples)
+    if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
     report_progress("what the residuals show")
     seen = explain(fit)
+    if is_noise and not seen.found:
+        return fit
     errors = np.maximum(fit.errors, np.hypot(np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
-    notes = (*fit.notes, *_notes(fit, seen, lost))
+    notes = (*fit.notes, *_notes(fit, seen, lost, is_noise=is_noise))
     return replace(fit, errors=errors, from_faults=seen.errors, determined=fit.determined & ~lost, notes=notes)
 
 
-def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"]) -> list[Note]:
+def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"], *, is_noise: bool) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
     if any(f.fault.kind == "gamma" for f in named) and (encoding := better_encoding(fit)):
@@ -63,7 +67,8 @@ def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"]) -> list[Note
         )
     else:
         why = f"{_sentences(named)} The errors allow for this."
-    notes = [Note(f"the residuals are not noise: {why}", "misfit", tuple(f.fault.kind for f in seen.found))]
+    lead = "" if is_noise else "the residuals are not noise: "
+    notes = [Note(f"{lead}{why}", "misfit", tuple(f.fault.kind for f in seen.found))]
     if lost.any():
         names = some_channels(lost, fit.unknowns)
         text = f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
