@@ -14,7 +14,6 @@ from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.tables import as_text, cells, parameters
 from ..core.words import count, listing
-from ..inverse.misfit.residual_correlation import inflate_errors
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy, some_channels
@@ -88,14 +87,14 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     check_kind("fit", fit, Fit, "ds.fit(scene, views, free=('k_d',))")
     with showing("examine", show=progress) as report_progress, in_float64(fit) as own:
         report_progress("errors")
-        clusters, inflation = inflate_errors(own, find_clusters(own))
+        clusters = find_clusters(own)
         profile = LikelihoodProfile(own, clusters)
         found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         refitted, unstable = refits(own, clusters, left_out(own), report_progress)
         report_progress("checking the residuals")
         suspected = suspicions(own)
-    return summarise(fit, clusters, found, profiles, refitted, unstable & fit.determined, suspected, inflation)
+    return summarise(fit, clusters, found, profiles, refitted, unstable & fit.determined, suspected)
 
 
 def summarise(
@@ -106,7 +105,6 @@ def summarise(
     refitted: list[FitWithout],
     unstable: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
-    inflation: str = "",
 ) -> Examination:
     """Return an examination: what stays determined, and the notes.
 
@@ -118,22 +116,20 @@ def summarise(
         refitted: The fits without some of the data.
         unstable: Which values depend on the data that are included.
         suspected: Where the residuals contradict the scene description.
-        inflation: A note on errors that were inflated; empty if they were not.
     """
-    errors = np.hypot(clusters.wide_errors(), fit.from_faults)
+    errors = np.hypot(clusters.wide_errors(), fit.added_errors)
     interval_68, interval_95 = _allowing_for_faults(fit, found)
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     unconstrained = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
     wide = _too_wide(fit, interval_95) & fit.determined & ~unconstrained
     determined = fit.determined & ~unconstrained & ~wide & ~unstable
     notes = [
-        *(suspicion.sentence for suspicion in suspected),
+        *(suspicion.sentence for suspicion in suspected if suspicion.sentence not in fit.notes),
         *_not_determined(fit, unconstrained, wide, interval_95),
         *dependence(fit, refitted, unstable),
         *_correlated(fit),
-        *([inflation] if inflation else []),
         f"errors: {fit.what_errors_hold(clusters)}",
-        *(n for n in fit.notes if n.kind != "0 within noise" and n not in [s.sentence for s in suspected]),
+        *(n for n in fit.notes if n.kind != "0 within noise"),
         *_upper_limits(fit, determined, interval_95),
     ]
     return Examination(
@@ -142,10 +138,10 @@ def summarise(
 
 
 def _allowing_for_faults(fit: Fit, found: Float[np.ndarray, "2 p 2"]) -> Float[np.ndarray, "2 p 2"]:
-    """Return intervals whose ends lie as much farther out as the faults that the residuals show add to the errors."""
+    """Return intervals whose ends lie as much farther out as the checks of the fit add to its errors."""
     wider = np.array([special.ndtri(0.5 + 0.5 * level) for level in LEVELS])[:, None, None]
     away = np.array(found) - fit.values[:, None]
-    out = np.hypot(away, wider * fit.from_faults[:, None])
+    out = np.hypot(away, wider * fit.added_errors[:, None])
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     ends = fit.values[:, None] + np.where(np.arange(2) == 0, -out, out)
     return np.clip(

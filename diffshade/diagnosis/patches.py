@@ -15,13 +15,13 @@ from ..inverse.data.samples import Samples
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.forward.gram import ByView
 from ..inverse.forward.sums import sum_over, waves
-from ..inverse.misfit.residual_correlation import neighbour_correlation
 from ..inverse.pixels.blocks import Block, block_size, pieces
 from ..inverse.problem import FitProblem
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters, compared, independent
 from ..inverse.unknowns.unknown import coordinate_slopes
 from .grams import gram_of
+from .residual_correlation import neighbour_correlation
 
 MIN_PATCHES = 6  # patches that a jackknife needs
 MAX_PATCHES = 64

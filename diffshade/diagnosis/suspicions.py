@@ -11,7 +11,6 @@ from ..core.backend import in_float64
 from ..core.masks import Mask
 from ..inverse.misfit.changes import Move
 from ..inverse.misfit.directions import amount_alone, changes_of
-from ..inverse.misfit.encodings import better_encoding
 from ..inverse.misfit.explained import explained
 from ..inverse.misfit.faults import FAULTS
 from ..inverse.misfit.found import Found
@@ -57,10 +56,11 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
             return (Suspicion("outline", views, None, said(fit.scene, outline), fit.names),)
-        if not fit.from_faults.any():
+        said_by_fit = next((note for note in fit.notes if note.kind == "misfit"), None)
+        if said_by_fit is None:
             return ()
-        if any("gamma" in note.names for note in fit.notes) and (encoding := better_encoding(fit)):
-            return (Suspicion("encoding", views, None, encoding),)
+        if "encoding" in said_by_fit.names:
+            return (Suspicion("encoding", views, None, said_by_fit),)
         set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)))
         at, corrected = linearise(set_up, set_up.base), []
         while len(corrected) < MAX_ROUNDS and (best := _best(at)) is not None:

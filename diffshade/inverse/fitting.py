@@ -20,7 +20,7 @@ from ..parallel.threads import ONE_BLAS_THREAD
 from .data.view_sets import ViewSet
 from .data.views import View
 from .forward.losses import LOSSES
-from .misfit.noise_tests import leftovers, p_value
+from .misfit.noise_tests import leftovers, whiteness
 from .problem import fit_problem, with_samples_for
 from .result import Fit
 from .solving import solve
@@ -149,7 +149,7 @@ def fit(
         data = with_samples_for(scene, data, unknowns, clipped, memory=memory)
         problem = fit_problem(scene, data, unknowns, loss)
         laid, end = solve(problem, from_scene=start == "scene", devices=devices, report_progress=report_progress)
-        found, p_of_noise = summarise(laid, end), p_value(leftovers(laid, end.theta))
+        found, residuals = summarise(laid, end), whiteness(leftovers(laid, end.theta))
         del laid
         of_lights = stated_errors(found.scene, light_error, intensity_error)
         for judge in (
@@ -157,7 +157,7 @@ def fit(
             check_outlines,
             check_priors,
             partial(widen_by_lights, errors=of_lights),
-            partial(allow_for_faults, p_of_noise=p_of_noise),
+            partial(allow_for_faults, residuals=residuals),
         ):
             found = judge(found, report_progress)
         return found

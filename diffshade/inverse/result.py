@@ -66,8 +66,6 @@ class Fit:
     """The Gram of each view, whether the views agree, and the errors that follow."""
     scales: Float[np.ndarray, " p"]
     """The size with which each value is compared, such as the largest reflection of its object; 0 if there is none."""
-    from_faults: Float[np.ndarray, " p"]
-    """What the faults that the residuals show add to the errors, which contain it; 0 where the residuals are noise."""
     notes: tuple[Note, ...]
     """What these views do not determine, what is at a bound, and what was left out: a sentence each."""
 
@@ -132,6 +130,13 @@ class Fit:
         return self.scene.objects[0].material
 
     @property
+    def added_errors(self) -> Float[np.ndarray, " p"]:
+        """What the checks of the fit add to the errors by its clusters: stated errors of lights, and faults."""
+        known = self.determined
+        errors, own = (np.where(known, of, 0.0) for of in (self.errors, self.clusters.wide_errors()))
+        return np.sqrt(np.maximum(errors**2 - own**2, 0.0))
+
+    @property
     def correlation(self) -> Float[np.ndarray, "p p"]:
         """Correlations of the unknowns, from the plain covariance; 0 where there is none."""
         errors = np.sqrt(np.diag(self.covariance))
@@ -155,16 +160,7 @@ class Fit:
             ),
             **{
                 name: getattr(self, name)[free]
-                for name in (
-                    "values",
-                    "errors",
-                    "plain_errors",
-                    "determined",
-                    "at_bound",
-                    "at_lower",
-                    "scales",
-                    "from_faults",
-                )
+                for name in ("values", "errors", "plain_errors", "determined", "at_bound", "at_lower", "scales")
             },
         )
 

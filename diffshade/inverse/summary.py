@@ -117,7 +117,6 @@ def summarise(laid: LaidOut, end: Minimum, *, forecast: bool = False) -> Fit:
         costs=np.array(end.costs),
         clusters=clusters,
         scales=scales,
-        from_faults=np.zeros(len(errors)),
         notes=tuple(notes),
     )
 

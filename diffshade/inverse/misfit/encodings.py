@@ -17,23 +17,22 @@ from ..solving import solve
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
 from .regional import MIN_AGREEMENT
-from .residual_correlation import correlation_of
 from .set_up import PIXELS
 
-MIN_EXPLAINED = 0.5  # the least that the other encoding explains of the structure in the residuals
-MIN_STRUCTURE = 0.05  # the structure in the residuals, over their squares, below which encodings are not tried
+NEARLY = 0.8  # of what a gamma explains
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
-def better_encoding(fit: Fit) -> str | None:
+def better_encoding(fit: Fit, by_gamma: float) -> str | None:
     """Return a sentence if the images fit so much better in the other encoding that it is believed. Runs in float64.
 
-    It explains most of the structure in the residuals, in most views.
+    It explains nearly as much as a gamma does or more, in most views.
+
+    Args:
+        fit: The fit.
+        by_gamma: The fraction of the residuals' squares that a gamma explains, to first order.
     """
-    structure = correlation_of(fit)
-    if structure.share < MIN_STRUCTURE or not structure.least > 0.0:
-        return None
     before = _misfits(fit, lambda image: image)
     for to, back, what, remedy in (
         (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded", "srgb=True"),
@@ -42,7 +41,7 @@ def better_encoding(fit: Fit) -> str | None:
         after = _misfits(_refitted(fit, to), back)
         share = 1.0 - after[:, 0].sum() / before[:, 0].sum()
         agreed = np.mean((after < before)[before[:, 0] > 0, 0])
-        if agreed >= MIN_AGREEMENT and share > MIN_EXPLAINED * structure.share:
+        if agreed >= MIN_AGREEMENT and share > NEARLY * by_gamma:
             rmse = [np.sqrt(of[:, 1].sum() / before[:, 2].sum()) for of in (before, after)]
             return (
                 f"the images seem to be {what}, they fit with RMSE {rmse[1]:.3g} instead of {rmse[0]:.3g}. Read them "

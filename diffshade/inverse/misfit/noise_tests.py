@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +29,7 @@ from ..pixels.blocks import chunks as in_chunks
 
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
 CERTAIN_ERRORS = 3.9  # standard errors of a normal number at that level
-CELLS = 16  # cells along each side of the object; they are joined to 8 and to 4
+CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to 8 and to 4
 BINS = 16  # of equally many pixels, by brightness
 
 
@@ -100,15 +101,25 @@ def _residuals(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple
     return jax.lax.map(of_block, chunk)
 
 
-def p_value(views: Sequence[Leftover]) -> float:
-    """Return the probability of noise to look as little like noise in any of the tests, at most 1."""
+class Whiteness(NamedTuple):
+    """Whether residuals are noise."""
+
+    p_value: float
+    """The probability of noise to look as little like noise in any of the tests, at most 1."""
+    correlation: float
+    """The variance of sums over the cells of the size where it is largest, over that of independent residuals."""
+
+
+def whiteness(views: Sequence[Leftover]) -> Whiteness:
+    """Test whether what is left of the views is noise."""
     views = [view for view in views if len(view.residual) > 1 and view.residual.any()]
     if not views:
-        return 1.0
+        return Whiteness(1.0, 1.0)
     *sums, of_variance = zip(*map(_all_sums, views), strict=True)
     found = [p for of in sums for p in _p_values(of)]
     found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
-    return min(1.0, min(found) * len(found))
+    over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
+    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)))
 
 
 def _all_sums(view: Leftover) -> list[Sums]:
@@ -119,7 +130,7 @@ def _all_sums(view: Leftover) -> list[Sums]:
     z, at = view.residual, view.shown
     squares, bins = z**2, _bins(view)
     fine = [np.bincount(at.cell, of, CELLS**2) for of in (z, squares)]
-    found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS, CELLS // 2, CELLS // 4)]
+    found: list[Sums] = [_joined(fine, CELLS // side) for side in (CELLS >> k for k in range(SIZES))]
     of_bins = [np.bincount(bins, of, BINS) for of in (z, squares)]
     found.append((of_bins[0], of_bins[1]))
     residual, light, width, inner = at.image(z), at.image(view.light), at.shape[1], at.inner

@@ -15,7 +15,7 @@ from ..misfit.changes import MIN_ZEROS
 from ..misfit.encodings import better_encoding
 from ..misfit.explained import Explained, explain
 from ..misfit.found import Found
-from ..misfit.noise_tests import FALSE_ALARM
+from ..misfit.noise_tests import FALSE_ALARM, Whiteness
 from ..result import Fit
 from ..statistics.identifiability import some_channels, vague
 from .stability import ROUNDING
@@ -23,7 +23,7 @@ from .stability import ROUNDING
 MAX_NAMED = 2  # faults that the note names
 
 
-def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, p_of_noise: float) -> Fit:
+def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Whiteness) -> Fit:
     """Return a fit whose errors allow for the faults that its residuals show. In float64.
 
     The values stay as they are; one that is lost in its new error is not determined.
@@ -31,12 +31,12 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, p_of_noise: f
     Args:
         fit: The fit.
         report_progress: Reports progress.
-        p_of_noise: The probability of noise to look as little like noise as the residuals (`noise_tests.p_value`).
+        residuals: Whether its residuals are noise.
     """
     exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
     if exact or fit.evidence.waves is not None or not fit.determined.any():
         return fit
-    is_noise, shown = p_of_noise > FALSE_ALARM, beside(fit)
+    is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
     dark = any(samples.zeros >= MIN_ZEROS for samples in fit.solved.problem.data.samples)
     if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
@@ -44,21 +44,25 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, p_of_noise: f
     seen = explain(fit)
     if is_noise and not seen.found:
         return fit
-    errors = np.maximum(fit.errors, np.hypot(np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
+    correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
+    errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
     notes = (*fit.notes, *_notes(fit, seen, lost, is_noise=is_noise))
-    return replace(fit, errors=errors, from_faults=seen.errors, determined=fit.determined & ~lost, notes=notes)
+    return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
 
 
 def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"], *, is_noise: bool) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
-    if any(f.fault.kind == "gamma" for f in named) and (encoding := better_encoding(fit)):
-        why = f"{encoding} The errors allow for this."
+    kinds = tuple(f.fault.kind for f in seen.found)
+    gamma = next((f.share for f in named if f.fault.kind == "gamma"), None)
+    if gamma is not None and (encoding := better_encoding(fit, gamma)):
+        why, kinds = f"{encoding} The errors allow for this.", ("encoding",)
     elif not seen.found:
         why = (
-            "no fault of the description explains them. The noise differs with brightness, or is correlated. The "
-            "errors are by the scatter of the samples; give View.noise, or read the files without denoising."
+            "no fault of the description explains them. The noise differs with brightness, or neighbours share it, as "
+            "after JPEG, demosaicing or denoising. The errors are by the scatter of the samples, and of sums over "
+            "neighbours."
         )
     elif not named or seen.found[0].fault.unnamed:
         why = (
@@ -68,7 +72,7 @@ def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"], *, is_noise:
     else:
         why = f"{_sentences(named)} The errors allow for this."
     lead = "" if is_noise else "the residuals are not noise: "
-    notes = [Note(f"{lead}{why}", "misfit", tuple(f.fault.kind for f in seen.found))]
+    notes = [Note(f"{lead}{why}", "misfit", kinds)]
     if lost.any():
         names = some_channels(lost, fit.unknowns)
         text = f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."
