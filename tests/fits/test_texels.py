@@ -143,7 +143,10 @@ def test_a_matte_ball_has_no_highlight():
 
 
 def test_masked_and_clipped_observations_are_excluded():
-    """Pixels outside a mask and clipped samples do not count; arrays may have another byte order."""
+    """Pixels outside a mask and clipped samples do not count; arrays may have another byte order.
+
+    Where they were clipped need not be said, if many samples show it.
+    """
     ball = textured_ball(SIZE, noise=0.002, intensity=COLOURED)
     level, half = 0.5, np.zeros(ball.mask.shape, bool)
     half[:, : SIZE // 2] = True
@@ -157,12 +160,8 @@ def test_masked_and_clipped_observations_are_excluded():
         for i, (im, v) in enumerate(zip(clipped, ball.views, strict=True))
     ]
     identifiable = ds.fit_texels(ball.scene, views)
-    assert (
-        off(identifiable, ball, "k_d", identifiable.known).mean()
-        < 0.01
-        < 0.02
-        < off(believed, ball, "k_d", believed.known).mean()
-    )
+    assert off(identifiable, ball, "k_d", identifiable.known).mean() < 0.01
+    assert off(believed, ball, "k_d", believed.known).mean() < 0.01
     of_one = [np.where(view.image == 1.0, 0.999, view.image) for view in ball.views]
     at_one = [ds.View(np.minimum(im, 1.0), v.camera, lit=v.lit) for im, v in zip(of_one, ball.views, strict=True)]
     whole = ds.fit_texels(ball.scene, at_one)

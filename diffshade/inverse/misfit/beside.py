@@ -39,11 +39,13 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
             np.asarray(fit.scene.background, np.float64), (*view.camera.shape, len(fit.scene.background))
         )
         seen = np.asarray(colours(view))[row, column]
-        if np.mean(seen == 0.0) > CUT_OFF:
+        if not seen.size or np.mean(seen == 0.0) > CUT_OFF:
             continue
         found.append((seen - record(flat, view)[row, column]).ravel())
         brightness.append(float(samples.values(samples.pixels[:: max(len(samples.pixels) // 256, 1)]).mean()))
-    shown = np.concatenate(found) if found else np.zeros(0)
+    if not found:
+        return None
+    shown = np.concatenate(found)
     if len(shown) < MIN_SAMPLES or abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):
         return None
     noise = (

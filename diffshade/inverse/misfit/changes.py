@@ -11,7 +11,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
-from scipy import ndimage, special
+from scipy import special
 from scipy.spatial.transform import Rotation
 
 from ...model.bands import widened
@@ -26,10 +26,9 @@ from ..data.views import View, channels, lights_on
 from ..result import Fit
 from ..statistics.uncertainty import Vector, over
 from ..unknowns.places import Place
-from .linearised import Linearised
+from .linearised import BLUR_SIGMAS, Linearised
 
 MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
-BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
 MAX_SPHERES = 4  # with more spheres, their places are not tested
 SMOOTH_DEGREE = 7  # of the changes that have no name: a wave is half as long as the object
 SMOOTH_OF_ONE_DEGREE = 3  # of those of one view
@@ -106,7 +105,7 @@ def of_spheres(part: str, fit: Fit) -> list[Place]:
 
 def of_vignetting(at: Linearised) -> Iterator[Case]:
     """Yield light that falls by the square of the distance from the image's centre."""
-    yield Case(0, -(at.light * at.of([_rho2(view) for view in at.fit.views]))[None])
+    yield Case(0, -(at.light * at.of(map(_rho2, at.fit.views)))[None])
 
 
 def of_uneven_light(at: Linearised) -> Iterator[Case]:
@@ -129,7 +128,8 @@ def of_stray_light(at: Linearised) -> Iterator[Case]:
 
 def of_shift(at: Linearised) -> Iterator[Case]:
     """Yield pictures that are shifted, by pixels along a row and along a column."""
-    yield Case(0, np.array([at.of([np.gradient(x, axis=axis) for x in at.pictures]) for axis in (1, 0)]))
+    if at.drawable:
+        yield Case(0, at.looks[len(BLUR_SIGMAS) :])
 
 
 def of_gamma(at: Linearised) -> Iterator[Case]:
@@ -139,9 +139,8 @@ def of_gamma(at: Linearised) -> Iterator[Case]:
 
 def of_blur(at: Linearised) -> Iterator[Case]:
     """Yield pictures blurred by some widths."""
-    for k, sigma in enumerate(BLUR_SIGMAS):
-        blurred = [ndimage.gaussian_filter(x, (sigma, sigma, 0), mode="nearest") - x for x in at.pictures]
-        yield Case(k, at.of(blurred)[None])
+    for k in range(len(BLUR_SIGMAS)) if at.drawable else ():
+        yield Case(k, at.looks[k][None])
 
 
 def of_lobe(at: Linearised) -> Iterator[Case]:
@@ -154,6 +153,12 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
                 renamed[j] = at.fit.values[j] * (1.0 - (0.25 if blinn else 4.0))
     for case in _of_material(at, 0, with_other_lobe):
         yield replace(case, renamed=renamed)
+
+
+def of_bound(at: Linearised) -> Iterator[Case]:
+    """Yield the change by each value at a bound, which the photographs may want beyond it."""
+    for j in np.flatnonzero(at.set_up.fit.at_bound).tolist():
+        yield Case(j, at.jacobian[[j]].toarray())
 
 
 def of_black(at: Linearised) -> Iterator[Case]:
@@ -232,9 +237,8 @@ def _center(at: Linearised, name: str) -> np.ndarray:
 def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
     """Yield the change of the pictures by a change of each material that shines."""
     scene = with_materials(at.fit.scene, change)
-    if scene is not None:
-        changed = [photograph(scene, v) - x for v, x in zip(at.fit.views, at.pictures, strict=True)]
-        yield Case(which, at.of(changed)[None])
+    if scene is not None and at.drawable:
+        yield Case(which, (at.of(photograph(scene, view) for view in at.fit.views) - at.predicted)[None])
 
 
 def _smooth(at: Linearised, degree: int) -> Float[np.ndarray, "k n"]:

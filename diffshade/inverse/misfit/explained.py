@@ -78,6 +78,8 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     for k, *_ in named:
         if (renamed := candidates[k].case.renamed) is not None:
             moves[candidates[k].of] += renamed / candidates[k].size
+    for one in (one for one in candidates if one.fault.kind == "bound"):
+        moves[one.of, one.case.which] = 0.0  # which stays at its bound
     variance = np.einsum("kp,kl,lp->p", moves, of.covariance, moves) + (of.mean @ moves) ** 2
     variance += sum((amount @ moves[candidates[k].of]) ** 2 for k, amount, _ in certain)
     found = [_found(at, candidates[k], amount, moves, gain / evidence.squares) for k, amount, gain in named]

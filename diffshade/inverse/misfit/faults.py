@@ -10,8 +10,9 @@ import numpy as np
 from ...core.words import listing
 from ...model.lobes import Blinn
 from . import changes, regional
-from .changes import BLUR_SIGMAS, EXPONENT_FACTORS
+from .changes import EXPONENT_FACTORS
 from .found import Fault, Found
+from .linearised import BLUR_SIGMAS
 
 
 def _of_exposure(f: Found) -> dict[str, Any]:
@@ -199,6 +200,13 @@ FAULTS = (
             "zeros": sum(samples.zeros for samples in f.given.solved.problem.data.samples),
             "noise": f.given.rmse,
         },
+    ),
+    Fault(
+        "bound",
+        "the photographs want {name} beyond its bound {value:.3g}",
+        "Check the bound; where it is right, something else in the description is wrong.",
+        changes.of_bound,
+        words=lambda f: {"name": f.given.names[f.which], "value": f.given.values[f.which]},
     ),
     Fault(
         "black",

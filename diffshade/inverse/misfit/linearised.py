@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import sparse
+from scipy import ndimage, sparse
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
+from ...io.lazy_images import LazyImage
 from ...parallel.threads import on_all_cores
 from ..data.recording import photograph
-from ..data.views import channels
+from ..data.views import View, channels
 from ..forward.gram import directions_of
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block
@@ -24,6 +25,8 @@ from ..pixels.blocks import chunks as in_chunks
 from ..result import Fit
 from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
+
+BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,26 @@ class Linearised:
         """The fit at this state."""
         return self.state.fit
 
+    @property
+    def drawable(self) -> bool:
+        """Whether the photographs can be drawn as a whole: those of files that are not in memory are not."""
+        return not any(isinstance(view.image, LazyImage) for view in self.fit.views)
+
     @cached_property
-    def pictures(self) -> list[np.ndarray]:
-        """The whole photographs that the fit predicts."""
-        return [photograph(self.fit.scene, view) for view in self.fit.views]
+    def looks(self) -> Float[np.ndarray, "looks n"]:
+        """What blurs of `BLUR_SIGMAS` change in the photographs that the fit predicts, and shifts by a pixel.
+
+        The shifts are along a row and along a column.
+        """
+
+        def look(view: View) -> Float[np.ndarray, "h w c looks"]:
+            picture = photograph(self.fit.scene, view)
+            blurs = (ndimage.gaussian_filter(picture, sigma, axes=(0, 1), mode="nearest") for sigma in BLUR_SIGMAS)
+            return np.stack(
+                [*(of - picture for of in blurs), np.gradient(picture, axis=1), np.gradient(picture, axis=0)], -1
+            )
+
+        return self.of(map(look, self.fit.views)).T
 
     @cached_property
     def light(self) -> Float[np.ndarray, " n"]:
@@ -64,14 +83,15 @@ class Linearised:
     def at_rims(self) -> Bool[np.ndarray, " n"]:
         """Which samples are at grazing rims."""
         rims = zip(self.set_up.rims, self.fit.views, strict=True)
-        return self.of([np.repeat(rim[..., None], channels(view), 2) for (rim, _), view in rims]) > 0
+        return self.of(np.repeat(rim[..., None], channels(view), 2) for (rim, _), view in rims) > 0
 
-    def of(self, pictures: Sequence[np.ndarray]) -> Float[np.ndarray, " n"]:
-        """Return the samples of pictures (h, w, c), one for each view."""
-        at = self.set_up
-        here = [slice(*ends) for ends in zip(at.first[:-1], at.first[1:], strict=True)]
-        flat = [picture.reshape(-1, picture.shape[2]) for picture in pictures]
-        return np.concatenate([x[at.pixel[of], at.channel[of]] for x, of in zip(flat, here, strict=True)]).astype(float)
+    def of(self, pictures: Iterable[np.ndarray]) -> Float[np.ndarray, "n ..."]:
+        """Return the samples of pictures (h, w, c, ...), one for each view, of which one at a time is in memory."""
+        at, found = self.set_up, []
+        for picture, first, end in zip(pictures, at.first[:-1], at.first[1:], strict=True):
+            flat = picture.reshape(-1, *picture.shape[2:])
+            found.append(flat[at.pixel[first:end], at.channel[first:end]].astype(float))
+        return np.concatenate(found)
 
 
 def linearise(set_up: SetUp, state: Corrected) -> Linearised:
