@@ -72,14 +72,14 @@ def test_every_view_has_its_share_whatever_memory_there_is(views):
 
 
 def test_views_that_are_made_as_they_are_read_take_little_memory(tmp_path):
-    """The views hold 100 MB; what grows is mostly XLA and the pixels' places."""
+    """The views hold 100 MB; what grows is mostly XLA, what the residuals show, and the pixels' places."""
     if not Path("/proc/self/status").exists():
         pytest.skip("memory is measured by Linux's /proc")
     command = [sys.executable, "-W", "error", SUPPORT / "generated.py", 1024, 2e6, tmp_path / "out.npz"]
     done = subprocess.run([*map(str, command)], env={**os.environ}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     with np.load(tmp_path / "out.npz") as found:
-        assert found["grown"] < 350e6
+        assert found["grown"] < 450e6
         assert found["pixels"] < 4e4
 
 

@@ -156,8 +156,9 @@ def of_lobe(at: Linearised) -> Iterator[Case]:
 
 
 def of_bound(at: Linearised) -> Iterator[Case]:
-    """Yield the change by each value at a bound, which the photographs may want beyond it."""
-    for j in np.flatnonzero(at.set_up.fit.at_bound).tolist():
+    """Yield the change by each value at a bound other than 0, which the photographs may want beyond it."""
+    fit = at.set_up.fit
+    for j in np.flatnonzero(fit.at_bound & (fit.values != 0.0)).tolist():
         yield Case(j, at.jacobian[[j]].toarray())
 
 
