@@ -32,7 +32,7 @@ class Suspicion:
     """A place where the residuals of a fit contradict the scene description."""
 
     kind: str
-    """"outline", or that of a fault of the table (`faults.FAULTS`)."""
+    """"outline", "encoding", "convention", or that of a fault of the table (`faults.FAULTS`)."""
     views: tuple[int, ...]
     region: tuple[Mask, ...] | None = field(repr=False)
     """The affected pixels of each of these views; None for the whole image."""
@@ -59,8 +59,8 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         said_by_fit = next((note for note in fit.notes if note.kind == "misfit"), None)
         if said_by_fit is None:
             return ()
-        if "encoding" in said_by_fit.names:
-            return (Suspicion("encoding", views, None, said_by_fit),)
+        if said_by_fit.names in (("encoding",), ("convention",)):
+            return (Suspicion(said_by_fit.names[0], views, None, said_by_fit),)
         set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)))
         at, corrected = linearise(set_up, set_up.base), []
         while len(corrected) < MAX_ROUNDS and (best := _best(at)) is not None:

@@ -18,6 +18,7 @@ from .noise_tests import FALSE_ALARM
 
 ITERATIONS = 60  # of the variances, at most
 SETTLED = 0.02  # change of the logarithms of the variances that matter below which they have settled
+MAX_DIRECTIONS = 200  # at a time: the work grows with their cube
 ROUNDS = 3  # in which groups that show only beside others come back
 SEEN = 1e-6  # eigenvalue of a group's information over its largest, below which a part of it cannot be told
 
@@ -53,12 +54,14 @@ class Relevance:
 def relevance(of: Evidence) -> Relevance:
     """Return which groups are in the residuals: those that show alone, less what others explain as well."""
     groups = int(of.group.max(initial=-1)) + 1
-    found = _posterior(of, np.zeros(groups, bool))
+    found, size = _posterior(of, np.zeros(groups, bool)), np.bincount(of.group, minlength=groups)
     for _ in range(ROUNDS):
-        more = ~found.active & (_p_values(of, found) < FALSE_ALARM)
-        if not more.any():
+        p_values = _p_values(of, found)
+        surest = [k for k in np.argsort(p_values, kind="stable") if not found.active[k] and p_values[k] < FALSE_ALARM]
+        room = MAX_DIRECTIONS - size[found.active].sum() - np.cumsum(size[surest])
+        if not (room >= 0).any():
             break
-        found = _pruned(of, found.active | more)
+        found = _pruned(of, found.active | np.isin(np.arange(groups), np.array(surest)[room >= 0]))
     return found
 
 

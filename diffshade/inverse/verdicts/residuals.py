@@ -12,6 +12,7 @@ from ...core.progress import ReportProgress
 from ...core.words import Note, listing
 from ..misfit.beside import beside, p_of_level
 from ..misfit.changes import MIN_ZEROS
+from ..misfit.conventions import other_convention
 from ..misfit.encodings import better_encoding
 from ..misfit.explained import Explained, explain
 from ..misfit.found import Found
@@ -20,6 +21,7 @@ from ..result import Fit
 from ..statistics.identifiability import some_channels, vague
 from .stability import ROUNDING
 
+GROSS = 0.01  # of the photographs' squares: a tenth of their brightness, which a light a few degrees off does not leave
 MAX_NAMED = 2  # faults that the note names
 
 
@@ -41,6 +43,10 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
     report_progress("what the residuals show")
+    gross = fit.evidence.spread[1] > GROSS * fit.squares
+    if gross and (other := other_convention(fit)):
+        lost = np.zeros_like(fit.determined)
+        return replace(fit, determined=lost, notes=(Note(other, "misfit", ("convention",)), *fit.notes))
     seen = explain(fit)
     if is_noise and not seen.found:
         return fit

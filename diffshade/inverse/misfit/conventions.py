@@ -1,0 +1,102 @@
+"""Conventions: whether the lights seem to be described in other axes, or listed in another order than the photographs.
+
+Both are common where directions come from another program, and ruin every number. No first-order change of the scene
+leads from one convention to another: each is tried by a fit of some pixels.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...core.words import listing
+from ...model.scenes import Scene
+from ..data.samples import MIN_PIXELS, share_of
+from ..data.view_sets import ViewSet
+from ..problem import fit_problem
+from ..result import Fit
+from ..solving import solve
+from ..unknowns.places import Place
+from ..unknowns.unknown import free_places
+
+PIXELS = 1 << 11  # of all views together, on which a convention is tried
+MIN_VIEWS = 4  # with fewer, several conventions can fit alike
+HEALED = 0.25  # of the squares that the scene as given leaves, below which a convention is believed
+CLEARLY = 0.8  # of those that the next best leaves
+
+Convention = tuple[str, Scene, ViewSet]  # what it is in words, and the scene and views in it
+
+
+def other_convention(fit: Fit) -> str | None:
+    """Return a sentence if other axes, or another order of the lights, heal most of a fit's misfit. In float64."""
+    free = {(place.owner, place.field) for place in free_places(fit.unknowns)}
+    placed = any(owner == "lights" and name in ("direction", "position") for owner, name in free)
+    if len(fit.views) < MIN_VIEWS or placed:
+        return None
+    whole = fit.solved.problem.data
+    part = PIXELS / whole.counts.pixels
+    data = whole.with_samples([share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS)) for s in whole.samples])
+    given = _cost(fit, fit.scene, data)
+    tried = [(_cost(fit, scene, of), words) for words, scene, of in _conventions(fit.scene, data)]
+    (best, words), *others = sorted(tried) or [(np.inf, "")]
+    if best > HEALED * given or (others and best > CLEARLY * others[0][0]):
+        return None
+    left = np.sqrt(best / given)
+    return f"{words}: they fit with {left:.0%} of the RMSE so. Nothing is determined until it is corrected."
+
+
+def _cost(fit: Fit, scene: Scene, data: ViewSet) -> float:
+    start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
+    _, end = solve(fit_problem(scene, data, start, fit.likelihood.loss))
+    return float(end.point.total.cost)
+
+
+def _conventions(scene: Scene, data: ViewSet) -> Iterator[Convention]:
+    """Yield the scene with its lights in other axes, and the views under other lights."""
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            axes = np.array(signs)[:, None] * np.eye(3)[list(order)]
+            if (axes != np.eye(3)).any():
+                yield _axes_in_words(axes), _turned(scene, axes), data
+    one_each = all(len(of) == 1 for of in data.lit) and len({*data.lit}) == len(data.lit)
+    for words, order in _orders([of[0] for of in data.lit]) if one_each else ():
+        views = tuple(dataclasses.replace(view, lit=(i,)) for view, i in zip(data.views, order, strict=True))
+        lit = tuple((i,) for i in order)
+        yield words, scene, dataclasses.replace(data, views=views, lit=lit)
+
+
+def _turned(scene: Scene, axes: Float[np.ndarray, "3 3"]) -> Scene:
+    """Return the scene with the places of its lights in other axes."""
+    places = [Place("lights", i, (name,)) for i, light in enumerate(scene.lights) for name in light.placement]
+    moved = [axes @ np.asarray(place.value_in(scene, ()), np.float64) for place in places]
+    return eqx.tree_at(lambda of: [place.value_in(of, ()) for place in places], scene, moved)
+
+
+def _axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
+    order, names = np.abs(axes).argmax(1), "xyz"
+    moved = [names[k] for k in range(3) if order[k] != k]
+    negated = [names[k] for k in range(3) if axes[k, order[k]] < 0]
+    swapped = f"{listing(moved)} {'swapped' if len(moved) == 2 else 'in the order ' + ''.join(names[k] for k in order)}"
+    parts = [*([swapped] if moved else []), *([f"{listing(negated)} negated"] if negated else [])]
+    return f"the lights seem to be described in other axes than the photographs, with {' and '.join(parts)}"
+
+
+def _orders(lights: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
+    """Yield the usual wrong orders of a list of lights, one for each photograph."""
+    n = len(lights)
+    as_text = sorted(range(n), key=str)
+    back = np.argsort(as_text).tolist()
+    for words, order in (
+        ("the lights seem to be listed in the reverse order of the photographs", [*range(n - 1, -1, -1)]),
+        ("the list of lights seems to begin one too early for the photographs", [*range(1, n), 0]),
+        ("the list of lights seems to begin one too late for the photographs", [n - 1, *range(n - 1)]),
+        ("the photographs seem to be sorted as text (1, 10, 11, 2), and the lights by number", as_text),
+        ("the lights seem to be sorted as text (1, 10, 11, 2), and the photographs by number", back),
+    ):
+        if order != [*range(n)]:
+            yield words, [lights[k] for k in order]
