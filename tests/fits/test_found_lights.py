@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
+from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.texels.lights.found import notes_on
