@@ -169,6 +169,7 @@ def test_a_fit_by_elimination_ends_where_the_dense_one_does():
         np.testing.assert_allclose(ends[0].theta, ends[1].theta, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bounded", [False, True])
 def test_the_step_of_the_material_alone_is_that_of_all_with_the_rest_held(bounded):
     with jax.enable_x64(True):

@@ -97,6 +97,7 @@ def test_an_own_law_of_attenuation_is_fitted_by_name(absorbed):
     assert abs(searched.values[-1] - 0.6) < 4 * searched.errors[-1] < 0.02
 
 
+@pytest.mark.thorough
 def test_what_photographs_cannot_tell_of_an_own_law_is_said():
     told = own_parts.PowerAttenuation(1.0, 1.3)
     scaled = fit_law(told, told, ("attenuation", "a"))
