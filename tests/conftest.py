@@ -30,7 +30,7 @@ if os.environ.get("DIFFSHADE_TEST_TYPES") == "1":
 QUICKER = "--xla_cpu_use_fusion_emitters=false"
 HAS_QUICKER = tuple(map(int, jaxlib_version.split(".")[:2])) < (0, 11)
 
-LONG = ("test_settings.py", "test_notebooks.py")
+LONG = ("test_readme.py", "test_settings.py", "test_notebooks.py")
 
 
 class ByModule(LoadScopeScheduling):

@@ -143,7 +143,7 @@ def test_what_it_does_not_know_is_refused():
     refuses(lambda: ds.fit_function(TOLD, view, free="kd"), "'kd'", "k_d")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_thousand_fits_end_at_or_below_the_cost_of_the_truth():
     images, cost = drawn(1000, 32)
     function = ds.fit_function(TOLD, ds.View(images[0], camera(32)), free=FREE)

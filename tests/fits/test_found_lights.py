@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import pytest
+from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.texels.lights.found import notes_on
@@ -69,6 +70,7 @@ def test_directions_and_intensities_are_refined_and_their_errors_hold(refined, u
     assert np.mean(np.abs(left - left.mean()) <= 1.96 * found.intensity_errors) >= 0.9
 
 
+@pytest.mark.thorough
 def test_it_says_what_photographs_cannot_tell(refined):
     text = str(refined[1])
     assert "linear map (9 numbers)" in text
@@ -77,6 +79,7 @@ def test_it_says_what_photographs_cannot_tell(refined):
     assert f"and {COUNT - 8} lights that moved less" in text
 
 
+@pytest.mark.thorough
 def test_the_found_scene_has_the_found_lights(refined, unequal):
     found = refined[1]
     lights = found.scene.lights

@@ -74,6 +74,7 @@ def laid_out(towards: np.ndarray, material: ds.Material = GLOSSY):
     return problem, theta, places_apart(unknowns, problem.box.arrow)
 
 
+@pytest.mark.thorough
 def test_only_lights_whose_views_cost_more_elsewhere_are_moved_and_all_of_them_at_once():
     with jax.enable_x64(True):
         towards = lights_about(12)

@@ -97,6 +97,7 @@ def test_an_own_law_of_attenuation_is_fitted_by_name(absorbed):
     assert abs(searched.values[-1] - 0.6) < 4 * searched.errors[-1] < 0.02
 
 
+@pytest.mark.thorough
 def test_what_photographs_cannot_tell_of_an_own_law_is_said():
     told = own_parts.PowerAttenuation(1.0, 1.3)
     scaled = fit_law(told, told, ("attenuation", "a"))
@@ -162,12 +163,10 @@ def test_the_page_draws_an_own_law_that_says_how_and_names_one_that_does_not(abs
 @pytest.mark.parametrize(
     ("path", "lobe"),
     [
-        ("rho", None),
-        ("lobe.m", None),
-        ("k_d.turns", None),
-        ("start", None),
+        ("k_d.turns", None),  # of a scene that has the lobe and the light too
         ("wrap", own_parts.Wrapped()),
         ("radius", None),
+        *(pytest.param(path, None, marks=pytest.mark.thorough) for path in ("rho", "lobe.m", "start")),
     ],
 )
 def test_they_render_and_differentiate(path, lobe):
@@ -223,6 +222,7 @@ def test_a_line_of_one_sample_is_its_middle_and_of_many_an_area_lights_axis():
     np.testing.assert_allclose(ds.render(both, CAMERA), apart[0] + apart[1] - ambient, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_lamp_by_its_path_alone_is_fitted_as_it_is_rendered():
     scene = own_scene(ds.Phong(), (own_parts.Lantern((1, 3, 3), 2.0), own_parts.Lantern((-2, 1, 4), 2.0)))
     views = [ds.View(synthetic.photograph(scene, CAMERA, (i,)), CAMERA, lit=i) for i in (0, 1)]

@@ -75,6 +75,7 @@ def test_intervals_by_own_views_are_those_by_all_views(loss, monkeypatch):
     assert all(len(points) >= 4 for points in profile.evaluated)
 
 
+@pytest.mark.thorough
 def test_passes_over_all_views_do_not_become_more_with_the_views(monkeypatch):
     calls = dict.fromkeys(("all", "own"), 0)
     whole, own = LaidOut.minimise, OwnViews.rise
@@ -106,6 +107,7 @@ def by_own_views_alone(fit: ds.Fit, monkeypatch) -> np.ndarray:
         return found(fit)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "near", "most"), [("intensity", 2.5e-3, 80), ("exposure", 4e-3, 125)])
 def test_the_scale_that_all_reflections_share_with_the_lights_is_followed(name, near, most, monkeypatch):
     """Three errors of an intensity move the scale of all by 3 %, far beyond where other views are quadratic in k_d.
@@ -124,6 +126,7 @@ def test_the_scale_that_all_reflections_share_with_the_lights_is_followed(name, 
     assert len(asked) <= most  # of the border, and of the farthest few
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("more", "k_s", "noise", "seed", "near"), [((), 0.0, 0.02, 4, 6e-3), (("attenuation",), 0.3, 0.03, 1, 0.03)]
 )
@@ -139,6 +142,7 @@ def test_reflections_lost_in_the_noise_have_no_logarithm(more, k_s, noise, seed,
     assert np.all(away <= near * np.ptp(by_all, axis=-1))
 
 
+@pytest.mark.thorough
 def test_where_other_views_are_quadratic_in_nothing_all_views_are_asked(monkeypatch):
     """Attenuation leaves reflections open to 60 %."""
     monkeypatch.setattr(module, "CLOSE", 1e-3)

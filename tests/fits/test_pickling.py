@@ -6,6 +6,7 @@ import pickle
 import jax
 import numpy as np
 import pytest
+from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 

@@ -57,6 +57,7 @@ def test_clipped_highlights_that_are_taken_for_the_truth_flatten_the_highlight()
     assert found.counts.clipped == found.counts.left_out == 0
 
 
+@pytest.mark.thorough
 def test_samples_clipped_at_the_floor_say_only_that_the_truth_is_below():
     black = -0.09  # so that what is in shadow is about 0, on both sides
     images = [np.maximum(image, 0.0) for image in noisy([i + black for i in clean_images()], SIGMA, 0)]

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import ndimage
+from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.inverse.data.recording import developed, photograph
@@ -120,7 +121,7 @@ def test_what_the_sensor_clipped_stays_clipped(dtype, saturation):
 
 @pytest.mark.thorough
 def test_maps_remember_the_sensor(tmp_path):
-    ball = textured_ball(16, 10)
+    ball = textured_ball(16, 12)
     linear = [dataclasses.replace(view, image=np.maximum(view.image, 0)) for view in ball.views]
     views = [dataclasses.replace(view, image=view.image**0.5, sensor=ds.Sensor(gamma=2.0)) for view in linear]
     free = ("k_d", "k_s", "n_s", "normal")
@@ -163,8 +164,8 @@ def test_the_response_rises_and_has_an_inverse_and_a_finite_slope(sensor):
 
 @pytest.mark.thorough
 def test_texels_tell_an_undeclared_gamma():
-    strengths = np.linspace(0.6, 1.4, 16)
-    ball = textured_ball(40, 16, noise=0.0, intensity=strengths[:, None] * np.ones(3), gloss=0.5, lobe="blinn")
+    strengths = np.linspace(0.6, 1.4, 12)
+    ball = textured_ball(20, 12, noise=0.0, intensity=strengths[:, None] * np.ones(3), gloss=0.5, lobe="blinn")
     white = max(float(view.image.max()) for view in ball.views)
     coded = [
         dataclasses.replace(view, image=np.round(255 * np.maximum(view.image / white, 0) ** (1 / 1.6)) / 255)

@@ -40,6 +40,7 @@ def test_a_fit_of_a_part_holds_the_truth_within_errors_that_grow_as_it_says(view
     assert not any(note.kind == "memory" for note in whole.notes)
 
 
+@pytest.mark.thorough
 def test_a_part_can_be_examined(views):
     part = ds.fit(synthetic.standard_scene(), views[:3], free=("k_d",), memory=2e5)
     found = ds.examine(part)
@@ -71,6 +72,7 @@ def test_every_view_has_its_share_whatever_memory_there_is(views):
     assert pixels == [256] * len(views)
 
 
+@pytest.mark.thorough
 def test_views_that_are_made_as_they_are_read_take_little_memory(tmp_path):
     """The views hold 100 MB; what grows is mostly XLA, what the residuals show, and the pixels' places."""
     if not Path("/proc/self/status").exists():

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from small_blocks import small_blocks  # noqa: F401
 from textured import Ball, angle, facing_us, lights_about, textured_ball
 
 import diffshade as ds
@@ -21,21 +22,13 @@ SIZE = 32
 COLOURED = np.random.default_rng(1).uniform(0.5, 2.0, (20, 3))  # the lights
 
 
-@pytest.fixture(scope="module", autouse=True)
-def small_blocks():
-    """Blocks of 64 texels: one program serves fits of any size, in bands or not."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tiles, "BLOCK", 64)
-        yield
-
-
 @pytest.fixture(scope="module")
 def ball() -> Ball:
     return textured_ball(SIZE, intensity=COLOURED)
 
 
 @pytest.fixture(scope="module")
-def maps(ball, small_blocks):
+def maps(ball):
     with jax.enable_x64(False):  # as most users have it
         found = ds.fit_texels(ball.scene, ball.views)
         assert jnp.zeros(1).dtype == jnp.float32
@@ -199,7 +192,7 @@ def test_bands_and_an_interruption_change_nothing(ball, maps, tmp_path, monkeypa
 
 
 @pytest.fixture(scope="module")
-def turned(small_blocks):
+def turned():
     ball = textured_ball(SIZE, noise=0.005)
     return ball, ds.fit_texels(facing_us(ball), ball.views, free=(*MAPS, "normal"))
 

@@ -38,7 +38,15 @@ import diffshade as ds
 from diffshade.model.attenuation import angular_attenuation
 from diffshade.model.rendering import pixel_rays
 
-TIERS = {"a floor, a turned box and a ball": pytest.mark.slow}
+# every field of theirs is in a thorough scene too, but for depth cueing, a normal map and what fits of them check
+TIERS = dict.fromkeys(
+    (
+        "a floor, a turned box and a ball",
+        "unbent through two balls and past a wall",
+        "a ball under two lights of each kind",
+    ),
+    pytest.mark.slow,
+)
 QUICK = ["a ball under lights that are clamped and cut off"]
 AMBIENT = {"0.objects.0.material.k_a", "0.objects.0.material.k_e", "0.ambient"}
 

@@ -58,7 +58,7 @@ def _operation_by_operation():
 
 @pytest.mark.parametrize("name", [name for name in SCENES if name not in LONG_TO_RENDER])
 def test_a_picture_is_that_of_the_oracle(name):
-    assert_same(*picture(name))
+    assert_same(*picture(name, compiled=False))
 
 
 def test_the_references_are_there():
@@ -68,7 +68,7 @@ def test_the_references_are_there():
 
 @pytest.mark.parametrize("path", [path for path in FILES if path.name.startswith(QUICK)], ids=lambda path: path.stem)
 def test_a_picture_is_that_of_another_program(path):
-    expected, found = reference(path)
+    expected, found = reference(path, compiled=False)
     assert expected.mask.any()
     assert np.isfinite(found[expected.mask]).all()
     difference = np.abs(found - expected.expected)[expected.mask]
@@ -118,7 +118,7 @@ def test_the_order_of_transparent_objects_changes_nothing(name, order):
     scene, camera = SCENES[name]
     reordered = scene | {"objects": [scene["objects"][i] for i in order]}
     image = ds.render(library_scene(reordered), library_camera(camera))
-    np.testing.assert_allclose(image, picture(name)[0], rtol=1e-14, atol=0)
+    np.testing.assert_allclose(image, picture(name, compiled=False)[0], rtol=1e-14, atol=0)
 
 
 @pytest.mark.parametrize("lit", [(), (0,), (1,), (2, 0), (0, 1, 2, 3)])

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folders import ball_under_distant_lights
+from small_blocks import small_blocks  # noqa: F401
 
 import diffshade as ds
 from diffshade.cli import main

@@ -111,7 +111,7 @@ def expected(told, item, view, lights):
     """What `render` draws of one object in a view, as the page shows it, and where it may be compared."""
     camera = dataclasses.replace(view.camera, shape=ball_shape(view.camera.shape))
     scene = ds.Scene(dataclasses.replace(item, name=""), lights)
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), jax.disable_jit():  # to compile takes longer
         radiance, where = np.asarray(ds.render(scene, camera)), on_one_side(scene, camera)
     return ds.srgb_encode(np.clip(told["gain"] * radiance + told["black"], 0, 1)), where
 

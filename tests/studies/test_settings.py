@@ -21,7 +21,7 @@ RUNS = {
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * ("model" in name)) for name in RUNS])
 def test_it_passes_with(name):
     settings, places = RUNS[name]
-    outer = ("DIFFSHADE_TEST_", "PYTEST_", "XLA_FLAGS")  # this run's programs are of other settings
+    outer = ("PYTEST_", "XLA_FLAGS")  # what this run compiled serves: its programs are looked up by their settings too
     run = subprocess.run(
         [sys.executable, "-m", "pytest", "-W", "error", "-n", "0", "-q", "-p", "no:cacheprovider", *places],
         cwd=TESTS,

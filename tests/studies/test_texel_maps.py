@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from measured import measured
+from small_blocks import small_blocks  # noqa: F401
 from textured import angle, facing_us, lights_about, textured_ball
 
 import diffshade as ds

@@ -57,7 +57,7 @@ class Comparison:
 
 
 @functools.cache
-def picture(name: str, *, compiled: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def picture(name: str, *, compiled: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return what the library and what the oracle renders of one of the oracle's scenes."""
     scene, camera = SCENES[name]
     with jax.disable_jit(not compiled):
@@ -66,7 +66,7 @@ def picture(name: str, *, compiled: bool = False) -> tuple[np.ndarray, np.ndarra
 
 
 @functools.cache
-def reference(path: Path, *, compiled: bool = False) -> tuple[Shading | Refraction, np.ndarray]:
+def reference(path: Path, *, compiled: bool) -> tuple[Shading | Refraction, np.ndarray]:
     """Return what another program renders and what the library does."""
     of_program = read_reference(path)
     with jax.disable_jit(not compiled):

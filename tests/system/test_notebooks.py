@@ -2,6 +2,7 @@
 
 import math
 import queue
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,14 @@ import nbformat
 import pytest
 from jupyter_client.channels import AsyncZMQSocketChannel
 
+import diffshade as ds
+
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 # the notebooks in which dragging teaches
 SLIDERS = ("01_light_and_matter", "05_attenuation", "06_transparency", "07_texel_maps")
+
+# what these do is in test_all_figures.py, in test_robust_texels.py and test_live_maps.py, and in test_height_meshes.py
+ELSEWHERE = ("04_the_figures_of_a_lecture", "06_transparency", "07_texel_maps", "09_maps_that_travel")
 
 
 def beneath_sliders(notebook: nbformat.NotebookNode) -> list[list[dict[str, Any]]]:
@@ -39,11 +45,16 @@ def test_it_is_thin_and_has_no_outputs(path):
     assert not any(line.startswith(("def ", "class ")) for cell in cells for line in cell.source.splitlines())
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_it_calls_is_public(path):
+    code = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code")
+    assert not set(re.findall(r"\bds\.(\w+)", code)) - set(dir(ds))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "path",
-    # test_all_figures.py draws what the notebook of the figures draws
-    [pytest.param(path, marks=[pytest.mark.slow] * path.stem.startswith("04"), id=path.stem) for path in NOTEBOOKS],
+    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in ELSEWHERE), id=path.stem) for path in NOTEBOOKS],
 )
 @pytest.mark.filterwarnings("default")  # of the notebook machinery; the kernel below has its own
 def test_it_runs_and_draws(path, tmp_path, monkeypatch):

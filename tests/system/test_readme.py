@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_blocks import small_blocks  # noqa: F401
 from textured import lights_about, textured_ball
 
 import diffshade as ds
@@ -40,7 +41,7 @@ COMMANDS = [
 
 def unknown_shape(folder: Path) -> Path:
     """Write a folder of photographs of a ball, one a light, in the layout of DiLiGenT."""
-    ball = textured_ball(size=24, lights=12)
+    ball = textured_ball(size=16, lights=12)
     folder.mkdir()
     names = [f"{i}.exr" for i in range(12)]
     for name, view in zip(names, ball.views, strict=True):

@@ -269,7 +269,14 @@ def test_what_cannot_be_written_is_refused_before_anything_is(given, tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("name", "most"), [("diligent_ball", 0.02), ("diligent_cat", 0.25), ("diligent_harvest", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("diligent_ball", 0.02),
+        ("diligent_cat", 0.25),
+        pytest.param("diligent_harvest", 0.5, marks=pytest.mark.slow),
+    ],
+)
 def test_normals_of_a_mesh_of_true_normals_are_those_normals(name, most):
     normal = np.load(measured(name) / "normal_gt.npy").astype(float)
     mask = np.linalg.norm(normal, axis=-1) > 0.5

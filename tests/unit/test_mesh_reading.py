@@ -456,6 +456,7 @@ def test_files_that_contradict_themselves_are_refused(name, content, message, tm
         read(tmp_path, name, content)
 
 
+@pytest.mark.thorough
 def test_coordinates_of_a_map(tmp_path):
     """A ball of a metre at (500000, 5400000, 300) is drawn as one at the origin, by its own rays and by any."""
     mesh, origin = trimesh.creation.icosphere(3), np.array([500_000.0, 5_400_000.0, 300.0])
