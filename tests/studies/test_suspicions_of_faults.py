@@ -22,8 +22,8 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.misfit.regions import GRAZING_COSINE
 from diffshade.diagnosis.suspicions import suspicions
+from diffshade.inverse.misfit.regions import GRAZING_COSINE
 
 MATERIAL_FREE = ("k_a", "k_d", "k_s", "n_s")
 MATTE = ds.Material(MATERIAL.k_a, MATERIAL.k_d, k_s=0.0, n_s=1)
