@@ -144,9 +144,8 @@ def _allowing_for_faults(fit: Fit, found: Float[np.ndarray, "2 p 2"]) -> Float[n
     out = np.hypot(away, wider * fit.added_errors[:, None])
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     ends = fit.values[:, None] + np.where(np.arange(2) == 0, -out, out)
-    return np.clip(
-        ends, np.minimum(lower, found[..., 0].min(0))[:, None], np.maximum(upper, found[..., 1].max(0))[:, None]
-    )
+    lower, upper = np.minimum(lower, found[..., 0].min(0)), np.maximum(upper, found[..., 1].max(0))
+    return np.where(fit.added_errors[:, None] > 0, np.clip(ends, lower[:, None], upper[:, None]), found)
 
 
 def _not_determined(

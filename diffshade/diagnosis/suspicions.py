@@ -110,7 +110,7 @@ def corrected_for(at: Linearised, found: Found) -> Found | None:
             return None
         amount, moves = amount_alone(at, change)
         theta = state.theta.copy()
-        theta[at.set_up.inside] -= moves
+        theta[np.flatnonzero(~at.set_up.fit.at_bound)] -= moves
         amounts = {**state.amounts, key: state.amounts.get(key, 0.0) + amount}
         then = at.set_up.minimise(case.change.along(theta, amount), state.excluded, amounts)
         less = state.share(then)

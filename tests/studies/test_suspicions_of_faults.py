@@ -22,8 +22,9 @@ from synthetic import (
 )
 
 import diffshade as ds
-from diffshade.inverse.misfit.regions import GRAZING_COSINE
 from diffshade.diagnosis.suspicions import suspicions
+from diffshade.inverse.misfit.faults import FAULTS
+from diffshade.inverse.misfit.regions import GRAZING_COSINE
 
 MATERIAL_FREE = ("k_a", "k_d", "k_s", "n_s")
 MATTE = ds.Material(MATERIAL.k_a, MATERIAL.k_d, k_s=0.0, n_s=1)
@@ -279,11 +280,12 @@ def test_two_objects_under_two_lights_at_a_time():
 # --- photographs
 
 
-def test_the_real_ball_has_two_dim_photographs_and_nothing_else():
+def test_the_real_ball_has_two_dim_photographs_and_no_other_fault_with_a_name():
     """Its third and fourth lights, nearest the camera's axis, are 5 % dimmer in every diffuse pixel than the others."""
     scene, views = ds.read_photographs(measured("diligent_ball"))
     found = suspicions(ds.fit(scene, views[:8], free=MATERIAL_FREE))
-    assert {(s.kind, s.views) for s in found} <= {("exposure", (3,)), ("exposure", (4,))}
+    unnamed = {fault.kind for fault in FAULTS if fault.unnamed}  # it has its own texture
+    assert {(s.kind, s.views) for s in found if s.kind not in unnamed} <= {("exposure", (3,)), ("exposure", (4,))}
 
 
 def test_the_real_ball_read_as_srgb_is_found():

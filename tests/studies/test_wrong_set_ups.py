@@ -1,14 +1,16 @@
-"""Random set-ups with one fault each: named, or what it corrupts is not determined; right ones get no remark."""
+"""Random set-ups with one fault each: named, and within the errors of what is determined; right ones get no remark."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from wrong_set_ups import FAULTS, KINDS, faulty, fitted, set_up
+from wrong_set_ups import FAULTS, KINDS, SetUp, faulty, fitted, set_up
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
 from diffshade.diagnosis.suspicions import suspicions
+from diffshade.inverse.misfit.noise_tests import CERTAIN_ERRORS
+from diffshade.inverse.misfit.residual_correlation import CELL_SIDES, cell_correlation, residuals
 
 
 def remarks(fit: ds.Fit) -> list[str]:
@@ -17,13 +19,12 @@ def remarks(fit: ds.Fit) -> list[str]:
     return [*of_fit, *(found.kind for found in suspicions(fit))]
 
 
-def judge(right: ds.Fit, fit: ds.Fit, fault: str) -> tuple[bool, bool, bool]:
-    """Whether a fault moves a number by more than two of its errors, is named, and what it moves is withdrawn."""
-    found = suspicions(fit)
+def judge(of: SetUp, right: ds.Fit, fit: ds.Fit, fault: str) -> tuple[bool, bool, bool]:
+    """Whether a fault moves a number by more than two plain errors, is named, and is within the errors."""
     named = bool(set(remarks(fit)) & set(KINDS[fault]))
-    moved = np.abs(fit.values - right.values) > 2.0 * fit.errors  # what the fit's own checks withdraw counts as well
-    left = moved & fit.determined & ~np.isin(fit.names, [name for of in found for name in of.affected])
-    return bool((moved & fit.evidence.regular).any()), named, not left.any()
+    moved = np.abs(fit.values - right.values) > 2.0 * right.plain_errors
+    off = np.abs(fit.values - fit.values_in(of.truth)) > 3.0 * fit.errors
+    return bool((moved & right.determined).any()), named, not bool((off & fit.determined).any())
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -40,12 +41,17 @@ def test_a_right_set_up_gets_no_remark(seed):
     assert remarks(fitted(set_up(seed), None)) == []
 
 
-def test_an_examination_names_it_and_withdraws_what_it_moves():
+def test_fit_and_examination_name_it_and_their_errors_contain_what_it_moves():
     of = set_up(0)
-    examination = ds.examine(fitted(of, "gamma"))
+    fit = fitted(of, "gamma")
+    examination = ds.examine(fit)
+    assert any("gamma" in note.names for note in fit.notes if note.kind == "misfit")
     assert "gamma" in examination.notes[0]
-    assert "not determined" in examination.notes[1]
-    assert not examination.determined.all()
+    off = np.abs(fit.values - fit.values_in(of.truth))
+    assert np.any(off > 3.0 * fit.plain_errors)
+    assert np.all((off < 3.0 * fit.errors)[fit.determined])
+    assert np.all((off < 3.0 * examination.errors)[examination.determined])
+    assert not np.any(examination.determined & ~fit.determined)
     assert len(set(examination.notes)) == len(examination.notes)
 
 
@@ -59,29 +65,29 @@ def test_a_fit_without_a_mask_says_that_the_background_is_inside():
 
 
 @pytest.mark.slow
-def test_faults_of_fifty_set_ups_are_named_or_what_they_corrupt_is_withdrawn():
-    moved = dict.fromkeys(FAULTS, 0)
-    seen = dict.fromkeys(FAULTS, 0)
+def test_faults_of_fifty_set_ups_are_named_or_within_the_errors():
+    moved, seen, true = (dict.fromkeys(FAULTS, 0) for _ in range(3))
     for seed in range(50):
         of = set_up(seed)
         right = fitted(of, None)
         for fault in FAULTS:
-            corrupts, named, withdrawn = judge(right, fitted(of, fault), fault)
+            corrupts, named, within = judge(of, right, fitted(of, fault), fault)
             moved[fault] += corrupts
-            seen[fault] += corrupts and (named or withdrawn)
-    assert all(seen[fault] >= 0.9 * moved[fault] for fault in FAULTS), (seen, moved)
+            seen[fault] += corrupts and named
+            true[fault] += corrupts and within
+    assert all(seen[fault] >= 0.8 * moved[fault] for fault in FAULTS), (seen, moved)
+    assert all(true[fault] >= 0.9 * moved[fault] for fault in FAULTS), (true, moved)
     assert all(moved.values())
 
 
 @pytest.mark.slow
 def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
-    """Without what looks for one view's or one light's faults, whose own tests count their alarms."""
     alarms = []
     for seed in range(1000, 1500):
         fit = fitted(set_up(seed), None)
         with in_float64(fit) as own:
-            found = [str(fault) for fault in of_all_views(at_minimum(own))[0]]
             alike = [side for side in CELL_SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN_ERRORS]
-        if found or alike or any("outline" in note or "the prior" in note for note in fit.notes):
-            alarms.append((seed, found, alike))
+        said = [note for note in fit.notes if note.kind in ("misfit", "outline", "prior")]
+        if said or alike:
+            alarms.append((seed, said, alike))
     assert len(alarms) <= 5, alarms

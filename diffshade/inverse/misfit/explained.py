@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
+from ..unknowns.unknown import coordinate_slopes, values_at
 from .beside import beside
 from .changes import Case
 from .directions import Directions, changes_of
@@ -53,8 +55,31 @@ class _Candidate:
         return low < self.fault.size(self.case.which, amount / self.size) < high
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What the residuals say of the faults of the table where a set-up was linearised."""
+
+    candidates: list[_Candidate]
+    directions: Directions
+    evidence: Evidence
+    of: Relevance
+
+    @cached_property
+    def corrected(self) -> Vector:
+        """The numbers of the set-up without the likeliest amounts of all faults, to first order; bounds do not hold."""
+        theta, inside = self.directions.at.state.theta.copy(), self.directions.inside
+        theta[inside] += self.directions.step - self.of.mean @ self.directions.moves_inside
+        return theta
+
+    @cached_property
+    def moves(self) -> Float[np.ndarray, "k p"]:
+        """How far each direction moves the fit's values."""
+        fit = self.directions.at.set_up.fit
+        return self.directions.moves() / coordinate_slopes(fit.values, fit.unknowns)
+
+
 def explain(fit: Fit) -> Explained:
-    """Return what faults the residuals of a fit contain, to first order. In float64."""
+    """Return what faults the residuals of a fit contain. In float64."""
     set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)), PIXELS)
     return explained(linearise(set_up, set_up.given))
 
@@ -63,43 +88,63 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     """Return what faults the residuals contain where a set-up was linearised.
 
     The errors are those of the unknowns along the posterior of all amounts, and the square of the move by the likeliest
-    ones is added: the values themselves stay.
+    ones is added: the values themselves stay. Faults are looked at where the fit is, and where this leads; the larger
+    errors count, so that they contain how far a change to first order can be trusted.
     """
+    set_up, fit = at.set_up, at.set_up.fit
+    # an unknown at a physical bound, 0, is free beyond it here; one at another bound is a fault of its own
+    first = _look(at, faults, np.flatnonzero(~(fit.at_bound & (fit.values != 0.0))))
+    at_minimum = Directions(at, first.directions.changes[:0], np.flatnonzero(~fit.at_bound))
+    of_noise = at_minimum.errors() / coordinate_slopes(fit.values, fit.unknowns)
+    if not first.of.active.any() and not any(one.case.known for one in first.candidates):
+        return Explained((), np.zeros(set_up.own), of_noise)
+    found = _found(first)
+    theta, (lower, upper) = np.clip(first.corrected, *set_up.bounds), set_up.bounds
+    inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
+    there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
+    errors = [_errors(look, found) for look in (first, _look(there, faults, inside))]
+    return Explained(found, np.maximum(*errors), of_noise)
+
+
+def _errors(look: _Look, found: Sequence[Found]) -> Vector:
+    """Return what the faults add to the errors of a fit; those that are named mean other values."""
+    set_up = look.directions.at.set_up
+    moves, fit = look.moves.copy(), set_up.fit
+    for one in (one for one in look.candidates if one.fault.kind == "bound"):
+        moves[one.of, one.case.which] = 0.0  # which stays at its bound
+    away = fit.values - values_at(look.corrected[: set_up.own], fit.unknowns)
+    held = np.setdiff1d(np.arange(set_up.own), look.directions.inside)
+    away[held] += look.of.mean @ moves[:, held]
+    for one in look.candidates:
+        if one.case.renamed is not None and any(f.fault is one.fault for f in found):
+            moves[one.of] += one.case.renamed / one.size
+            away = away + look.of.mean[one.of] @ (one.case.renamed[None] / one.size)
+    certain = sum((one.size * moves[one.of].sum(0)) ** 2 for one in look.candidates if one.case.known)
+    return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + certain)
+
+
+def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " inside"]) -> _Look:
     cases = [(fault, *case) for fault in faults for case in changes_of(at, fault)]
     size = [max(float(np.sqrt(np.mean(np.sum(x**2 * at.weight, 1)))), 1e-300) for *_, x in cases]
     group = np.repeat(np.arange(len(cases)), [len(x) for *_, x in cases])
     candidates = [_Candidate(*case[:2], size[k], group == k) for k, case in enumerate(cases)]
-    directions = Directions(at, np.concatenate([x / of for (*_, x), of in zip(cases, size, strict=True)]))
-    evidence = _with_samples_beside(at, candidates, group, directions)
-    of = relevance(evidence)
-    moves, of_noise = directions.moves()
-    certain = [(k, np.array([one.size]), 0.0) for k, one in enumerate(candidates) if one.case.known]
-    named = [*certain, *_named(of, evidence, candidates)]
-    for k, *_ in named:
-        if (renamed := candidates[k].case.renamed) is not None:
-            moves[candidates[k].of] += renamed / candidates[k].size
-    for one in (one for one in candidates if one.fault.kind == "bound"):
-        moves[one.of, one.case.which] = 0.0  # which stays at its bound
-    variance = np.einsum("kp,kl,lp->p", moves, of.covariance, moves) + (of.mean @ moves) ** 2
-    variance += sum((amount @ moves[candidates[k].of]) ** 2 for k, amount, _ in certain)
-    found = [_found(at, candidates[k], amount, moves, gain / evidence.squares) for k, amount, gain in named]
-    return Explained(tuple([f for f in found if _matters(f)] or found[len(certain) :][:1]), np.sqrt(variance), of_noise)
+    changes = np.concatenate([x / of for (*_, x), of in zip(cases, size, strict=True)])
+    directions = Directions(at, changes, inside)
+    evidence = _with_samples_beside(candidates, group, directions)
+    return _Look(candidates, directions, evidence, relevance(evidence))
 
 
-def _with_samples_beside(
-    at: Linearised, candidates: Sequence[_Candidate], group: np.ndarray, directions: Directions
-) -> Evidence:
+def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, directions: Directions) -> Evidence:
     """Return what the residuals say of the directions, and the samples beside the objects of those that show there."""
-    information, score = directions.evidence()
-    squares = float(np.sum(at.slope**2 / np.where(at.weight > 0, at.weight, 1.0)))
-    freedom = max(float(at.count - len(at.set_up.inside)), 1.0)
+    at, squares, (information, score) = directions.at, directions.squares, directions.evidence()
+    freedom = max(float(at.count - len(directions.inside)), 1.0)
     if (shown := beside(at.fit)) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
         for of in (of for of in candidates if of.fault.beside):
             information[np.ix_(of.of, of.of)] += weight * len(shown) / of.size**2
             score[of.of] += weight * shown.sum() / of.size
         squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
-    for of in (of.of for of in candidates if of.case.known):
+    for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
     return Evidence(information, score, group, squares, freedom)
 
@@ -125,13 +170,8 @@ def _named(
     for k, one in enumerate(candidates):
         amount = inverse(information[np.ix_(one.of, one.of)]) @ score[one.of]
         gain = float(amount @ score[one.of])
-        unfit = (
-            one.case.known
-            or one.fault.unnamed
-            or one.fault.beside
-            or gain <= MOST * whole
-            or not one.is_plausible(amount)
-        )
+        small = gain <= MOST * whole or not one.is_plausible(amount)
+        unfit = small or one.fault.unnamed or one.fault.beside or one.case.known
         alone += [] if unfit else [(k, amount, gain)]
     best = max((gain for *_, gain in alone), default=0.0)
     alone = [one for one in alone if one[2] > NEARLY * best]
@@ -144,10 +184,17 @@ def _named(
     return found or [max(rest, key=lambda one: one[2])]
 
 
-def _found(at: Linearised, of: _Candidate, amount: Vector, moves: Float[np.ndarray, "k p"], share: float) -> Found:
-    fit = at.set_up.fit
-    views = tuple(range(len(fit.views))) if of.case.views is None else of.case.views
-    return Found(of.fault, fit, of.case.which, views, share, amount / of.size, amount @ moves[of.of])
+def _found(look: _Look) -> tuple[Found, ...]:
+    """Return the faults to be named that matter; if none does, the first."""
+    fit, moves, found = look.directions.at.set_up.fit, look.moves, []
+    certain = [(k, np.array([one.size]), 0.0) for k, one in enumerate(look.candidates) if one.case.known]
+    for k, amount, gain in [*certain, *_named(look.of, look.evidence, look.candidates)]:
+        of = look.candidates[k]
+        views = tuple(range(len(fit.views))) if of.case.views is None else of.case.views
+        moved = amount @ (moves[of.of] if of.case.renamed is None else moves[of.of] + of.case.renamed / of.size)
+        share = gain / look.evidence.squares
+        found.append(Found(of.fault, fit, of.case.which, views, share, amount / of.size, moved))
+    return tuple([f for f in found if _matters(f)] or found[len(certain) :][:1])
 
 
 def _matters(found: Found) -> bool:

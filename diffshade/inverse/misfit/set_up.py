@@ -63,7 +63,7 @@ class SetUp:
         paths = [place.path for place in dict.fromkeys(numbers) if place not in own]
         added = find_unknowns(fit.scene, fit.views, paths, from_scene=True) if paths else []
         self.laid = fit.solved.beside(added).laid_out(pixels)
-        self.own, self.inside = len(fit.unknowns), np.flatnonzero(~fit.at_bound)
+        self.own = len(fit.unknowns)
         self.places: dict[Place, list[int]] = {}
         """The index of each number that faults move."""
         for j, unknown in enumerate(added):
@@ -82,6 +82,12 @@ class SetUp:
     def rims(self) -> list[tuple[Mask, np.ndarray]]:
         """The grazing rims of each view, and the sector of each pixel."""
         return [rims(self.fit.scene.objects, view.camera) for view in self.fit.views]
+
+    @cached_property
+    def bounds(self) -> tuple[Vector, Vector]:
+        """The bounds of the numbers, in the solver's coordinates."""
+        box = self.laid.task.box
+        return np.asarray(box.lower), np.asarray(box.upper)
 
     @property
     def given(self) -> Corrected:
@@ -105,10 +111,14 @@ class SetUp:
         """Return the minimum over the fit's own unknowns from theta, which has the values of all other numbers."""
         held = {j: float(theta[j]) for j in range(self.own, len(theta))}
         end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=RTOL, damping=NEAR)
-        values, fit = values_at(end.theta, self.laid.problem.unknowns), self.fit
+        costs = np.array(end.point.views.cost) * self._inflation(excluded)
+        return Corrected(end.theta, self.drawn(end.theta), costs, excluded, amounts)
+
+    def drawn(self, theta: Vector) -> Fit:
+        """Return the fit with the scene, the views and the values of theta."""
+        values, fit = values_at(theta, self.laid.problem.unknowns), self.fit
         scene, views = put_back(fit.scene, fit.views, self.laid.problem.unknowns, values)
-        fit = dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, views), values=values[: self.own])
-        return Corrected(end.theta, fit, np.array(end.point.views.cost) * self._inflation(excluded), excluded, amounts)
+        return dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, views), values=values[: self.own])
 
     def chunks(self, excluded: Masks) -> list[Block]:
         """Return the pixels laid out, those that are left out without weight."""
