@@ -51,10 +51,10 @@ class Tally:
 
 
 def kinds_of(fit: ds.Fit) -> tuple[str, ...] | None:
-    """The kinds of fault that a fit names, those of its outline and of views that contradict each other among them."""
-    found = [note for note in fit.notes if note.kind == "misfit"]
-    others = tuple(note.kind for note in fit.notes if note.kind in ("outline", "contradiction"))
-    return (*others, *found[0].names[:2]) if found or others else None
+    """The kinds of fault that a fit names, a wrong outline among them; None without a remark."""
+    found = [note for note in fit.notes if note.kind in ("outline", "misfit")]
+    named = [note.names[:2] if note.kind == "misfit" else ("outline",) for note in found]
+    return sum(named, ()) if found else None
 
 
 def tally(kind: str, count: int, seeds: range) -> Tally:
