@@ -158,7 +158,7 @@ def test_what_faults_add_to_the_errors_of_a_fit_widens_errors_and_intervals():
     fit = noisy_fit()
     n_s = fit.names.index("n_s")
     added = np.where(np.arange(len(fit.names)) == n_s, 5.0, 0.0)
-    wide = said(fit=dataclasses.replace(fit, from_faults=added))
+    wide = said(fit=dataclasses.replace(fit, errors=np.hypot(fit.errors, added)))
     right = said()
     np.testing.assert_allclose(wide.errors, np.hypot(right.errors, added))
     for of_wide, of_right, errors in (

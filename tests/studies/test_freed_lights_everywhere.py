@@ -13,10 +13,10 @@ import pytest
 
 import diffshade as ds
 from diffshade.diagnosis import sensitivity as sensitivities
-from diffshade.inverse.misfit import set_up
 from diffshade.inverse import problem
 from diffshade.inverse.forward import rendered
 from diffshade.inverse.laid_out import LaidOut
+from diffshade.inverse.misfit import set_up
 from tests.support.textured import lights_about
 
 FREE = ("k_d", "k_s", "n_s", "direction")

@@ -7,10 +7,7 @@ import pytest
 from wrong_set_ups import FAULTS, KINDS, SetUp, faulty, fitted, set_up
 
 import diffshade as ds
-from diffshade.core.backend import in_float64
 from diffshade.diagnosis.suspicions import suspicions
-from diffshade.inverse.misfit.noise_tests import CERTAIN_ERRORS
-from diffshade.inverse.misfit.residual_correlation import CELL_SIDES, cell_correlation, residuals
 
 
 def remarks(fit: ds.Fit) -> list[str]:
@@ -85,9 +82,7 @@ def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
     alarms = []
     for seed in range(1000, 1500):
         fit = fitted(set_up(seed), None)
-        with in_float64(fit) as own:
-            alike = [side for side in CELL_SIDES if cell_correlation(residuals(own)[0], side).errors > CERTAIN_ERRORS]
         said = [note for note in fit.notes if note.kind in ("misfit", "outline", "prior")]
-        if said or alike:
-            alarms.append((seed, said, alike))
+        if said:
+            alarms.append((seed, said))
     assert len(alarms) <= 5, alarms

@@ -11,7 +11,7 @@ from synthetic import CAMERA, MATERIAL, noisy, one_light_each, photograph, point
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
-from diffshade.inverse.misfit.noise_tests import FALSE_ALARM, Leftover, leftovers, p_value
+from diffshade.inverse.misfit.noise_tests import FALSE_ALARM, Leftover, Shown, leftovers, whiteness
 
 SIDE = 40
 Y, X = (2.0 * np.mgrid[:SIDE, :SIDE] + 1 - SIDE) / SIDE
@@ -23,9 +23,16 @@ def white(random: np.random.Generator) -> np.ndarray:
     return random.standard_normal((SIDE, SIDE))
 
 
+SHOWN = Shown(ROW * SIDE + COLUMN, SIDE)
+
+
+def p_value(views: list[Leftover]) -> float:
+    return whiteness(views).p_value
+
+
 def left(residual: np.ndarray) -> Leftover:
     """A view of a shaded disc with a highlight, and these residuals in units of its noise."""
-    return Leftover(ROW, COLUMN, residual[ROW, COLUMN], SHADE[ROW, COLUMN])
+    return Leftover(SHOWN, residual[ROW, COLUMN], SHADE[ROW, COLUMN])
 
 
 def test_noise_passes():
@@ -67,6 +74,13 @@ def test_noise_that_is_not_alike_or_not_independent_is_seen(noise):
     assert p_value([left(noise(white(random))) for _ in range(2)]) < FALSE_ALARM
 
 
+def test_sums_of_correlated_residuals_have_so_many_times_the_variance():
+    random = np.random.default_rng(3)
+    alike = [np.repeat(np.repeat(white(random)[: SIDE // 2, : SIDE // 2], 2, 0), 2, 1) for _ in range(4)]
+    assert whiteness([left(of) for of in alike]).correlation == pytest.approx(4.0, rel=0.25)
+    assert whiteness([left(white(random)) for _ in range(4)]).correlation == pytest.approx(1.0, abs=0.25)
+
+
 def test_what_leaves_nothing_is_noise():
     assert p_value([]) == 1.0
     assert p_value([left(np.zeros((SIDE, SIDE)))]) == 1.0
@@ -84,7 +98,8 @@ def test_what_is_left_of_a_fit_is_its_whitened_residuals_and_clipped_samples_tha
     for view, of in zip(fit.views, found, strict=True):
         seen = fit.predict(view)
         assert len(of.residual) == np.sum(seen.image.sum(-1) > 0)
-        image, shown = np.asarray(view.image)[of.row, of.column], seen.image[of.row, of.column]
+        inside = seen.image.sum(-1) > 0
+        image, shown = np.asarray(view.image)[inside], seen.image[inside]
         met = (image >= 0.5) & (shown >= 0.5)
         clipped += int(met.sum())
         sure = ~np.any((image >= 0.5) & (np.abs(shown - 0.5) < 0.02), -1)  # near its level, the limit is smooth
