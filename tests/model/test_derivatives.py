@@ -39,7 +39,7 @@ from diffshade.model.attenuation import angular_attenuation
 from diffshade.model.rendering import pixel_rays
 
 # every field of theirs is in a thorough scene too, but for depth cueing, a normal map and what fits of them check
-TIERS = dict.fromkeys(
+TIERS: dict[str, Any] = dict.fromkeys(
     (
         "a floor, a turned box and a ball",
         "unbent through two balls and past a wall",

@@ -82,7 +82,7 @@ def turned(v: np.ndarray, axis: np.ndarray, degrees: float) -> np.ndarray:
     return v * np.cos(angle) + np.cross(axis, v) * np.sin(angle) + along
 
 
-def lamps_at(places: np.ndarray, near: bool, intensity: Sequence[float] | float = 1.0) -> tuple[dict[str, Any], ...]:
+def lamps_at(places: np.ndarray, near: bool, intensity: np.ndarray | float = 1.0) -> tuple[dict[str, Any], ...]:
     """Return a lamp at each place: the direction to one at infinity, or the position of one that is near."""
     power = np.broadcast_to(intensity, len(places))
     return tuple(

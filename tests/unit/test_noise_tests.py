@@ -32,7 +32,7 @@ def p_value(views: list[Leftover]) -> float:
 
 def left(residual: np.ndarray) -> Leftover:
     """A view of a shaded disc with a highlight, and these residuals in units of its noise."""
-    return Leftover(SHOWN, residual[ROW, COLUMN], SHADE[ROW, COLUMN])
+    return Leftover(0, SHOWN, residual[ROW, COLUMN], SHADE[ROW, COLUMN])
 
 
 def test_noise_passes():

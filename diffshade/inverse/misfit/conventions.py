@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import equinox as eqx
 import numpy as np
@@ -25,6 +25,8 @@ from ..unknowns.places import Place
 from ..unknowns.unknown import free_places
 
 PIXELS = 1 << 11  # of all views together, on which a convention is tried
+GROSS = 0.01  # of the photographs' squares: a tenth of their brightness, which a light a few degrees off does not leave
+MUCH_WORSE, MAX_WORST = 10.0, 4  # times the median mean square: such views, so many at most, may be swapped
 MIN_VIEWS = 4  # with fewer, several conventions can fit alike
 HEALED = 0.25  # of the squares that the scene as given leaves, below which a convention is believed
 CLEARLY = 0.8  # of those that the next best leaves
@@ -32,8 +34,21 @@ CLEARLY = 0.8  # of those that the next best leaves
 Convention = tuple[str, Scene, ViewSet]  # what it is in words, and the scene and views in it
 
 
-def other_convention(fit: Fit) -> str | None:
-    """Return a sentence if other axes, or another order of the lights, heal most of a fit's misfit. In float64."""
+def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
+    """Return a sentence if other axes, or another order of the lights, heal most of a fit's misfit. In float64.
+
+    Axes and orders of all lights are tried where the misfit is gross, and two photographs are swapped where these are
+    much worse than the others.
+
+    Args:
+        fit: The fit.
+        squares: The mean square of the residuals of each view.
+    """
+    gross = fit.evidence.spread[1] > GROSS * fit.squares
+    worst = sorted(squares, key=lambda i: -squares[i])[:MAX_WORST]
+    worst = [i for i in worst if squares[i] > MUCH_WORSE * np.median([*squares.values()])]
+    if not gross and len(worst) < 2:
+        return None
     free = {(place.owner, place.field) for place in free_places(fit.unknowns)}
     placed = any(owner == "lights" and name in ("direction", "position") for owner, name in free)
     if len(fit.views) < MIN_VIEWS or placed:
@@ -42,7 +57,8 @@ def other_convention(fit: Fit) -> str | None:
     part = PIXELS / whole.counts.pixels
     data = whole.with_samples([share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS)) for s in whole.samples])
     given = _cost(fit, fit.scene, data)
-    tried = [(_cost(fit, scene, of), words) for words, scene, of in _conventions(fit.scene, data)]
+    conventions = itertools.chain(_conventions(fit.scene, data) if gross else (), _swapped(fit.scene, data, worst))
+    tried = [(_cost(fit, scene, of), words) for words, scene, of in conventions]
     (best, words), *others = sorted(tried) or [(np.inf, "")]
     if best > HEALED * given or (others and best > CLEARLY * others[0][0]):
         return None
@@ -64,10 +80,23 @@ def _conventions(scene: Scene, data: ViewSet) -> Iterator[Convention]:
             if (axes != np.eye(3)).any():
                 yield _axes_in_words(axes), _turned(scene, axes), data
     one_each = all(len(of) == 1 for of in data.lit) and len({*data.lit}) == len(data.lit)
-    for words, order in _orders([of[0] for of in data.lit]) if one_each else ():
-        views = tuple(dataclasses.replace(view, lit=(i,)) for view, i in zip(data.views, order, strict=True))
-        lit = tuple((i,) for i in order)
-        yield words, scene, dataclasses.replace(data, views=views, lit=lit)
+    for words, order in _orders(len(data.lit)) if one_each else ():
+        yield words, scene, _lit_by(data, order)
+
+
+def _swapped(scene: Scene, data: ViewSet, worst: Sequence[int]) -> Iterator[Convention]:
+    """Yield the scene and the views with two of the worst views under each other's lights."""
+    for i, j in itertools.combinations(sorted(worst), 2):
+        order = [*range(len(data.views))]
+        order[i], order[j] = j, i
+        yield f"views[{i}] and views[{j}] seem to be swapped", scene, _lit_by(data, order)
+
+
+def _lit_by(data: ViewSet, order: Sequence[int]) -> ViewSet:
+    """Return the views, each under the lights of another one."""
+    lit = tuple(data.lit[k] for k in order)
+    views = tuple(dataclasses.replace(view, lit=of) for view, of in zip(data.views, lit, strict=True))
+    return dataclasses.replace(data, views=views, lit=lit)
 
 
 def _turned(scene: Scene, axes: Float[np.ndarray, "3 3"]) -> Scene:
@@ -86,9 +115,8 @@ def _axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
     return f"the lights seem to be described in other axes than the photographs, with {' and '.join(parts)}"
 
 
-def _orders(lights: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
-    """Yield the usual wrong orders of a list of lights, one for each photograph."""
-    n = len(lights)
+def _orders(n: int) -> Iterator[tuple[str, list[int]]]:
+    """Yield the usual wrong orders of n lights, one for each photograph."""
     as_text = sorted(range(n), key=str)
     back = np.argsort(as_text).tolist()
     for words, order in (
@@ -99,4 +127,4 @@ def _orders(lights: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
         ("the lights seem to be sorted as text (1, 10, 11, 2), and the photographs by number", back),
     ):
         if order != [*range(n)]:
-            yield words, [lights[k] for k in order]
+            yield words, order

@@ -8,7 +8,7 @@ numbers that were fitted take a part of each sum away, so that these tests err o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -59,6 +59,7 @@ class Shown:
 class Leftover:
     """What a fit leaves of one view: the whitened residuals, the channels added up, and the prediction's brightness."""
 
+    view: int
     shown: Shown
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
@@ -78,13 +79,13 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
             found[view].append((pixels, residual[b, : len(pixels)], light[b, : len(pixels)]))
     shown: dict[tuple[int, ...], Shown] = {}
     left = []
-    for view, parts in zip(views, found, strict=True):
+    for i, (view, parts) in enumerate(zip(views, found, strict=True)):
         pixels, residual, light = ([of[k] for of in parts if len(of[0])] for k in range(3))
         if pixels:
             key = (view.camera.shape[1], *map(id, pixels))
             if key not in shown:
                 shown[key] = Shown(np.concatenate(pixels), key[0])
-            left.append(Leftover(shown[key], np.concatenate(residual), np.concatenate(light)))
+            left.append(Leftover(i, shown[key], np.concatenate(residual), np.concatenate(light)))
     return left
 
 
@@ -108,18 +109,21 @@ class Whiteness(NamedTuple):
     """The probability of noise to look as little like noise in any of the tests, at most 1."""
     correlation: float
     """The variance of sums over the cells of the size where it is largest, over that of independent residuals."""
+    squares: Mapping[int, float]
+    """The mean square of the residuals of each view that has some."""
 
 
 def whiteness(views: Sequence[Leftover]) -> Whiteness:
     """Test whether what is left of the views is noise."""
     views = [view for view in views if len(view.residual) > 1 and view.residual.any()]
     if not views:
-        return Whiteness(1.0, 1.0)
+        return Whiteness(1.0, 1.0, {})
     *sums, of_variance = zip(*map(_all_sums, views), strict=True)
     found = [p for of in sums for p in _p_values(of)]
     found.append(min(_p_of_variance(of) for of in of_variance) * len(views))
     over_cells = [sum(np.sum(S**2) for S, _ in of) / sum(np.sum(Q) for _, Q in of) for of in sums[:SIZES]]
-    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)))
+    squares = {view.view: float(np.mean(view.residual**2)) for view in views}
+    return Whiteness(min(1.0, min(found) * len(found)), max(1.0, *map(float, over_cells)), squares)
 
 
 def _all_sums(view: Leftover) -> list[Sums]:

@@ -21,7 +21,6 @@ from ..result import Fit
 from ..statistics.identifiability import some_channels, vague
 from .stability import ROUNDING
 
-GROSS = 0.01  # of the photographs' squares: a tenth of their brightness, which a light a few degrees off does not leave
 MAX_NAMED = 2  # faults that the note names
 
 
@@ -36,17 +35,19 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         residuals: Whether its residuals are noise.
     """
     exact = fit.evidence.spread[1] <= ROUNDING * fit.squares  # only rounding is left
-    if exact or fit.evidence.waves is not None or not fit.determined.any():
+    outside = any(note.kind == "outline" for note in fit.notes) and not fit.determined.any()
+    if exact or outside or fit.evidence.waves is not None:
         return fit
     is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
     dark = any(samples.zeros >= MIN_ZEROS for samples in fit.solved.problem.data.samples)
     if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
     report_progress("what the residuals show")
-    gross = fit.evidence.spread[1] > GROSS * fit.squares
-    if gross and (other := other_convention(fit)):
+    if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
         return replace(fit, determined=lost, notes=(Note(other, "misfit", ("convention",)), *fit.notes))
+    if not fit.determined.any():
+        return fit
     seen = explain(fit)
     if is_noise and not seen.found:
         return fit

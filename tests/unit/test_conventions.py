@@ -1,0 +1,85 @@
+"""Conventions: lights in other axes, or in another order than the photographs, are named; right ones are not."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import numpy as np
+import pytest
+from synthetic import CAMERA, MATERIAL, forget, noisy, one_light_each, photographs, point_lights, standard_scene
+
+import diffshade as ds
+from diffshade.inverse.misfit.conventions import _axes_in_words, _orders
+
+FREE = ("k_a", "k_d", "k_s", "n_s")
+IMAGES = noisy(photographs(standard_scene()), 0.005, 0)
+N = len(IMAGES)
+
+
+def fitted(axes=None, order=range(N)) -> ds.Fit:
+    """Fit the photographs by a scene with its lights in other axes, and each under the light of another one."""
+    scene = forget(standard_scene())
+    if axes is not None:
+        places = [np.asarray(axes, float) @ np.asarray(light.position) for light in point_lights()]
+        scene = eqx.tree_at(lambda s: [light.position for light in s.lights], scene, places)
+    views = [eqx.tree_at(lambda v: v.image, one_light_each(IMAGES)[k], IMAGES[i]) for i, k in enumerate(order)]
+    return ds.fit(scene, views, free=FREE)
+
+
+def said(fit: ds.Fit) -> str:
+    (note,) = [note for note in fit.notes if note.kind == "misfit"]
+    assert note.names == ("convention",)
+    assert not fit.determined.any()
+    return note
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (np.diag([1, -1, 1]), "with y negated"),
+        (np.diag([1, 1, -1]), "with z negated"),
+        (np.eye(3)[[1, 0, 2]], "with x and y swapped"),
+    ],
+    ids=["y", "z", "xy"],
+)
+def test_other_axes_are_named(axes, words):
+    assert words in said(fitted(axes))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (range(N - 1, -1, -1), "in the reverse order"),
+        ([*range(1, N), 0], "one too late"),
+        ([N - 1, *range(N - 1)], "one too early"),
+        ([0, 1, 5, 3, 4, 2, *range(6, N)], "views[2] and views[5] seem to be swapped"),
+    ],
+    ids=["reversed", "late", "early", "two swapped"],
+)
+def test_other_orders_are_named(order, words):
+    assert words in said(fitted(order=order))
+
+
+def test_a_right_set_up_is_in_no_other_convention():
+    fit = fitted()
+    assert fit.determined.all()
+    assert not [note for note in fit.notes if note.kind == "misfit"]
+    assert MATERIAL.n_s == pytest.approx(float(fit.material.n_s), rel=0.05)
+    assert fit.views[0].camera.shape == CAMERA.shape
+
+
+def test_orders_are_those_of_lists_that_were_sorted_as_text_or_shifted():
+    orders = dict(_orders(12))
+    assert len(orders) == 5
+    as_text = next(order for words, order in orders.items() if "the lights by number" in words)
+    assert as_text[:5] == [0, 1, 10, 11, 2]
+    back = next(order for words, order in orders.items() if "the photographs by number" in words)
+    assert [back[k] for k in as_text] == [*range(12)]
+    assert len(dict(_orders(8))) == 3  # as text they are sorted alike
+
+
+def test_axes_are_said_in_words():
+    assert _axes_in_words(np.diag([1.0, -1.0, -1.0])).endswith("with y and z negated")
+    assert _axes_in_words(np.eye(3)[[0, 2, 1]]).endswith("with y and z swapped")
+    assert _axes_in_words(np.eye(3)[[1, 2, 0]]).endswith("with x, y and z in the order yzx")
