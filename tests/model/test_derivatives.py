@@ -3,6 +3,7 @@ them; and the table of what is differentiable, tests/support/DERIVATIVES.md.
 """
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
