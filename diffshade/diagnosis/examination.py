@@ -124,12 +124,12 @@ def summarise(
     wide = _too_wide(fit, interval_95) & fit.determined & ~unconstrained
     determined = fit.determined & ~unconstrained & ~wide & ~unstable
     notes = [
-        *(suspicion.sentence for suspicion in suspected if suspicion.sentence not in fit.notes),
+        *(suspicion.sentence for suspicion in suspected),
         *_not_determined(fit, unconstrained, wide, interval_95),
         *dependence(fit, refitted, unstable),
         *_correlated(fit),
         f"errors: {fit.what_errors_hold(clusters)}",
-        *(n for n in fit.notes if n.kind != "0 within noise"),
+        *(n for n in fit.notes if n.kind != "0 within noise" and n not in [s.sentence for s in suspected]),
         *_upper_limits(fit, determined, interval_95),
     ]
     return Examination(

@@ -70,9 +70,9 @@ def fit(
     at once: they begin where the scene has them, and at the end a light whose views cost twice as much as the others'
     is tried at places all around.
 
-    A fit checks itself. If its residuals are not noise, a note names the fault of the description that explains them,
-    such as a light that is off, a gamma or a black level, and the errors contain what it may have moved; a value lost in
-    that is not determined. Where the views disagree, or samples are clipped, it is repeated without the saturated
+    A fit checks itself. If its residuals are not noise, a note names what explains them, such as a light that is off, a
+    gamma or a black level, and the errors contain what it may have moved; a value lost in that is not determined.
+    Where the views disagree, or samples are clipped, it is repeated without the saturated
     pixels and without the brightest half of the highlight. A number that then moves by 30 % or three errors, and
     whose old value these samples contradict, is not determined. If views without a mask show a dark background
     inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from

@@ -155,7 +155,7 @@ def row(fit: ds.Fit, name: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("bounds", "bound", "sign", "side"),
-    [((0.7, 0.9), 0.7, "+", "lower"), ((0.1, 0.5), 0.5, "-", "upper")],
+    [((0.61, 0.9), 0.61, "+", "lower"), ((0.1, 0.59), 0.59, "-", "upper")],
     ids=["lower", "upper"],
 )
 def test_the_error_of_a_value_at_a_bound_is_printed_as_one_sided(bounds, bound, sign, side):

@@ -40,11 +40,11 @@ LAYERS = (
     "inverse.solving",
     "inverse.result inverse.summary",
     "inverse.own_views",
+    "inverse.misfit",
     "inverse.verdicts",
     "inverse.fitting",
     "inverse.fit_functions",
     "texels",
-    "inverse.misfit",
     "diagnosis",
     "calibration",
     "exchange",
@@ -81,7 +81,7 @@ ONLY_IN = {
 
 MAX_LINES = 400  # of a module
 MAX_LINES_OF_A_FUNCTION = 60
-MAX_CONSTANTS, MAX_NUMBERS = 542, 760  # tuned, with a name; and within functions, where they must not hide
+MAX_CONSTANTS, MAX_NUMBERS = 568, 770  # tuned, with a name; and within functions, where they must not hide
 
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 

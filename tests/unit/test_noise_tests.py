@@ -11,7 +11,7 @@ from synthetic import CAMERA, MATERIAL, noisy, one_light_each, photograph, point
 
 import diffshade as ds
 from diffshade.core.backend import in_float64
-from diffshade.inverse.misfit.noise_tests import FALSE_ALARM, Leftover, Shown, leftovers, whiteness
+from diffshade.inverse.misfit.noise_tests import FALSE_ALARM, Footprint, Leftover, leftovers, whiteness
 
 SIDE = 40
 Y, X = (2.0 * np.mgrid[:SIDE, :SIDE] + 1 - SIDE) / SIDE
@@ -23,7 +23,7 @@ def white(random: np.random.Generator) -> np.ndarray:
     return random.standard_normal((SIDE, SIDE))
 
 
-SHOWN = Shown(ROW * SIDE + COLUMN, SIDE)
+SHOWN = Footprint(ROW * SIDE + COLUMN, SIDE)
 
 
 def p_value(views: list[Leftover]) -> float:

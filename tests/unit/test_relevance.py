@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diffshade.inverse.misfit.noise_tests import FALSE_ALARM
-from diffshade.inverse.misfit.relevance import Evidence, relevance
+from diffshade.inverse.misfit.relevance import FaultEvidence, relevance
 from diffshade.parallel.threads import ONE_BLAS_THREAD
 
 RANDOM = np.random.default_rng(0)
@@ -21,9 +21,9 @@ LEFT = np.eye(N) - J.T @ np.linalg.solve(J @ J.T, J)
 INFORMATION = DIRECTIONS @ LEFT @ DIRECTIONS.T
 
 
-def evidence(samples: np.ndarray, directions: np.ndarray = DIRECTIONS, group: np.ndarray = GROUP) -> Evidence:
+def evidence(samples: np.ndarray, directions: np.ndarray = DIRECTIONS, group: np.ndarray = GROUP) -> FaultEvidence:
     r, seen = LEFT @ samples, INFORMATION if directions is DIRECTIONS else directions @ LEFT @ directions.T
-    return Evidence(seen, directions @ r, group, float(r @ r), float(N - len(J)))
+    return FaultEvidence(seen, directions @ r, group, float(r @ r), float(N - len(J)))
 
 
 def noise(seed: int) -> np.ndarray:

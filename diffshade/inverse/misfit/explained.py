@@ -18,7 +18,7 @@ from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
 from .linearised import Linearised, linearise
-from .relevance import Evidence, Relevance, relevance
+from .relevance import FaultEvidence, Relevance, relevance
 from .set_up import SetUp
 
 PIXELS = 1 << 12  # of all views together, on which a fit's own residuals are explained
@@ -61,7 +61,7 @@ class _Look:
 
     candidates: list[_Candidate]
     directions: Directions
-    evidence: Evidence
+    evidence: FaultEvidence
     of: Relevance
 
     @cached_property
@@ -134,7 +134,7 @@ def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " ins
     return _Look(candidates, directions, evidence, relevance(evidence))
 
 
-def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, directions: Directions) -> Evidence:
+def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, directions: Directions) -> FaultEvidence:
     """Return what the residuals say of the directions, and the samples beside the objects of those that show there."""
     at, squares, (information, score) = directions.at, directions.squares, directions.evidence()
     freedom = max(float(at.count - len(directions.inside)), 1.0)
@@ -146,11 +146,11 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
         squares, freedom = squares + weight * float(np.sum(shown**2)), freedom + len(shown)
     for of in (of.of for of in candidates if of.case.known):  # which the residuals need not show
         information[of], information[:, of], score[of] = 0.0, 0.0, 0.0
-    return Evidence(information, score, group, squares, freedom)
+    return FaultEvidence(information, score, group, squares, freedom)
 
 
 def _named(
-    of: Relevance, evidence: Evidence, candidates: Sequence[_Candidate]
+    of: Relevance, evidence: FaultEvidence, candidates: Sequence[_Candidate]
 ) -> list[tuple[int, Float[np.ndarray, " _"], float]]:
     """Return the candidates to be named, with their amounts and what each explains of the squares.
 

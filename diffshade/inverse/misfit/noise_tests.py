@@ -33,7 +33,7 @@ CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to
 BINS = 16  # of equally many pixels, by brightness
 
 
-class Shown:
+class Footprint:
     """Where the pixels of a view are; views of one camera that show the same share it."""
 
     def __init__(self, pixels: Int[np.ndarray, " n"], width: int):
@@ -60,7 +60,7 @@ class Leftover:
     """What a fit leaves of one view: the whitened residuals, the channels added up, and the prediction's brightness."""
 
     view: int
-    shown: Shown
+    shown: Footprint
     residual: Float[np.ndarray, " n"]
     light: Float[np.ndarray, " n"]
 
@@ -77,14 +77,14 @@ def leftovers(laid: LaidOut, theta: Float[np.ndarray, " p"]) -> list[Leftover]:
         residual, light = (np.asarray(of) for of in of_chunk)
         for b, (view, _, pixels) in enumerate(parts):
             found[view].append((pixels, residual[b, : len(pixels)], light[b, : len(pixels)]))
-    shown: dict[tuple[int, ...], Shown] = {}
+    shown: dict[tuple[int, ...], Footprint] = {}
     left = []
     for i, (view, parts) in enumerate(zip(views, found, strict=True)):
         pixels, residual, light = ([of[k] for of in parts if len(of[0])] for k in range(3))
         if pixels:
             key = (view.camera.shape[1], *map(id, pixels))
             if key not in shown:
-                shown[key] = Shown(np.concatenate(pixels), key[0])
+                shown[key] = Footprint(np.concatenate(pixels), key[0])
             left.append(Leftover(i, shown[key], np.concatenate(residual), np.concatenate(light)))
     return left
 
@@ -94,7 +94,7 @@ def _residuals(theta: Array, model: AbstractForwardModel, chunk: Block) -> tuple
     """Return sums over the channels of the whitened residuals, 0 where a sample is clipped, and of the predictions."""
 
     def of_block(block: Block) -> tuple[Array, Array]:
-        m, seen, weight = jnp.stack(model.predict(theta, block)), block.observed, model.measured_weights(block)
+        m, seen, weight = jnp.stack(model.predict(theta, block)), block.observed, model.sample_weights(block)
         terms = model.likelihood.terms(m, seen.target, weight, seen.clipped)
         residual = terms.slope / jnp.sqrt(jnp.where(terms.curvature > 0, terms.curvature, 1.0))
         return residual.sum(0), jnp.where(weight > 0, m, 0.0).sum(0)

@@ -24,7 +24,7 @@ SEEN = 1e-6  # eigenvalue of a group's information over its largest, below which
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class FaultEvidence:
     """What the residuals say of k directions, in groups, beyond what the fitted numbers can imitate."""
 
     information: Float[np.ndarray, "k k"]
@@ -51,7 +51,7 @@ class Relevance:
     """The variance of the residuals that are left."""
 
 
-def relevance(of: Evidence) -> Relevance:
+def relevance(of: FaultEvidence) -> Relevance:
     """Return which groups are in the residuals: those that show alone, less what others explain as well."""
     groups = int(of.group.max(initial=-1)) + 1
     found, size = _posterior(of, np.zeros(groups, bool)), np.bincount(of.group, minlength=groups)
@@ -65,7 +65,7 @@ def relevance(of: Evidence) -> Relevance:
     return found
 
 
-def _pruned(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
+def _pruned(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
     """Return the posterior without the groups that the others explain as well: the least half of these at a time."""
     while True:
         found = _posterior(of, active)
@@ -76,7 +76,7 @@ def _pruned(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
         active[spare[np.argsort(found.gain[spare])][: max(1, len(spare) // 2)]] = False
 
 
-def _posterior(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
+def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
     """Return the posterior of the amounts of some groups, each of the variance that is likeliest."""
     use = np.flatnonzero(active[of.group])
     A, s, own = of.information[np.ix_(use, use)], of.score[use], np.searchsorted(np.flatnonzero(active), of.group[use])
@@ -101,12 +101,12 @@ def _posterior(of: Evidence, active: Bool[np.ndarray, " groups"]) -> Relevance:
     return Relevance(active, gain, whole, spread, sigma2)
 
 
-def _p_values(of: Evidence, found: Relevance) -> Float[np.ndarray, " groups"]:
+def _p_values(of: FaultEvidence, found: Relevance) -> Float[np.ndarray, " groups"]:
     """Return the p-value of each group's score beside the active groups, itself left out: chi^2 if it is not there."""
     return np.array([_p_value(of, found, group) for group in range(len(found.active))])
 
 
-def _p_value(of: Evidence, found: Relevance, group: int) -> float:
+def _p_value(of: FaultEvidence, found: Relevance, group: int) -> float:
     own, active = of.group == group, found.active[of.group]
     others = active & ~own
     C = found.covariance[np.ix_(others, others)]
