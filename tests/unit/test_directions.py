@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from refusals import untyped
 from scipy import sparse
 
 import diffshade as ds
@@ -14,6 +15,7 @@ from diffshade.inverse.misfit.changes import Case, Move, with_materials, with_ot
 from diffshade.inverse.misfit.directions import Directions, changes_of
 from diffshade.inverse.misfit.found import Fault
 
+pytestmark = untyped  # what stands for a set-up is a namespace
 RANDOM = np.random.default_rng(0)
 J = RANDOM.standard_normal((3, 600))
 FAULTS = RANDOM.standard_normal((2, 600)) + 0.5 * J[:2]

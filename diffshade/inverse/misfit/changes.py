@@ -54,7 +54,7 @@ class Move:
         return Move(rows, lambda theta, amount: theta + amount @ rows)
 
     @staticmethod
-    def turn(arms: Sequence[tuple[list[int], Vector]], axes: Float[np.ndarray, "k 3"], theta: Vector) -> Move:
+    def turn(arms: Sequence[tuple[list[int], np.ndarray]], axes: Float[np.ndarray, "k 3"], theta: Vector) -> Move:
         """Return the move that turns places about their centres, by degrees about each axis."""
         rows = np.zeros((len(axes), len(theta)))
         for index, center in arms:

@@ -113,7 +113,9 @@ def changes_of(at: Linearised, fault: Fault) -> list[tuple[Case, Float[np.ndarra
     return found
 
 
-def amount_alone(at: Linearised, change: Float[np.ndarray, "k n"]) -> tuple[Vector, Vector]:
+def amount_alone(
+    at: Linearised, change: Float[np.ndarray, "k n"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " inside"]]:
     """Return the amount of one fault, if there is no other, and how far it has moved the unknowns at no bound."""
     directions = Directions(at, change, np.flatnonzero(~at.set_up.fit.at_bound))
     information, score = directions.evidence()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +21,7 @@ from .linearised import Linearised, linearise
 from .relevance import FaultEvidence, Relevance, relevance
 from .set_up import SetUp
 
+MAX_VIEWS = 64  # that are looked at, so that memory holds what each of them may have
 PIXELS = 1 << 12  # of all views together, on which a fit's own residuals are explained
 MOST = 0.5  # of what all faults together explain: one with a name that alone explains more is named
 NEARLY = 0.9  # of what the best of these explains: another that explains more may be the cause as well
@@ -50,7 +51,7 @@ class _Candidate:
     of: Bool[np.ndarray, " k"]
     """Which of all directions are its own."""
 
-    def is_plausible(self, amount: Vector) -> bool:
+    def is_plausible(self, amount: Float[np.ndarray, " of"]) -> bool:
         low, high = self.fault.plausible
         return low < self.fault.size(self.case.which, amount / self.size) < high
 
@@ -78,8 +79,18 @@ class _Look:
         return self.directions.moves() / coordinate_slopes(fit.values, fit.unknowns)
 
 
-def explain(fit: Fit) -> Explained:
-    """Return what faults the residuals of a fit contain. In float64."""
+def explain(fit: Fit, squares: Mapping[int, float]) -> Explained:
+    """Return what faults the residuals of a fit contain. In float64.
+
+    Args:
+        fit: The fit.
+        squares: The mean square of the residuals of each view. Of many views the worst are looked at, and some others.
+    """
+    if len(squares) > MAX_VIEWS:
+        worst, every = sorted(squares, key=lambda i: -squares[i]), sorted(squares)
+        kept = {*worst[: MAX_VIEWS // 2], *every[:: 2 * len(every) // MAX_VIEWS]}
+        masks = [None if i in kept else np.zeros(view.camera.shape, bool) for i, view in enumerate(fit.views)]
+        fit = replace(fit, solved=fit.solved.keeping(masks))
     set_up = SetUp(fit, (place for fault in FAULTS for place in fault.numbers(fit)), PIXELS)
     return explained(linearise(set_up, set_up.given))
 
@@ -125,6 +136,9 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
 
 def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " inside"]) -> _Look:
     cases = [(fault, *case) for fault in faults for case in changes_of(at, fault)]
+    squares = np.bincount(at.set_up.view, at.slope**2 / np.where(at.weight > 0, at.weight, 1.0), len(at.fit.views))
+    worst = {*np.argsort(-squares / np.maximum(np.diff(at.set_up.first), 1))[:MAX_VIEWS].tolist()}
+    cases = [case for case in cases if case[1].views is None or worst & {*case[1].views}]
     size = [max(float(np.sqrt(np.mean(np.sum(x**2 * at.weight, 1)))), 1e-300) for *_, x in cases]
     group = np.repeat(np.arange(len(cases)), [len(x) for *_, x in cases])
     candidates = [_Candidate(*case[:2], size[k], group == k) for k, case in enumerate(cases)]

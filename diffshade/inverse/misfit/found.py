@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from ...core.words import listing
 from ..result import Fit
@@ -69,7 +69,7 @@ class Found:
     views: tuple[int, ...]
     share: float
     """The fraction of the residuals' squares that it explains."""
-    amount: Vector = field(default_factory=lambda: np.zeros(1))
+    amount: Float[np.ndarray, " amounts"] = field(default_factory=lambda: np.zeros(1))
     moves: Vector = field(default_factory=lambda: np.zeros(0))
     """How far it moves the values, in their own units."""
     after: Corrected | None = None

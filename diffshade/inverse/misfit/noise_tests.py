@@ -48,7 +48,7 @@ class Footprint:
         middle = inside[1:-1, 1:-1] & inside[2:, 1:-1] & inside[:-2, 1:-1] & inside[1:-1, 2:] & inside[1:-1, :-2]
         self.inner = np.flatnonzero(np.pad(middle, 1)) if middle.size else np.zeros(0, int)
 
-    def image(self, of: Float[np.ndarray, " n"]) -> Float[np.ndarray, " h*w"]:
+    def image(self, of: Float[np.ndarray, " n"]) -> Float[np.ndarray, " _"]:
         """Return a picture of the pixels, 0 elsewhere, flattened."""
         found = np.zeros(self.shape[0] * self.shape[1])
         found[self.at] = of

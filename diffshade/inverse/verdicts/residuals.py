@@ -48,7 +48,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
         return replace(fit, determined=lost, notes=(Note(other, "misfit", ("convention",)), *fit.notes))
     if not fit.determined.any():
         return fit
-    seen = explain(fit)
+    seen = explain(fit, residuals.squares)
     if is_noise and not seen.found:
         return fit
     correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
