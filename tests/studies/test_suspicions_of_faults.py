@@ -280,12 +280,13 @@ def test_two_objects_under_two_lights_at_a_time():
 # --- photographs
 
 
-def test_the_real_ball_has_two_dim_photographs_and_no_other_fault_with_a_name():
+def test_the_real_ball_has_two_dim_photographs_and_a_highlight_of_another_form():
     """Its third and fourth lights, nearest the camera's axis, are 5 % dimmer in every diffuse pixel than the others."""
     scene, views = ds.read_photographs(measured("diligent_ball"))
     found = suspicions(ds.fit(scene, views[:8], free=MATERIAL_FREE))
     unnamed = {fault.kind for fault in FAULTS if fault.unnamed}  # it has its own texture
-    assert {(s.kind, s.views) for s in found if s.kind not in unnamed} <= {("exposure", (3,)), ("exposure", (4,))}
+    of_views = {(s.kind, s.views) for s in found if s.kind not in {*unnamed, "lobe", "highlight"}}
+    assert of_views <= {("exposure", (3,)), ("exposure", (4,))}
 
 
 def test_the_real_ball_read_as_srgb_is_found():

@@ -222,7 +222,7 @@ FAULTS: Mapping[str, Fault] = {
         named=STRAY,
     ),
     "srgb as linear": Fault(
-        stored=_of_each(lambda image: np.asarray(ds.srgb_encode(np.clip(image, 0, 1)))), named=("gamma",)
+        stored=_of_each(lambda image: np.asarray(ds.srgb_encode(np.clip(image, 0, 1)))), named=("encoding", "gamma")
     ),
     "blinn": Fault(lambda of: _of_material(of, lobe="blinn"), named=("lobe",)),
     "shadow": Fault(stored=_shadowed, named=STRAY),
