@@ -135,7 +135,7 @@ def rims(objects: tuple[Object, ...], camera: AbstractCamera) -> tuple[Mask, np.
     row, column = np.mgrid[: inside.shape[0], : inside.shape[1]]
     middle = [float(x[inside].mean()) if inside.any() else 0.0 for x in (row, column)]
     angle = np.arctan2(row - middle[0], column - middle[1])
-    return inside & (n_v < GRAZING_COSINE), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    return inside & (n_v < GRAZING_COSINE), np.floor((angle / (2 * np.pi) + 0.5) * SECTORS).astype(np.int8) % SECTORS
 
 
 def measure_rim(views: Iterable[tuple[MeanPrediction, Mask, np.ndarray]]) -> Rim | None:
