@@ -91,7 +91,7 @@ def _regions(at: Linearised) -> list[Found]:
             continue
         assert fault.confirmed is not None
         after = set_up.exclude(state, masks)
-        if kept := fault.confirmed(set_up, state, after, masks, ()):
+        if kept := fault.confirmed(set_up, state, after, masks):
             after = after if len(kept) == len(masks) else set_up.exclude(state, kept)
             moves = state.fit.values - after.fit.values
             found.append(Found(fault, set_up.fit, 0, tuple(kept), state.share(after), np.zeros(1), moves, after, kept))

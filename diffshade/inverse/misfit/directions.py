@@ -34,10 +34,14 @@ class Directions:
         return np.asarray((self.at.jacobian @ (self.changes * self.at.weight).T).T)
 
     @cached_property
+    def inverse_inside(self) -> Float[np.ndarray, "inside inside"]:
+        """The inverse of the Hessian of the unknowns that are at no bound."""
+        return inverse(hessian(self.at)[np.ix_(self.inside, self.inside)])
+
+    @cached_property
     def moves_inside(self) -> Float[np.ndarray, "k inside"]:
         """How far each direction moves the unknowns that are at no bound, in the solver's coordinates."""
-        inside = self.inside
-        return self.imitated[:, inside] @ inverse(hessian(self.at)[np.ix_(inside, inside)])
+        return self.imitated[:, self.inside] @ self.inverse_inside
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " inside"]:
@@ -47,8 +51,7 @@ class Directions:
     @cached_property
     def step(self) -> Float[np.ndarray, " inside"]:
         """The step to the minimum without any fault."""
-        inside = self.inside
-        return -inverse(hessian(self.at)[np.ix_(inside, inside)]) @ self.gradient
+        return -self.inverse_inside @ self.gradient
 
     @property
     def squares(self) -> float:

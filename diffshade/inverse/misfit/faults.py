@@ -155,7 +155,6 @@ FAULTS = (
         changes.of_second_highlight,
         words=_of_highlight,
         plausible=(0.0, np.inf),
-        # of any width it mimics many faults: report the simpler one
     ),
     Fault(
         "radius",

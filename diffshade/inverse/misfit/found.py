@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -52,8 +52,8 @@ class Fault:
     `{count}`, `{of}` how many, and the `{smallest}` and `{largest}` size."""
     regions: Callable[[SetUp, Corrected], MasksOf] | None = None
     """The pixels of each view that it spoils."""
-    confirmed: Callable[[SetUp, Corrected, Corrected, MasksOf, Sequence[Corrected]], MasksOf] | None = None
-    """Of which views to believe it, by the states before and after it is corrected and those that rivals lead to."""
+    confirmed: Callable[[SetUp, Corrected, Corrected, MasksOf], MasksOf] | None = None
+    """Of which views to believe it, by the states before and after it is corrected."""
     described: Callable[[SetUp, Corrected, MasksOf], tuple[str, MasksOf]] | None = None
     """Where its pixels are and how dark or bright, in words, and which they are, when all else is corrected."""
 

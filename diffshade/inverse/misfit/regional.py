@@ -25,12 +25,9 @@ def shadows(set_up: SetUp, state: Corrected) -> MasksOf:
     return {i: union(of) for i, of in found.items() if of}
 
 
-def in_shadow(
-    set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf, rivals: Sequence[Corrected]
-) -> MasksOf:
-    """Return the shadows of the views of which nothing else explains more."""
-    least = lambda i: max([MIN_SHARE, *(before.share(rival, [i]) for rival in rivals)])  # noqa: E731
-    return {i: mask for i, mask in masks.items() if before.share(after, [i]) > least(i)}
+def in_shadow(set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf) -> MasksOf:
+    """Return the shadows of the views of whose cost they explain enough."""
+    return {i: mask for i, mask in masks.items() if before.share(after, [i]) > MIN_SHARE}
 
 
 def where_shadows_are(set_up: SetUp, end: Corrected, masks: MasksOf) -> tuple[str, MasksOf]:
@@ -59,9 +56,7 @@ def bright_rims(set_up: SetUp, state: Corrected) -> MasksOf:
     return {i: mask for i, (mask, _) in enumerate(set_up.rims) if mask.any()}
 
 
-def at_bright_rims(
-    set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf, rivals: Sequence[Corrected]
-) -> MasksOf:
+def at_bright_rims(set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf) -> MasksOf:
     """Return the rims if they are brighter than what is fitted without them predicts."""
     rim = measure_rim(_see_rims(set_up, after, before))
     sure = (
