@@ -19,7 +19,7 @@ from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.identifiability import VAGUE, VAGUE_LOG, relative_errors, remedy, some_channels
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import logarithms
-from ..inverse.verdicts.stability import FitWithout, dependence, left_out, refits
+from ..inverse.verdicts.stability import FitWithout, dependence, left_out, moves, refits
 from .intervals import LikelihoodProfile, intervals
 from .patches import find_clusters
 from .suspicions import Suspicion, suspicions
@@ -91,10 +91,10 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         profile = LikelihoodProfile(own, clusters)
         found = intervals(profile, LEVELS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
-        refitted, unstable = refits(own, clusters, left_out(own), report_progress)
+        refitted = refits(own, clusters, left_out(own), report_progress)
         report_progress("checking the residuals")
         suspected = suspicions(own)
-    return summarise(fit, clusters, found, profiles, refitted, unstable & fit.determined, suspected)
+    return summarise(fit, clusters, found, profiles, refitted, suspected)
 
 
 def summarise(
@@ -103,7 +103,6 @@ def summarise(
     found: Float[np.ndarray, "2 p 2"],
     profiles: tuple[Float[np.ndarray, "_ 2"], ...],
     refitted: list[FitWithout],
-    unstable: Bool[np.ndarray, " p"],
     suspected: tuple[Suspicion, ...],
 ) -> Examination:
     """Return an examination: what stays determined, and the notes.
@@ -114,11 +113,12 @@ def summarise(
         found: The intervals at 68 % and 95 %.
         profiles: The profile of each unknown.
         refitted: The fits without some of the data.
-        unstable: Which values depend on the data that are included.
         suspected: Where the residuals contradict the scene description.
     """
-    errors = np.hypot(clusters.wide_errors(), fit.added_errors)
-    interval_68, interval_95 = _allowing_for_faults(fit, found)
+    distance, unstable = moves(fit, refitted)
+    added = np.hypot(fit.added_errors, distance)
+    errors = np.hypot(clusters.wide_errors(), added)
+    interval_68, interval_95 = _allowing_for(fit, added, found)
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     unconstrained = fit.determined & (interval_95[:, 0] <= lower) & (interval_95[:, 1] >= upper)
     wide = _too_wide(fit, interval_95) & fit.determined & ~unconstrained
@@ -126,7 +126,7 @@ def summarise(
     notes = [
         *(suspicion.sentence for suspicion in suspected),
         *_not_determined(fit, unconstrained, wide, interval_95),
-        *dependence(fit, refitted, unstable),
+        *dependence(fit, refitted, unstable | wide),
         *_correlated(fit),
         f"errors: {fit.what_errors_hold(clusters)}",
         *(n for n in fit.notes if n.kind != "0 within noise" and n not in [s.sentence for s in suspected]),
@@ -137,15 +137,15 @@ def summarise(
     )
 
 
-def _allowing_for_faults(fit: Fit, found: Float[np.ndarray, "2 p 2"]) -> Float[np.ndarray, "2 p 2"]:
-    """Return intervals whose ends lie as much farther out as the checks of the fit add to its errors."""
+def _allowing_for(fit: Fit, added: Vector, found: Float[np.ndarray, "2 p 2"]) -> Float[np.ndarray, "2 p 2"]:
+    """Return intervals whose ends lie as much farther out as is added to the errors."""
     wider = np.array([special.ndtri(0.5 + 0.5 * level) for level in LEVELS])[:, None, None]
     away = np.array(found) - fit.values[:, None]
-    out = np.hypot(away, wider * fit.added_errors[:, None])
+    out = np.hypot(away, wider * added[:, None])
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
     ends = fit.values[:, None] + np.where(np.arange(2) == 0, -out, out)
     lower, upper = np.minimum(lower, found[..., 0].min(0)), np.maximum(upper, found[..., 1].max(0))
-    return np.where(fit.added_errors[:, None] > 0, np.clip(ends, lower[:, None], upper[:, None]), found)
+    return np.where(added[:, None] > 0, np.clip(ends, lower[:, None], upper[:, None]), found)
 
 
 def _not_determined(

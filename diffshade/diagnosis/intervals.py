@@ -153,7 +153,7 @@ def intervals(
     own = blocks(profile.laid, range(p))
     for k, members in enumerate(own):
         report_progress("intervals of what few views show", k / len(own))
-        views = OwnViews(profile.fit, profile.laid, profile.minimum, members, {})
+        views = OwnViews(profile.fit, profile.laid, profile.minimum, members)
         profile.by = dict.fromkeys(members, views)
         on_all_cores(search, members)
     profile.by = {}

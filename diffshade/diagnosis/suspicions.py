@@ -56,7 +56,7 @@ def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
         outline = wrong_outline(fit)
         if outline is not None and outline.large:
             return (Suspicion("outline", views, None, said(fit.scene, outline), fit.names),)
-        said_by_fit = next((note for note in fit.notes if note.kind == "misfit"), None)
+        said_by_fit = next((note for note in fit.notes if note.kind in ("cause", "misfit")), None)
         if said_by_fit is None:
             return ()
         if said_by_fit.names in (("encoding",), ("convention",)):

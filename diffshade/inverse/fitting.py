@@ -33,7 +33,7 @@ from .verdicts.contradictions import check_priors
 from .verdicts.known_lights import widen_by_lights
 from .verdicts.outlines import check_outlines
 from .verdicts.residuals import allow_for_faults
-from .verdicts.stability import withdraw_unstable
+from .verdicts.stability import allow_for_omissions
 
 DERIVATIVES = "Fit outside; for derivatives, call ds.sensitivity(fit, name) or ds.image_sensitivity(fit, view)."
 CLIPPED = ("hinge", "tobit", "exclude")
@@ -155,11 +155,11 @@ def fit(
         del laid
         of_lights = stated_errors(found.scene, light_error, intensity_error)
         for judge in (
-            withdraw_unstable,
             check_outlines,
             check_priors,
             partial(widen_by_lights, errors=of_lights),
             partial(allow_for_faults, residuals=residuals),
+            allow_for_omissions,
         ):
             found = judge(found, report_progress)
         return found

@@ -82,7 +82,7 @@ _minimum_unfused = jax.jit(_minimise, static_argnums=0, compiler_options=UNFUSED
 class OwnViews:
     """The views that show some unknowns, beside all others: to be minimised with one of these held. In float64."""
 
-    def __init__(self, fit: Fit, laid: LaidOut, end: Point, which: Sequence[int], held: Mapping[int, float]):
+    def __init__(self, fit: Fit, laid: LaidOut, end: Point, which: Sequence[int]):
         """Take the views apart.
 
         Args:
@@ -90,9 +90,8 @@ class OwnViews:
             laid: Its problem.
             end: The minimum.
             which: The unknowns.
-            held: Unknowns that are held there, and where, in the solver's coordinates.
         """
-        self.laid, self.held, views, theta = laid, held, end.views, np.asarray(end.theta)
+        self.laid, views, theta = laid, end.views, np.asarray(end.theta)
         own = np.any(np.isin(views.index(len(theta)), which), axis=1)
         other = np.where(own, 0.0, 1.0)
         ratio = fit.evidence.loss_ratio  # a robust loss curves less than its weights say
@@ -104,7 +103,7 @@ class OwnViews:
         none = Piece(first := int(own.argmax()), laid.problem.data.samples[first], np.zeros(0, int))
         chunks = laid.lay_out([part for part in laid.parts if own[part.view]] or [none])
         self.chunk = jax.tree.map(lambda *of: jnp.concatenate(of), *chunks)  # one, so that the program is short
-        self.best, _ = self._minimise(held, theta, 1e-12)
+        self.best, _ = self._minimise({}, theta, 1e-12)
 
     def rise(self, j: int, t: float, start: Vector, least: float) -> tuple[float, float]:
         """Return by how much the cost rises where an unknown is held, and how much of that other views bend by.
@@ -115,7 +114,7 @@ class OwnViews:
             start: Where to begin.
             least: The rise that is small enough not to be looked for.
         """
-        cost, of_others = self._minimise({**self.held, j: t}, start, min(least / max(self.best, 1e-300), 1e-6))
+        cost, of_others = self._minimise({j: t}, start, min(least / max(self.best, 1e-300), 1e-6))
         return cost - self.best, of_others
 
     def _minimise(self, held: Mapping[int, float], theta: Vector, rtol: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Stability: what depends on the data kept is not determined, and what does not is."""
+"""Stability: how far values move without some of the data, and that errors hold it."""
 
 import dataclasses
 from functools import cache
@@ -14,16 +14,18 @@ from diffshade.diagnosis.patches import find_clusters
 from diffshade.inverse.verdicts.stability import (
     FitWithout,
     _enough,
+    allow_for_omissions,
     angle_to_highlight,
     dependence,
     highlight,
     how_far,
     left_out,
+    moves,
     refits,
 )
 
 
-def refitted(fit: ds.Fit) -> tuple[list, np.ndarray]:
+def refitted(fit: ds.Fit) -> list[FitWithout]:
     with jax.enable_x64(True):
         return refits(fit, find_clusters(fit), left_out(fit), silent)
 
@@ -91,13 +93,12 @@ def test_how_far_a_number_moved_is_over_its_value_or_in_its_logarithm():
 
 
 def test_of_the_model_itself_nothing_moves():
-    done, shifted = refitted(noisy_fit())
+    done = refitted(noisy_fit())
     assert [refit.without for refit in done] == [
         "the odd views",
         "the even views",
         "the brightest half of the highlight",
     ]
-    assert not shifted.any()
     assert not any(refit.moved.any() for refit in done)
     assert [refit.fit.counts.views for refit in done] == [4, 4, 8]
     assert done[2].fit.counts.pixels < noisy_fit().counts.pixels
@@ -107,36 +108,44 @@ def test_of_the_model_itself_nothing_moves():
 
 
 def test_of_photographs_without_noise_nothing_is_made_anew():
-    done, shifted = refitted(clean_fit())
-    assert done == []
-    assert not shifted.any()
+    assert refitted(clean_fit()) == []
 
 
 @cache
-def of_two_highlights() -> tuple[ds.Fit, list, np.ndarray]:
+def of_two_highlights() -> ds.Fit:
     """A core of its own, as of a coat of varnish: n_s is what the core says, or what the rest says."""
     scene = standard_scene(ds.Material((0.1, 0.08, 0.06), (0.6, 0.4, 0.25), 0.15, 8))
     core = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0, 0, 1.5, 200)), scene.lights)
     both = [a + b for a, b in zip(photographs(scene), photographs(core), strict=True)]
-    fit = standard_fit(noisy(both, 0.003, 0))
-    return fit, *refitted(fit)
+    return standard_fit(noisy(both, 0.003, 0))
 
 
-def test_a_highlight_of_another_shape_moves_and_the_rest_does_not():
-    fit, done, shifted = of_two_highlights()
-    moved = {name.rsplit(".", 1)[0] for name, here in zip(fit.names, shifted, strict=True) if here}
-    assert "n_s" in moved
-    assert "k_d" not in moved
-    taken_along = np.any([refit.moved for refit in done[:3]], 0) & ~shifted
-    assert taken_along.any()  # and is where it was, with what is to blame held
-    first = next(refit for refit in done if "highlight" in refit.without)
-    assert first.moved[fit.names.index("n_s")]
+def test_where_a_cause_is_named_nothing_is_left_out():
+    fit = of_two_highlights()
+    (cause,) = [note for note in fit.notes if note.kind == "cause"]
+    assert "second" in cause
+    assert refitted(fit) == []
 
 
-def test_what_moves_with_a_number_that_is_not_determined_is_said_too():
-    """Its own refits did not move it by themselves."""
+def test_a_highlight_of_another_shape_moves_further_than_its_error_and_that_is_its_error():
+    unnamed = dataclasses.replace(of_two_highlights(), notes=())
+    plain = dataclasses.replace(unnamed, errors=unnamed.clusters.wide_errors(), determined=np.ones(12, bool))
+    fit = allow_for_omissions(plain, silent)
+    n_s = fit.names.index("n_s")
+    assert not fit.determined[n_s]
+    assert any("n_s depends on which data" in note for note in fit.notes)
+    kept = fit.determined & (fit.errors > plain.errors)
+    distance, far = moves(plain, refitted(plain))
+    assert far[n_s]
+    assert np.all(fit.errors <= np.hypot(plain.errors, distance) * (1 + 1e-6))
+    assert kept.any()
+
+
+def test_what_moves_is_said_and_whether_its_error_holds_it():
     fit = noisy_fit()
-    still = FitWithout("the odd views", fit, np.zeros(len(fit.unknowns), bool))
-    said = dependence(fit, [still], np.array([u.quantity == "k_s" for u in fit.unknowns]))
-    assert "k_s depends on which data are included" in said[0]
-    assert "the odd views" in said[0]
+    k_s = np.array([u.quantity == "k_s" for u in fit.unknowns])
+    again = [FitWithout("the odd views", fit, k_s)]
+    (lost,), (kept,) = (dependence(fit, again, of) for of in (k_s, ~k_s))
+    assert lost.startswith("k_s depends on which data are included")
+    assert "the odd views" in lost
+    assert kept == f"{lost} Its error allows for this."

@@ -85,15 +85,12 @@ def test_the_table_has_every_number_with_its_intervals():
         ds.examine("fit")  # pyright: ignore[reportArgumentType]
 
 
-def said(
-    interval_95: np.ndarray | None = None, again: Any = (), shifted: Any = None, fit: ds.Fit | None = None, suspected=()
-):
+def said(interval_95: np.ndarray | None = None, again: Any = (), fit: ds.Fit | None = None, suspected=()):
     """An examination of these intervals and refits."""
     fit = noisy_fit() if fit is None else fit
     interval_95 = examined().interval_95 if interval_95 is None else interval_95
-    shifted = np.zeros(len(fit.names), bool) if shifted is None else shifted
     found: Any = np.stack([examined().interval_68, interval_95])
-    return summarise(fit, find_clusters(fit), found, examined().profiles, list(again), shifted, suspected)
+    return summarise(fit, find_clusters(fit), found, examined().profiles, list(again), suspected)
 
 
 def test_what_may_be_anything_or_much_is_not_determined():
@@ -130,15 +127,17 @@ def test_what_depends_on_the_data_kept_is_said_with_what_was_left_out():
         FitWithout("that", there[1], n_s),
         FitWithout("the rest", there[2], ~n_s),
     ]
-    examination = said(again=again, shifted=n_s)
+    examination = said(again=again)
     assert np.flatnonzero(~examination.determined).tolist() == np.flatnonzero(n_s).tolist()
-    (note,) = [note for note in examination.notes if "depends on which data" in note]
-    assert note.startswith("n_s depends")
+    (note,) = [note for note in examination.notes if "depends on which data" in note and note.startswith("n_s")]
     assert "99 without that" in note
     assert "Fix n_s" in note
-    assert any("with these held" in note for note in examination.notes)
-    every = said(again=[FitWithout("this", there[0], n_s | True)], shifted=n_s | True)
-    assert not any("with these held" in note for note in every.notes)
+    assert "allows for this" not in note
+    little = said(again=again[:1])  # 60 for 50, which is determined within that
+    assert little.determined.all()
+    assert np.hypot(said().errors, np.abs(60.0 - fit.values))[n_s] == pytest.approx(little.errors[n_s])
+    (note,) = [note for note in little.notes if "depends on which data" in note]
+    assert note.endswith("Its error allows for this.")
 
 
 def test_what_is_suspected_and_what_the_fit_said_is_said_too():

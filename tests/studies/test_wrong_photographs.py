@@ -20,23 +20,14 @@ NOT_TRUE = {
     ("fog", 1): "a gauge: thin fog is ambient light and weaker lamps",
     ("fog", 4): "a gauge",
     ("fog", 12): "a gauge",
-    ("attenuation forgotten", 1): "one lamp's falloff looks like gamma or uneven light, which move other numbers",
     ("bounced light", 1): "light from below looks like the lamp a little lower",
-    ("k_a forgotten", 4): "the ambient light looks like gamma",
-    ("attenuation forgotten", 4): "the falloff looks like gamma",
-    ("jpeg", 4): "its errors are correlated over its blocks: one number in twelve is a little over three errors off",
 }
 NOT_NAMED = {
     ("unlisted lamp", 1): "it looks like the lamp a little to the side",
+    ("unlisted lamp", 4): "it looks like all lamps a little to the side",
     ("bounced light", 1): "it looks like the lamp a little lower",
-    ("k_a forgotten", 1): "it looks like gamma",
-    ("floor at 0", 4): "noise that is cut off below is brighter in the dark: it looks like a black level",
-    ("attenuation forgotten", 1): "it looks like gamma",
-    ("attenuation forgotten", 4): "it looks like gamma",
-    ("lamps farther", 4): "it looks like gamma",
     ("swapped", 4): "two lights are so far off that nothing is determined",
-    ("jpeg", 1): "its errors are correlated: they look like stray light or colour",
-    ("jpeg", 4): "its errors are correlated: they look like stray light or colour",
+    ("photon noise", 12): "smooth changes imitate it",
 }
 
 
@@ -53,8 +44,8 @@ class Tally:
 
 def kinds_of(fit: ds.Fit) -> tuple[str, ...] | None:
     """The kinds of fault that a fit names, a wrong outline among them; None without a remark."""
-    found = [note for note in fit.notes if note.kind in ("outline", "misfit")]
-    named = [note.names[:2] if note.kind == "misfit" else ("outline",) for note in found]
+    found = [note for note in fit.notes if note.kind in ("outline", "cause", "misfit")]
+    named = [("outline",) if note.kind == "outline" else note.names[:2] for note in found]
     return sum(named, ()) if found else None
 
 

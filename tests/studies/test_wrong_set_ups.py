@@ -42,7 +42,7 @@ def test_fit_and_examination_name_it_and_their_errors_contain_what_it_moves():
     of = set_up(0)
     fit = fitted(of, "gamma")
     examination = ds.examine(fit)
-    assert any("gamma" in note.names for note in fit.notes if note.kind == "misfit")
+    assert any("gamma" in note.names for note in fit.notes if note.kind == "cause")
     assert "gamma" in examination.notes[0]
     off = np.abs(fit.values - fit.values_in(of.truth))
     assert np.any(off > 3.0 * fit.plain_errors)
@@ -82,7 +82,7 @@ def test_of_five_hundred_right_set_ups_hardly_any_gets_a_remark():
     alarms = []
     for seed in range(1000, 1500):
         fit = fitted(set_up(seed), None)
-        said = [note for note in fit.notes if note.kind in ("misfit", "outline", "prior")]
+        said = [note for note in fit.notes if note.kind in ("cause", "misfit", "outline", "prior")]
         if said:
             alarms.append((seed, said))
     assert len(alarms) <= 5, alarms

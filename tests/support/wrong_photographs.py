@@ -158,7 +158,7 @@ def _attenuation_forgotten(of: Photographed) -> Photographed:
     return of.but(told={"lamps": tuple(lamp | even for lamp in of.lamps)})
 
 
-def _vignetted(image: np.ndarray, share: float) -> np.ndarray:
+def vignetted(image: np.ndarray, share: float) -> np.ndarray:
     row, column = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
     return image * (1.0 - share * (row**2 + column**2) / (2 * (SIDE / 2) ** 2))[..., None]
 
@@ -184,7 +184,7 @@ def _bounced(images: Sequence[np.ndarray], of: Photographed) -> list[np.ndarray]
     return [image + (0.05 * np.where(inside, (1 - y) / 2, 0.0))[..., None] * k_d for image in images]
 
 
-def _through_jpeg(image: np.ndarray) -> np.ndarray:
+def through_jpeg(image: np.ndarray) -> np.ndarray:
     stored = Image.fromarray(np.round(255 * ds.srgb_encode(np.clip(image, 0, 1))).astype(np.uint8))
     stored.save(file := io.BytesIO(), "jpeg", quality=90)
     return np.asarray(ds.srgb_decode(np.asarray(Image.open(file)) / 255.0))
@@ -194,9 +194,9 @@ def _of_each(change: Callable[[np.ndarray], np.ndarray]) -> Callable[..., list[n
     return lambda images, _: [change(image) for image in images]
 
 
-def _with_photon_noise(images: Sequence[np.ndarray], of: Photographed) -> list[np.ndarray]:
+def photon_noise(image: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Beside the noise that all have, that of 2,500 photons at white."""
-    return [im + 0.02 * np.sqrt(np.maximum(im, 0.0)) * of.random.standard_normal(im.shape) for im in images]
+    return image + 0.02 * np.sqrt(np.maximum(image, 0.0)) * random.standard_normal(image.shape)
 
 
 def _first_but(factor: float) -> Callable[..., list[np.ndarray]]:
@@ -235,10 +235,10 @@ FAULTS: Mapping[str, Fault] = {
         _of_each(lambda image: np.maximum(image, 0.0)),
         noise=0.01,
         true=DARK,
-        named=STRAY,
+        named=("floor",),
     ),
-    "photon noise": Fault(stored=_with_photon_noise),
-    "vignetting": Fault(stored=_of_each(lambda image: _vignetted(image, 0.08)), named=("vignetting",)),
+    "photon noise": Fault(stored=lambda images, of: [photon_noise(image, of.random) for image in images]),
+    "vignetting": Fault(stored=_of_each(lambda image: vignetted(image, 0.08)), named=("vignetting",)),
     "bounced light": Fault(stored=_bounced, named=STRAY),
     "half a pixel": Fault(
         stored=_of_each(lambda image: ndimage.shift(image, (0.0, 0.5, 0.0), order=1)), named=("shift", "center")
@@ -246,12 +246,12 @@ FAULTS: Mapping[str, Fault] = {
     "fog": Fault(
         lambda of: _with(of, atmosphere={"type": "fog", "density": 0.03, "I_dc": (0.5, 0.5, 0.5)}), is_gauge=True
     ),
-    "k_a forgotten": Fault(free=("k_d", "k_s", "n_s"), named=STRAY),
-    "lamps farther": Fault(_told_farther, fewest=4, named=STRAY),
-    "attenuation forgotten": Fault(_attenuation_forgotten, named=STRAY),
-    "jpeg": Fault(stored=_of_each(_through_jpeg)),
+    "k_a forgotten": Fault(free=("k_d", "k_s", "n_s"), named=("ambient",)),
+    "lamps farther": Fault(_told_farther, fewest=4, named=("distance",)),
+    "attenuation forgotten": Fault(_attenuation_forgotten, named=("attenuation",)),
+    "jpeg": Fault(stored=_of_each(through_jpeg), named=("chroma",)),
     "exposure": Fault(stored=_first_but(1.1), fewest=4, named=("exposure",)),
-    "swapped": Fault(stored=_swapped, fewest=4, named=LIGHTS),
+    "swapped": Fault(stored=_swapped, fewest=4, named=("convention",)),
     "gain of red": Fault(
         stored=lambda images, _: [images[0] * np.array([1.1, 1.0, 0.95]), *images[1:]], fewest=4, named=("exposure",)
     ),

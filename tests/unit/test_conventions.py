@@ -26,7 +26,7 @@ def fitted(axes=None, order=range(N)) -> ds.Fit:
 
 
 def said(fit: ds.Fit) -> str:
-    (note,) = [note for note in fit.notes if note.kind == "misfit"]
+    (note,) = [note for note in fit.notes if note.kind in ("cause", "misfit")]
     assert note.names == ("convention",)
     assert not fit.determined.any()
     return note
@@ -64,7 +64,7 @@ def test_other_orders_are_named(order, words):
 def test_a_right_set_up_is_in_no_other_convention():
     fit = fitted()
     assert fit.determined.all()
-    assert not [note for note in fit.notes if note.kind == "misfit"]
+    assert not [note for note in fit.notes if note.kind in ("cause", "misfit")]
     assert MATERIAL.n_s == pytest.approx(float(fit.material.n_s), rel=0.05)
     assert fit.views[0].camera.shape == CAMERA.shape
 

@@ -11,9 +11,10 @@ from refusals import untyped
 from scipy import sparse
 
 import diffshade as ds
-from diffshade.inverse.misfit.changes import Case, Move, with_materials, with_other_lobe
+from diffshade.inverse.misfit.changes import Case, Move
 from diffshade.inverse.misfit.directions import Directions, changes_of
 from diffshade.inverse.misfit.found import Fault
+from diffshade.inverse.misfit.other_scenes import with_materials, with_other_lobe
 
 pytestmark = untyped  # what stands for a set-up is a namespace
 RANDOM = np.random.default_rng(0)

@@ -3,39 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 from scipy import special
 from scipy.spatial.transform import Rotation
 
-from ...model.bands import widened
-from ...model.fresnel import NoFresnel
-from ...model.lobes import AbstractPowerLobe, Blinn, Phong
-from ...model.materials import Highlight, Material
-from ...model.patterns import AbstractPattern
-from ...model.scenes import Scene
 from ...model.surfaces import Sphere
-from ..data.recording import photograph
 from ..data.views import View, channels, lights_on
 from ..result import Fit
 from ..statistics.uncertainty import Vector, over
 from ..unknowns.places import Place
 from .linearised import BLUR_SIGMAS, Linearised
 
-MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 MAX_SPHERES = 4  # with more spheres, their places are not tested
 SMOOTH_DEGREE = 7  # of the changes that have no name: a wave is half as long as the object
 SMOOTH_OF_ONE_DEGREE = 3  # of those of one view
-MAX_SMOOTH_VIEWS = 24  # of more views, those of one view are not tested
+MAX_SINGLE_VIEWS = 24  # of more views, changes and shifts of one view are not tested
 MIN_ZEROS = 12  # samples of exactly 0 in a view, the smallest: its noise was cut off there
 MAX_NOISES = 4.0  # of a sample above 0: a darker one can be cut off
-EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,26 +98,45 @@ def of_vignetting(at: Linearised) -> Iterator[Case]:
 
 def of_uneven_light(at: Linearised) -> Iterator[Case]:
     """Yield light that changes smoothly across all pictures alike, in a way that the scene does not have."""
-    yield Case(0, _smooth(at, SMOOTH_DEGREE)[1:] * at.light)
+    yield Case(0, _smooth(at, 1, SMOOTH_DEGREE) * at.light)
 
 
 def of_uneven_view(at: Linearised) -> Iterator[Case]:
     """Yield light that changes smoothly across one picture."""
-    if 1 < len(at.fit.views) <= MAX_SMOOTH_VIEWS:
-        smooth = _smooth(at, SMOOTH_OF_ONE_DEGREE)[1:] * at.light
+    if 1 < len(at.fit.views) <= MAX_SINGLE_VIEWS:
+        smooth = _smooth(at, 1, SMOOTH_OF_ONE_DEGREE) * at.light
         for i in range(len(at.fit.views)):
             yield Case(i, np.where(at.set_up.view == i, smooth, 0.0), views=(i,))
 
 
 def of_stray_light(at: Linearised) -> Iterator[Case]:
-    """Yield light that is added to all pictures alike, and changes smoothly across them."""
-    yield Case(0, _smooth(at, SMOOTH_DEGREE) * np.sqrt(np.mean(at.light**2)))
+    """Yield light that is added to all pictures alike: from one side, of any colour, or smoothly changing across them.
+
+    That of one side is dark at the other end, since light is not negative; so its mean is as large as its change.
+    """
+    (x, y), level = _across(at), _exposure(at) * np.sqrt(np.mean(at.light**2))
+    yield Case(0, _of_each_channel(at, 0.5 * (1.0 + np.array([x, -x, y, -y])) * level))
+    yield Case(1, _smooth(at, 2, SMOOTH_DEGREE) * level)
+
+
+def of_ambient(at: Linearised) -> Iterator[Case]:
+    """Yield light from everywhere, an amount for each channel."""
+    yield Case(0, _of_each_channel(at, _exposure(at)[None]))
 
 
 def of_shift(at: Linearised) -> Iterator[Case]:
-    """Yield pictures that are shifted, by pixels along a row and along a column."""
+    """Yield pictures that are shifted, by pixels along a row and along a column: all of them, or one."""
     if at.drawable:
-        yield Case(0, at.looks[len(BLUR_SIGMAS) :])
+        shift, views = at.looks[len(BLUR_SIGMAS) :][:2], range(len(at.fit.views))
+        yield Case(0, shift)
+        for i in views if 1 < len(views) <= MAX_SINGLE_VIEWS else ():
+            yield Case(i, np.where(at.set_up.view == i, shift, 0.0), views=(i,))
+
+
+def of_chroma(at: Linearised) -> Iterator[Case]:
+    """Yield pictures whose colours, not their brightness, are blurred: red and blue, by two widths."""
+    if at.drawable:
+        yield Case(0, at.looks[len(BLUR_SIGMAS) + 2 :])
 
 
 def of_gamma(at: Linearised) -> Iterator[Case]:
@@ -141,18 +148,6 @@ def of_blur(at: Linearised) -> Iterator[Case]:
     """Yield pictures blurred by some widths."""
     for k in range(len(BLUR_SIGMAS)) if at.drawable else ():
         yield Case(k, at.looks[k][None])
-
-
-def of_lobe(at: Linearised) -> Iterator[Case]:
-    """Yield the other lobe, of which n_s is another number."""
-    renamed = np.zeros(len(at.fit.values))
-    for j, unknown in enumerate(at.fit.unknowns):
-        for place in unknown.all_places:
-            if place.field == "n_s":
-                blinn = isinstance(at.fit.scene.objects[place.item or 0].material.lobe, Blinn)
-                renamed[j] = at.fit.values[j] * (1.0 - (0.25 if blinn else 4.0))
-    for case in _of_material(at, 0, with_other_lobe):
-        yield replace(case, renamed=renamed)
 
 
 def of_bound(at: Linearised) -> Iterator[Case]:
@@ -183,16 +178,11 @@ def of_floor(at: Linearised) -> Iterator[Case]:
 
 def of_colour(at: Linearised) -> Iterator[Case]:
     """Yield light of one channel that changes smoothly across all pictures alike."""
-    smooth, channel = _smooth(at, SMOOTH_OF_ONE_DEGREE)[1:], at.set_up.channel
+    channel, degree = at.set_up.channel, SMOOTH_OF_ONE_DEGREE
+    added = _smooth(at, 2, degree) * np.sqrt(np.mean(at.light**2))  # more evenly it is stray light
+    both = np.concatenate([_smooth(at, 1, degree) * at.light, added])
     for c in range(int(channel.max()) + 1) if channel.max() else ():
-        both = np.concatenate([smooth * at.light, smooth * np.sqrt(np.mean(at.light**2))])
         yield Case(c, np.where(channel == c, both, 0.0))
-
-
-def of_second_highlight(at: Linearised) -> Iterator[Case]:
-    """Yield second highlights, sharper and wider."""
-    for k, factor in enumerate(EXPONENT_FACTORS):
-        yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
 
 
 def of_exposure(at: Linearised) -> Iterator[Case]:
@@ -235,29 +225,39 @@ def _center(at: Linearised, name: str) -> np.ndarray:
     return np.zeros(3) if name == "direction" else at.set_up.center
 
 
-def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
-    """Yield the change of the pictures by a change of each material that shines."""
-    scene = with_materials(at.fit.scene, change)
-    if scene is not None and at.drawable:
-        yield Case(which, (at.of(photograph(scene, view) for view in at.fit.views) - at.predicted)[None])
-
-
-def _smooth(at: Linearised, degree: int) -> Float[np.ndarray, "k n"]:
-    """Return products of Legendre polynomials across the object, so weighted that smooth ones come more easily.
-
-    The first is constant: that of light is its intensity, which no photograph tells from the reflections.
-    """
+def _across(at: Linearised) -> Float[np.ndarray, "2 n"]:
+    """Return where each sample is across the object, from -1 to 1 along a row and along a column."""
     set_up = at.set_up
     width = np.array([view.camera.shape[1] for view in at.fit.views])[set_up.view]
     across = []
-    for index in (set_up.pixel // width, set_up.pixel % width):
+    for index in (set_up.pixel % width, set_up.pixel // width):
         first, last = (
             np.array([of(index[set_up.view == i], initial=end) for i in range(len(at.fit.views))])[set_up.view]
             for of, end in ((np.min, np.iinfo(int).max), (np.max, 0))
         )
-        across.append(legendre.legvander(2.0 * (index - first) / np.maximum(last - first, 1) - 1.0, degree))
-    y, x = across
-    return np.array([x[:, i] * y[:, j] / (1 + i + j) for i in range(degree + 1) for j in range(degree + 1 - i)])
+        across.append(2.0 * (index - first) / np.maximum(last - first, 1) - 1.0)
+    return np.array(across)
+
+
+def _exposure(at: Linearised) -> Float[np.ndarray, " n"]:
+    """Return the exposure of each sample's view."""
+    return np.array([float(view.exposure) for view in at.fit.views])[at.set_up.view]
+
+
+def _smooth(at: Linearised, least: int, degree: int) -> Float[np.ndarray, "k n"]:
+    """Return products of Legendre polynomials across the object, so weighted that smooth ones come more easily.
+
+    A constant one of light is its intensity, which no photograph tells from the reflections.
+    """
+    x, y = (legendre.legvander(of, degree) for of in _across(at))
+    of_degrees = [(i, n - i) for n in range(least, degree + 1) for i in range(n + 1)]
+    return np.array([x[:, i] * y[:, j] / (1 + i + j) for i, j in of_degrees])
+
+
+def _of_each_channel(at: Linearised, changes: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "kc n"]:
+    """Return changes with an amount for each channel."""
+    channel = at.set_up.channel
+    return np.concatenate([np.where(channel == c, changes, 0.0) for c in range(int(channel.max(initial=0)) + 1)])
 
 
 def _rho2(view: View) -> np.ndarray:
@@ -266,33 +266,3 @@ def _rho2(view: View) -> np.ndarray:
     row, column = np.mgrid[:h, :w]
     rho2 = ((2 * row + 1 - h) ** 2 + (2 * column + 1 - w) ** 2) / float(h**2 + w**2)
     return np.broadcast_to(rho2[..., None], (h, w, channels(view)))
-
-
-def with_materials(scene: Scene, change: Callable[[Material], Material | None]) -> Scene | None:
-    """Return a scene with all materials that shine changed; None if there are none, or one cannot be changed."""
-    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
-    changed = [change(scene.objects[i].material) for i in shiny]
-    if not shiny or any(material is None for material in changed):
-        return None
-    return eqx.tree_at(lambda s: [s.objects[i].material for i in shiny], scene, changed)
-
-
-def _with_second_highlight(factor: float, bands: int, m: Material) -> Material | None:
-    """Return a material with a second highlight as strong as the first, of n_s by a factor."""
-    if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
-        return None
-    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), MIN_EXPONENT), m.lobe)
-    return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
-
-
-def with_other_lobe(m: Material) -> Material | None:
-    """Return a material with Blinn's highlight of four times n_s for Phong's, or the other way round."""
-    if not isinstance(m.lobe, Phong | Blinn):
-        return None
-    lobe, factor = (Phong(), 0.25) if isinstance(m.lobe, Blinn) else (Blinn(), 4.0)
-    return replace(m, lobe=lobe, n_s=factor * np.asarray(m.n_s, np.float64))
-
-
-def shines(k_s: Any) -> bool:
-    """Whether a surface with this k_s has a highlight."""
-    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))

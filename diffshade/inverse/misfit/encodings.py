@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from ...io.encodings import srgb_decode, srgb_encode
+from ...model.scenes import Scene
 from ..data.samples import MIN_PIXELS, Samples, SensorRange, share_of
 from ..forward.losses import LOSSES
 from ..problem import fit_problem
@@ -16,6 +17,7 @@ from ..result import Fit
 from ..solving import solve
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
+from .found import Found
 from .regional import MIN_AGREEMENT
 from .set_up import PIXELS
 
@@ -24,33 +26,45 @@ MIN_EXPLAINED = 0.5  # of what a gamma explains: the curve of files is by far th
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
-def better_encoding(fit: Fit, by_gamma: float) -> str | None:
-    """Return a sentence if the images fit so much better in the other encoding that it is believed. Runs in float64.
+def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tuple[str, str] | None:
+    """Return the kind and a sentence of what a gamma stands for, if a refit believes it. Runs in float64.
 
-    It explains more than half of what a gamma does, in most views.
+    It is the other encoding of the images, or another fault, whichever explains more: more than half of what a gamma
+    does, in most views.
 
     Args:
         fit: The fit.
         by_gamma: The fraction of the residuals' squares that a gamma explains, to first order.
+        others: Faults that can be mistaken for a gamma.
     """
-    before = _misfits(fit, lambda image: image)
-    for to, back, what, remedy in (
-        (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded", "srgb=True"),
-        (srgb_encode, srgb_decode, "linear, but were decoded from sRGB: encoded again", "srgb=False"),
-    ):
-        after = _misfits(_refitted(fit, to), back)
-        share = 1.0 - after[:, 0].sum() / before[:, 0].sum()
-        agreed = np.mean((after < before)[before[:, 0] > 0, 0])
-        if agreed >= MIN_AGREEMENT and share > MIN_EXPLAINED * by_gamma:
-            rmse = [np.sqrt(of[:, 1].sum() / before[:, 2].sum()) for of in (before, after)]
-            return (
-                f"the images seem to be {what}, they fit with RMSE {rmse[1]:.3g} instead of {rmse[0]:.3g}. Read them "
-                f"with ds.read_image(path, {remedy})."
-            )
-    return None
+    before = _misfits(fit, _linear)
+    after = [
+        (
+            _misfits(_refitted(fit, fit.scene, to), back),
+            "encoding",
+            f"the images seem to be {what}, they fit with RMSE {{rmse}}. Read them with "
+            f"ds.read_image(path, srgb={to is srgb_decode}).",
+        )
+        for to, back, what in (
+            (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded"),
+            (srgb_encode, srgb_decode, "linear, but were decoded from sRGB: encoded again"),
+        )
+    ]
+    for found in others:
+        assert found.fault.mended is not None
+        what, remedy = found.words
+        again = _misfits(_refitted(fit, found.fault.mended(found), _linear), _linear)
+        after.append((again, found.fault.kind, f"{what}: so they fit with RMSE {{rmse}}. {remedy}"))
+    best, kind, sentence = min(after, key=lambda one: one[0][:, 0].sum())
+    share = 1.0 - best[:, 0].sum() / before[:, 0].sum()
+    agreed = np.mean((best < before)[before[:, 0] > 0, 0])
+    if agreed < MIN_AGREEMENT or share <= MIN_EXPLAINED * by_gamma:
+        return None
+    rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.3g}" for of in (best, before)]
+    return kind, sentence.format(rmse=" instead of ".join(rmse))
 
 
-def _refitted(fit: Fit, curve: Curve) -> Fit:
+def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
     """Return a fit with the scene and views that are found where the images go through a curve."""
     data, loss = fit.solved.problem.data, fit.likelihood.loss
     part = PIXELS / data.counts.pixels
@@ -59,9 +73,13 @@ def _refitted(fit: Fit, curve: Curve) -> Fit:
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
     data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
-    _, end = solve(fit_problem(fit.scene, data, start, loss))
-    scene, seen = put_back(fit.scene, fit.views, start, values_at(end.theta, start))
-    return dataclasses.replace(fit, solved=fit.solved.drawn_as(scene, seen))
+    _, end = solve(fit_problem(scene, data, start, loss))
+    drawn, seen = put_back(scene, fit.views, start, values_at(end.theta, start))
+    return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen))
+
+
+def _linear(image: np.ndarray) -> np.ndarray:
+    return image
 
 
 def _through(curve: Curve, s: Samples) -> Samples:

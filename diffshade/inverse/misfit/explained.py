@@ -13,7 +13,7 @@ from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
 from .beside import beside
-from .changes import Case
+from .changes import Case, Move
 from .directions import Directions, changes_of
 from .faults import FAULTS
 from .found import Fault, Found
@@ -40,6 +40,8 @@ class Explained:
     """What all that the residuals contain adds to the standard errors of the values, in their own units."""
     of_noise: Vector
     """The standard errors by the scatter of the samples, whatever their noise."""
+    like_gamma: tuple[Found, ...] = ()
+    """The faults that can be mistaken for a gamma, each as if it were the only one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +69,13 @@ class _Look:
 
     @cached_property
     def corrected(self) -> Vector:
-        """The numbers of the set-up without the likeliest amounts of all faults, to first order; bounds do not hold."""
+        """The numbers of the set-up with the likeliest amounts of all faults; bounds do not hold."""
         theta, inside = self.directions.at.state.theta.copy(), self.directions.inside
         theta[inside] += self.directions.step - self.of.mean @ self.directions.moves_inside
+        for one in self.candidates:
+            amount = self.of.mean[one.of] / one.size
+            if isinstance(one.case.change, Move) and amount.any():
+                theta = one.case.change.along(theta, amount)
         return theta
 
     @cached_property
@@ -114,7 +120,7 @@ def explained(at: Linearised, faults: Sequence[Fault] = FAULTS) -> Explained:
     inside = np.flatnonzero(((lower < theta) & (theta < upper))[: set_up.own])
     there = linearise(set_up, replace(at.state, theta=theta, fit=set_up.drawn(theta)))
     errors = [_errors(look, found) for look in (first, _look(there, faults, inside))]
-    return Explained(found, np.maximum(*errors), of_noise)
+    return Explained(found, np.maximum(*errors), of_noise, _like_gamma(first))
 
 
 def _errors(look: _Look, found: Sequence[Found]) -> Vector:
@@ -209,6 +215,20 @@ def _found(look: _Look) -> tuple[Found, ...]:
         share = gain / look.evidence.squares
         found.append(Found(of.fault, fit, of.case.which, views, share, amount / of.size, moved))
     return tuple([f for f in found if _matters(f)] or found[len(certain) :][:1])
+
+
+def _like_gamma(look: _Look) -> tuple[Found, ...]:
+    """Return the faults that a refit has to tell from a gamma, each with the amount that it has alone."""
+    fit, found = look.directions.at.set_up.fit, []
+    for one in (one for one in look.candidates if one.fault.mended is not None):
+        amount = inverse(look.evidence.information[np.ix_(one.of, one.of)]) @ look.evidence.score[one.of]
+        if one.is_plausible(amount):
+            share = float(amount @ look.evidence.score[one.of]) / look.evidence.squares
+            views = tuple(range(len(fit.views)))
+            found.append(
+                Found(one.fault, fit, one.case.which, views, share, amount / one.size, amount @ look.moves[one.of])
+            )
+    return tuple(found)
 
 
 def _matters(found: Found) -> bool:

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...core.words import listing
 from ...model.lobes import Blinn
-from . import changes, regional
-from .changes import EXPONENT_FACTORS
+from . import changes, other_scenes, regional
 from .found import Fault, Found
 from .linearised import BLUR_SIGMAS
 
@@ -35,9 +34,10 @@ def _of_lobe(f: Found) -> dict[str, Any]:
 
 
 def _of_highlight(f: Found) -> dict[str, Any]:
-    shiny = (x.material.n_s for x in f.given.scene.objects if changes.shines(x.material.k_s))
-    n_s = EXPONENT_FACTORS[f.which] * float(np.mean(np.asarray(next(shiny))))
-    return {"wider": "sharper" if EXPONENT_FACTORS[f.which] > 1 else "wider", "n_s": n_s}
+    shiny = (x.material.n_s for x in f.given.scene.objects if other_scenes.shines(x.material.k_s))
+    factor = other_scenes.EXPONENT_FACTORS[f.which]
+    n_s = factor * float(np.mean(np.asarray(next(shiny))))
+    return {"wider": "sharper" if factor > 1 else "wider", "n_s": n_s}
 
 
 def _of_sphere(f: Found) -> dict[str, Any]:
@@ -141,10 +141,18 @@ FAULTS = (
         plausible=(0.0, 4.0),
     ),
     Fault(
+        "chroma",
+        "the colours are blurred and the brightness is not, as in JPEG files, which keep colours at half the size",
+        "Use raw, TIFF or PNG files, or fit grey images.",
+        changes.of_chroma,
+        size=lambda which, amount: 0.5 * float(np.sum(amount)),  # of red and of blue
+        plausible=(0.2, 3.0),  # 1 is exactly that
+    ),
+    Fault(
         "lobe",
         "the highlights fit {other}'s lobe better than {own}'s",
         "Give Material(lobe=ds.{other}()), or compare both with ds.compare.",
-        changes.of_lobe,
+        other_scenes.of_lobe,
         words=_of_lobe,
         plausible=(0.4, 1.7),  # 1 is exactly the other lobe
     ),
@@ -152,7 +160,7 @@ FAULTS = (
         "highlight",
         "the highlights have a second, {wider} part, with n_s near {n_s:.2g}",
         "Give the material highlights=ds.Highlight(k_s=0.1, n_s={n_s:.2g}) and free both.",
-        changes.of_second_highlight,
+        other_scenes.of_second_highlight,
         words=_of_highlight,
         plausible=(0.0, np.inf),
     ),
@@ -183,12 +191,47 @@ FAULTS = (
         _of_rotation,
     ),
     Fault(
+        "attenuation",
+        "the lamps' light {falls}, unlike the scene's attenuation",
+        "Give the lights RadialAttenuation(0, 0, 1) or (1, 0, 0), or free 'attenuation'.",
+        other_scenes.of_attenuation,
+        words=lambda f: {"falls": "falls off by the square of the distance" if f.which else "does not fall off"},
+        mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.falling, f.which)),
+        plausible=(0.2, 2.0),  # 1 is exactly the square of the distance, or no attenuation
+    ),
+    Fault(
+        "distance",
+        "the lamps are {f.size:.2g} times as far away as the scene says",
+        "Measure their distances again, or free 'position'.",
+        other_scenes.of_distance,
+        mended=lambda f: other_scenes.with_lamps(f.given, partial(other_scenes.farther, f.size)),
+        size=lambda which, amount: 1.0 + float(amount[0]),
+        plausible=(0.5, 2.0),
+    ),
+    Fault(
+        "ellipsoid",
+        "the sphere is longer in one direction than in another, by about {f.size:.2%}",
+        "Give its shape as a mesh or a GBuffer, or photograph a rounder one.",
+        other_scenes.of_ellipsoid,
+        size=lambda which, amount: float(np.ptp(np.linalg.eigvalsh(other_scenes.stretch(amount)))),
+        plausible=(0.0, 0.2),
+    ),
+    Fault(
+        "ambient",
+        "there is light of about {f.size:.2g} from everywhere that the scene does not have",
+        "Free 'k_a', or give the scene its ambient light.",
+        changes.of_ambient,
+        size=lambda which, amount: float(np.mean(amount)),
+        plausible=(0.0, np.inf),
+    ),
+    Fault(
         "shift",
-        "the pictures are shifted by about {f.length:.2g} pixels against the scene",
+        "{f.views_in_words} {are} shifted by about {f.length:.2g} pixels against the scene",
         "Check the camera's pose and principal point, and the objects' places.",
         changes.of_shift,
+        words=lambda f: {"are": "is" if len(f.views) == 1 else "are"},
         size=lambda which, amount: float(np.linalg.norm(amount)),
-        plausible=(0.0, 3.0),
+        plausible=(0.0, 10.0),
     ),
     Fault(
         "floor",

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.words import listing
+from ...model.scenes import Scene
 from ..result import Fit
 from ..statistics.uncertainty import Vector
 from ..unknowns.places import Place
@@ -50,6 +51,8 @@ class Fault:
     of_most: str = ""
     """What is said where it is found in most views or of most lights, which probably has one cause: a sentence with
     `{count}`, `{of}` how many, and the `{smallest}` and `{largest}` size."""
+    mended: Callable[[Found], Scene] | None = None
+    """The scene with it corrected, if it looks so much like a gamma that only refits tell them apart."""
     regions: Callable[[SetUp, Corrected], MasksOf] | None = None
     """The pixels of each view that it spoils."""
     confirmed: Callable[[SetUp, Corrected, Corrected, MasksOf], MasksOf] | None = None
@@ -100,10 +103,15 @@ class Found:
         """The values that it moves by more than `AFFECTED_ERRORS`."""
         return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.plain_errors)
 
+    @property
+    def words(self) -> tuple[str, str]:
+        """What it is, with its size, and the remedy."""
+        words = self.fault.words(self)
+        return self.fault.what.format(f=self, **words), self.fault.remedy.format(f=self, **words)
+
     def __str__(self) -> str:
         """Return what it is, its size, what it explains and moves, and the remedy."""
-        fit, words = self.given, self.fault.words(self)
-        what, remedy = (text.format(f=self, **words) for text in (self.fault.what, self.fault.remedy))
+        fit, (what, remedy) = self.given, self.words
         if self.fault.regions:
             return f"{what}. {remedy}"
         share = f"{self.share:.0%}" if self.share >= 0.01 else "less than 1%"

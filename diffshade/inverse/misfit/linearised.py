@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -10,10 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
+from PIL import Image
 from scipy import ndimage, sparse
 
 from ...core.backend import PLAINLY, jit_quickly
 from ...core.fields import Array
+from ...io.encodings import srgb_decode, srgb_encode
 from ...io.lazy_images import LazyImage
 from ...parallel.threads import on_all_cores
 from ..data.recording import photograph
@@ -27,6 +30,8 @@ from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
+CHROMA_FACTORS = (2, 4)  # by which a picture of colours is smaller: of JPEG files, and where it is also rounded
+LUMA = (0.299, 0.587, 0.114)  # of red, green and blue (ITU-R BT.601)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +65,16 @@ class Linearised:
 
     @cached_property
     def looks(self) -> Float[np.ndarray, "looks n"]:
-        """What blurs of `BLUR_SIGMAS` change in the photographs that the fit predicts, and shifts by a pixel.
+        """What blurs of `BLUR_SIGMAS` change in the photographs that the fit predicts, shifts, and blurred colours.
 
-        The shifts are along a row and along a column.
+        The shifts are by a pixel, along a row and along a column.
         """
 
         def look(view: View) -> Float[np.ndarray, "h w c looks"]:
             picture = photograph(self.fit.scene, view)
             blurs = (ndimage.gaussian_filter(picture, sigma, axes=(0, 1), mode="nearest") for sigma in BLUR_SIGMAS)
-            return np.stack(
-                [*(of - picture for of in blurs), np.gradient(picture, axis=1), np.gradient(picture, axis=0)], -1
-            )
+            shifts = (np.gradient(picture, axis=axis) for axis in (1, 0))
+            return np.stack([*(of - picture for of in blurs), *shifts, *_duller(picture)], -1)
 
         return self.of(map(look, self.fit.views)).T
 
@@ -92,6 +96,19 @@ class Linearised:
             flat = picture.reshape(-1, *picture.shape[2:])
             found.append(flat[at.pixel[first:end], at.channel[first:end]].astype(float))
         return np.concatenate(found)
+
+
+def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "h w c"]]:
+    """Yield what a JPEG file changes of red and of blue if it keeps colours smaller than brightness (ITU-T T.871)."""
+    shown = np.clip(picture, 0.0, 1.0)
+    encoded = srgb_encode(shown)
+    luma = encoded @ LUMA if picture.shape[2] == len(LUMA) else encoded[..., 0]
+    for factor, c in itertools.product(CHROMA_FACTORS, (0, 2)):
+        plane = Image.fromarray((encoded[..., min(c, picture.shape[2] - 1)] - luma).astype(np.float32))
+        lost = np.asarray(plane.reduce(factor).resize(plane.size, Image.Resampling.BILINEAR)) - np.asarray(plane)
+        change = np.zeros(3)
+        change[[c, 1]] = 1.0, -LUMA[c] / LUMA[1]  # brightness stays
+        yield srgb_decode(encoded + lost[..., None] * change[: picture.shape[2]]) - shown
 
 
 def linearise(set_up: SetUp, state: Corrected) -> Linearised:

@@ -15,6 +15,7 @@ from ...core.robust_scale import robust_scale
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
 from ...model.scenes import Object
+from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, dot
 from ..data.recording import record
 from ..data.samples import Samples
@@ -167,7 +168,9 @@ def _n_v(objects: tuple[Object, ...], camera: AbstractCamera) -> jax.Array:
 
 
 def center_of(objects: tuple[Object, ...], camera: AbstractCamera) -> Float[np.ndarray, "3"]:
-    """Return the mean of the points that a camera sees; the origin if their positions are unknown."""
+    """Return the centre of a sphere, or the mean of the points that a camera sees; the origin if they are unknown."""
+    if len(objects) == 1 and isinstance(objects[0].surface, Sphere):
+        return np.asarray(objects[0].surface.center)
     _, position, inside = visible_points(objects, camera)
     inside = np.asarray(inside)
     return np.zeros(3) if position is None or not inside.any() else np.asarray(position)[inside].mean(0)

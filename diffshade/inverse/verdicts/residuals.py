@@ -13,7 +13,7 @@ from ...core.words import Note, listing
 from ..misfit.beside import beside, p_of_level
 from ..misfit.changes import MIN_ZEROS
 from ..misfit.conventions import other_convention
-from ..misfit.encodings import better_encoding
+from ..misfit.encodings import better_than_gamma
 from ..misfit.explained import Explained, explain
 from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
@@ -45,7 +45,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     report_progress("what the residuals show")
     if other := other_convention(fit, residuals.squares):
         lost = np.zeros_like(fit.determined)
-        return replace(fit, determined=lost, notes=(Note(other, "misfit", ("convention",)), *fit.notes))
+        return replace(fit, determined=lost, notes=(Note(other, "cause", ("convention",)), *fit.notes))
     if not fit.determined.any():
         return fit
     seen = explain(fit, residuals.squares)
@@ -61,25 +61,26 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
 def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"], *, is_noise: bool) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
-    kinds = tuple(f.fault.kind for f in seen.found)
+    kinds, is_known = tuple(f.fault.kind for f in seen.found), bool(named) and not seen.found[0].fault.unnamed
     gamma = next((f.share for f in named if f.fault.kind == "gamma"), None)
-    if gamma is not None and (encoding := better_encoding(fit, gamma)):
-        why, kinds = f"{encoding} The errors allow for this.", ("encoding",)
+    better = None if gamma is None else better_than_gamma(fit, gamma, seen.like_gamma)
+    if better:
+        why, kinds, is_known = f"{better[1]} The errors allow for this.", (better[0],), True
+    elif is_known:
+        why = f"{_sentences(named)} The errors allow for this."
     elif not seen.found:
         why = (
             "no fault of the description explains them. The noise differs with brightness, or neighbours share it, as "
             "after JPEG, demosaicing or denoising. The errors are by the scatter of the samples, and of sums over "
             "neighbours."
         )
-    elif not named or seen.found[0].fault.unnamed:
+    else:
         why = (
             f"{seen.found[0]} No fault that has a name explains it, so the model may not have its cause. The errors "
             "allow for such a change; treat them as lower limits."
         )
-    else:
-        why = f"{_sentences(named)} The errors allow for this."
     lead = "" if is_noise else "the residuals are not noise: "
-    notes = [Note(f"{lead}{why}", "misfit", kinds)]
+    notes = [Note(f"{lead}{why}", "cause" if is_known else "misfit", kinds)]
     if lost.any():
         names = some_channels(lost, fit.unknowns)
         text = f"{listing(names)} {'is' if len(names) == 1 else 'are'} not determined until this is corrected."

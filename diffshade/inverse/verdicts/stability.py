@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -24,7 +24,7 @@ from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..statistics.clusters import Clusters
-from ..statistics.identifiability import relative_errors
+from ..statistics.identifiability import relative_errors, vague
 from ..statistics.uncertainty import Vector, inverse
 from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
@@ -120,49 +120,42 @@ def angle_to_highlight(scene: Scene, view: View) -> Float[np.ndarray, "h w"]:
 
 def refits(
     fit: Fit, clusters: Clusters, cases: Iterable[tuple[str, Masks]], report_progress: ReportProgress
-) -> tuple[list[FitWithout], Bool[np.ndarray, " p"]]:
-    """Fit again with some of the data left out; return the fits, and which values depend on the data. In float64.
+) -> list[FitWithout]:
+    """Fit again with some of the data left out. In float64.
 
-    A value that moves takes others along. The quantity that moves furthest is blamed and then held at its old value,
-    and all fits are repeated until nothing else moves.
+    Nothing is left out where the residuals name a cause, since without some of the data it moves the values otherwise,
+    and where there is no noise, so that only rounding could move them.
     """
-    blamed = np.zeros(len(fit.unknowns), bool)
-    done: list[FitWithout] = []
-    if fit.evidence.spread[1] <= ROUNDING * fit.squares:  # without noise, only rounding could move
-        return done, blamed
+    if any(note.kind == "cause" for note in fit.notes) or fit.evidence.spread[1] <= ROUNDING * fit.squares:
+        return []
     errors, rises = clusters.standard_errors(), clusters.rises()
-    cases = [(without, keep) for without, keep in cases if _enough(fit, keep)]
-    while True:
-        found = []
-        for k, (without, keep) in enumerate(cases):
-            report_progress(f"without {without}", k / len(cases))
-            again = refit(fit, keep, blamed)
-            found.append(FitWithout(without, again, moved(fit, errors, rises, again, keep, blamed)))
-        done += [r for r in found if not done or r.moved.any()]
-        if not any(r.moved.any() for r in found):
-            return done, blamed | _with_them(fit, done)
-        by_value = np.max([np.where(r.moved, how_far(fit, r.fit.values), -1.0) for r in found], 0)
-        quantity = fit.unknowns[int(by_value.argmax())].quantity
-        blamed |= np.array([u.quantity == quantity for u in fit.unknowns])
+    added = np.where(fit.determined, fit.added_errors / np.where(fit.determined, errors, 1.0), 0.0)
+    errors, rises = errors * np.hypot(1.0, added), rises * (1.0 + added**2)  # they hold what a fault may have moved
+    cases, found = [(without, keep) for without, keep in cases if _enough(fit, keep)], []
+    for k, (without, keep) in enumerate(cases):
+        report_progress(f"without {without}", k / len(cases))
+        again = refit(fit, keep)
+        found.append(FitWithout(without, again, moved(fit, errors, rises, again, keep)))
+    return found
 
 
-def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
-    """Fit anew on the pixels to keep, with a search of its own and some unknowns held where they are. In float64.
+def refit(fit: Fit, keep: Masks) -> Fit:
+    """Fit anew on the pixels to keep, with a search of its own. In float64.
 
-    An unknown that none of the pixels shows is not determined; one that is held counts as at a bound.
+    An unknown that none of the pixels shows is not determined.
     """
-    unknowns = [
-        replace(u, start=float(v), **({"lower": float(v), "upper": float(v)} if h else {}))
-        for u, v, h in zip(fit.unknowns, fit.values, held, strict=True)
-    ]
+    unknowns = [replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     kept = fit.solved.problem.data.keeping(keep)
     return summarise(*solve(fit_problem(fit.scene, kept, unknowns, fit.likelihood.loss)))
 
 
-def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
-    """Return the values that move by 30 % together with the blamed ones; they stay only while those are held."""
-    far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
-    return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
+def moves(fit: Fit, again: Iterable[FitWithout]) -> tuple[Vector, Bool[np.ndarray, " p"]]:
+    """Return how far refits move each value at most, 0 where noise explains it, and which of them by 30 %."""
+    distance, far = np.zeros(len(fit.values)), np.zeros(len(fit.values), bool)
+    for r in again:
+        distance = np.maximum(distance, np.where(r.moved, np.abs(r.fit.values - fit.values), 0.0))
+        far |= r.moved & (how_far(fit, r.fit.values) > MOVED)
+    return distance, far
 
 
 def _enough(fit: Fit, keep: Masks) -> bool:
@@ -179,9 +172,7 @@ def how_far(fit: Fit, values: Vector) -> Vector:
     return np.where(log, ratio, plain)
 
 
-def moved(
-    fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks, blamed: Bool[np.ndarray, " p"]
-) -> Bool[np.ndarray, " p"]:
+def moved(fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks) -> Bool[np.ndarray, " p"]:
     """Return the values that a refit moves further than noise explains.
 
     They move by 30 % or three errors, and the remaining data contradict the old value: holding it raises their cost by
@@ -190,7 +181,7 @@ def moved(
     """
     far = how_far(fit, again.values)
     distance = np.where(logarithms(fit.unknowns), far * fit.values, np.abs(again.values - fit.values))
-    known = again.evidence.regular & fit.evidence.regular & ~blamed
+    known = again.evidence.regular & fit.evidence.regular
     expected = _expected_rises(fit, again)
     suspects = np.flatnonzero(
         known & ((far > MOVED) | (distance > ERRORS * errors)) & (expected > SURELY * ERRORS**2 * rises)
@@ -199,7 +190,6 @@ def moved(
     if not len(suspects):
         return found
     laid = fit.solved.keeping(keep).laid_out()
-    held = {int(j): float(laid.theta[j]) for j in np.flatnonzero(blamed)}
     there = coordinates(again.values, fit.unknowns)
 
     def lowest(held: dict[int, float], *begins: Vector) -> Point:
@@ -208,13 +198,13 @@ def moved(
 
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
-    best = lowest(held, there, laid.theta)
-    alone = _contradicted_by_own_views(fit, laid, best, held, suspects.tolist(), there, ERRORS**2 * rises)
+    best = lowest({}, there, laid.theta)
+    alone = _contradicted_by_own_views(fit, laid, best, suspects.tolist(), there, ERRORS**2 * rises)
     for j in suspects.tolist():
         if j in alone:
             found[j] = alone[j]
             continue
-        end = lowest({**held, j: float(laid.theta[j])}, laid.theta, there)
+        end = lowest({j: float(laid.theta[j])}, laid.theta, there)
         found[j] = 2.0 * float(end.total.cost - best.total.cost) > ERRORS**2 * rises[j]
     return found
 
@@ -223,7 +213,6 @@ def _contradicted_by_own_views(
     fit: Fit,
     laid: LaidOut,
     best: Point,
-    held: Mapping[int, float],
     suspects: Sequence[int],
     there: Vector,
     least: Vector,
@@ -236,14 +225,13 @@ def _contradicted_by_own_views(
         fit: The fit.
         laid: Its problem, with the pixels that are kept.
         best: Its minimum.
-        held: Unknowns that are held, and where.
         suspects: The unknowns to be held at their old values.
         there: Where a refit ended.
         least: By how much twice the cost must rise for each unknown.
     """
     found: dict[int, bool] = {}
     for members in blocks(laid, suspects):
-        own = OwnViews(fit, laid, best, members, held)
+        own = OwnViews(fit, laid, best, members)
         for j in members:
             begins, exact = (laid.theta, there), 1e-3 * float(least[j])
             rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))
@@ -266,49 +254,45 @@ def _expected_rises(fit: Fit, again: Fit) -> Vector:
     return np.where(variance > 0.0, moved**2 / np.where(variance > 0.0, variance, 1.0), np.inf)
 
 
-def dependence(fit: Fit, again: Sequence[FitWithout], shifted: Bool[np.ndarray, " p"]) -> list[Note]:
+def dependence(fit: Fit, again: Sequence[FitWithout], lost: Bool[np.ndarray, " p"]) -> list[Note]:
     """Return notes on the values that depend on the data, each with the omission that moves it furthest."""
-    notes = []
+    notes, shifted = [], np.any([r.moved for r in again], 0) & fit.determined if again else []
     for quantity in dict.fromkeys(fit.unknowns[j].quantity for j in np.flatnonzero(shifted)):
         members = [j for j in np.flatnonzero(shifted) if fit.unknowns[j].quantity == quantity]
-        moves = [(r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members]
-        *_, j, worst = max(moves, key=lambda move: move[:2])
+        *_, j, worst = max(
+            ((r.moved[j], how_far(fit, r.fit.values)[j], j, r) for r in again for j in members), key=lambda at: at[:2]
+        )
+        end = "" if lost[members].any() else " Its error allows for this."
         text = (
             f"{quantity} depends on which data are included: {fit.names[j]} is {fit.values[j]:.3g} with all of them, "
             f"and {worst.fit.values[j]:.3g} without {worst.without}. Fix {quantity}, or mask pixels that the model "
-            "does not describe."
+            f"does not describe.{end}"
         )
         notes.append(Note(text, "depends on data", (quantity,)))
-    if shifted.any() and not shifted.all():
-        notes.append(
-            Note(
-                "the other values, and their errors, were found to be stable with these held at their values.",
-                "depends on data",
-            )
-        )
     return notes
 
 
-def withdraw_unstable(fit: Fit, report_progress: ReportProgress) -> Fit:
-    """Return a fit in which values that depend on a few pixels are not determined. In float64.
+def allow_for_omissions(fit: Fit, report_progress: ReportProgress) -> Fit:
+    """Return a fit whose errors hold how far values move without the pixels that decide most. In float64.
 
-    This is the cheap part of an examination, one or two fits, and these again for each quantity that is blamed:
-    without the saturated pixels, and without the brightest half of the highlight. It is skipped if the views agree
-    and no sample is clipped, since then noise explains the residuals, and if no highlight is free. What one view alone
-    shows, such as the direction of its light, is held where the fit found it.
+    This is the cheap part of an examination, two fits at most: without the saturated pixels, and without the brightest
+    half of the highlight. It is skipped if the views agree and no sample is clipped, since then noise explains the
+    residuals, and if no highlight is free. What one view alone shows, such as the direction of its light, is held where
+    the fit found it. A value that moves by 30 %, or is lost in its error, is not determined.
     """
-    if not _doubtful(fit):
+    if not _doubtful(fit) or not fit.determined.any():
         return fit
     alone = (fit.evidence.single_view >= 0) & (not any(u.products for u in fit.unknowns))
-    shared = fit.holding(alone)
-    again, moves = refits(
-        shared, shared.clusters, [*without_saturated(fit, (3,)), *without_brightest(fit)], report_progress
-    )
-    moves &= shared.determined
-    shifted = np.zeros(len(alone), bool)
-    shifted[~alone] = moves
-    notes = (*dependence(shared, again, moves), *fit.notes)
-    return replace(fit, determined=fit.determined & ~shifted, notes=notes)
+    shared, errors, kept = fit.holding(alone), fit.errors.copy(), fit.determined.copy()
+    cases = [*without_saturated(fit, (3,)), *without_brightest(fit)]
+    again = refits(shared, shared.clusters, cases, report_progress)
+    distance, far = moves(shared, again)
+    errors[~alone] = np.hypot(shared.errors, distance)
+    vaguely, _ = vague(shared.unknowns, shared.values, errors[~alone], shared.scales)
+    lost = shared.determined & (far | (distance > 0.0) & vaguely)
+    kept[~alone] &= ~lost
+    notes = (*dependence(shared, again, lost), *fit.notes)
+    return replace(fit, errors=errors, determined=kept, notes=notes)
 
 
 def _doubtful(fit: Fit) -> bool:

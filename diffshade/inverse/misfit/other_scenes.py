@@ -1,0 +1,177 @@
+"""Other scenes: what a fault changes in the pictures, drawn anew with another material, lamp or shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...model.attenuation import RadialAttenuation
+from ...model.bands import widened
+from ...model.fresnel import NoFresnel
+from ...model.gbuffers import GBuffer
+from ...model.lights import AbstractLamp
+from ...model.lobes import AbstractPowerLobe, Blinn, Phong
+from ...model.materials import Highlight, Material
+from ...model.patterns import AbstractPattern
+from ...model.rendering import intersect, pixel_rays
+from ...model.scenes import Scene
+from ...model.surfaces import Sphere
+from ..data.recording import photograph
+from ..data.views import View
+from ..result import Fit
+from .changes import Case
+from .linearised import Linearised
+from .regions import center_of
+
+MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
+EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
+STEP = 0.01  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
+ALIKE = 1e-6  # of the light: a change below this is rounding
+
+
+def of_lobe(at: Linearised) -> Iterator[Case]:
+    """Yield the other lobe, of which n_s is another number."""
+    renamed = np.zeros(len(at.fit.values))
+    for j, unknown in enumerate(at.fit.unknowns):
+        for place in unknown.all_places:
+            if place.field == "n_s":
+                blinn = isinstance(at.fit.scene.objects[place.item or 0].material.lobe, Blinn)
+                renamed[j] = at.fit.values[j] * (1.0 - (0.25 if blinn else 4.0))
+    for case in _of_material(at, 0, with_other_lobe):
+        yield replace(case, renamed=renamed)
+
+
+def of_second_highlight(at: Linearised) -> Iterator[Case]:
+    """Yield second highlights, sharper and wider."""
+    for k, factor in enumerate(EXPONENT_FACTORS):
+        yield from _of_material(at, k, partial(_with_second_highlight, factor, len(at.fit.scene.channels)))
+
+
+def of_attenuation(at: Linearised) -> Iterator[Case]:
+    """Yield lamps whose light does not fall off, and lamps whose light falls off by the square of the distance."""
+    for power in (0, 2):
+        yield from _of_lamps(at, power, partial(falling, power), 1.0)
+
+
+def of_distance(at: Linearised) -> Iterator[Case]:
+    """Yield lamps that are all farther by the same factor, and as strong where the object is."""
+    yield from _of_lamps(at, 0, partial(farther, 1.0 + STEP), STEP)
+
+
+def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:
+    """Yield the change by other lamps, by an amount, but for that of their strength, which the reflections imitate."""
+    if not at.drawable or not any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights):
+        return
+    changed = _drawn(at, with_lamps(at.fit, change)) - at.predicted
+    weighted = at.weight * at.light
+    changed = changed - at.light * (weighted @ changed / (weighted @ at.light))
+    if np.abs(changed).max() > ALIKE * np.abs(at.light).max():
+        yield Case(which, changed[None] / amount)
+
+
+def with_lamps(fit: Fit, change: Callable[[Any, np.ndarray], Any]) -> Scene:
+    """Return a fit's scene with all its lamps changed, given the middle of its objects."""
+    center = center_of(fit.scene.objects, fit.views[0].camera)
+    lights = [change(light, center) if isinstance(light, AbstractLamp) else light for light in fit.scene.lights]
+    return replace(fit.scene, lights=lights)
+
+
+def falling(power: int, lamp: Any, center: np.ndarray) -> Any:
+    """Return a lamp whose light falls off by a power of the distance, and is what it was at the centre."""
+    d = float(np.linalg.norm(np.asarray(lamp.position) - center))
+    constant = 1.0 / float(lamp.attenuation(d))
+    return replace(lamp, attenuation=RadialAttenuation(*(constant / d**power * (np.arange(3) == power))))
+
+
+def farther(factor: float, lamp: Any, center: np.ndarray) -> Any:
+    """Return a lamp that is farther from the centre by a factor, and as strong there."""
+    arm = np.asarray(lamp.position) - center
+    d = float(np.linalg.norm(arm))
+    power = float(lamp.attenuation(d)) / float(lamp.attenuation(factor * d))
+    return replace(lamp, position=center + factor * arm, intensity=power * np.asarray(lamp.intensity))
+
+
+def of_ellipsoid(at: Linearised) -> Iterator[Case]:
+    """Yield a sphere, the scene's only object, that is longer along some directions: five amounts of equal volume."""
+    (item, *others), scene = at.fit.scene.objects, at.fit.scene
+    if others or not isinstance(item.surface, Sphere) or not at.drawable:
+        return
+    by_view = [[photograph(s, view) for s in _stretched(scene, view)] for view in at.fit.views]
+    before, *after = (at.of(pictures) for pictures in zip(*by_view, strict=True))
+    yield Case(0, (np.array(after) - before) / STEP)
+
+
+def stretch(amount: Float[np.ndarray, "5"]) -> Float[np.ndarray, "3 3"]:
+    """Return the relative change of lengths along each direction, symmetric and of no volume, by five amounts."""
+    e = np.eye(3)
+    pairs = [np.outer(e[i], e[j]) + np.outer(e[j], e[i]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    along = [np.diag(e[0] - e[1]), np.diag(2.0 * e[2] - e[0] - e[1]) / np.sqrt(3.0)]
+    return np.tensordot(amount, [*pairs, *along], 1)
+
+
+def _stretched(scene: Scene, view: View) -> Iterator[Scene]:
+    """Yield a scene of one sphere as a view sees it, and then with its axes changed by `STEP`, in five ways.
+
+    A stretch I + S turns the normal n at p, seen from e, to (I - S) n of the point of the sphere that is now seen at
+    the same pixel: p - S (p - c), and along the ray from e until it is on the sphere again.
+    """
+    sphere: Any = scene.objects[0].surface
+    seen = intersect(scene, view.camera)
+    n, p, mask = (np.asarray(of) for of in (seen.normal, seen.position, seen.mask))
+    arm = p - np.asarray(sphere.center)
+    ray = np.asarray(pixel_rays(view.camera.projection(), view.camera.shape).direction.stack())
+    facing = np.where(np.abs(across := np.sum(n * ray, -1)) > STEP, across, -1.0)
+    for S in (np.zeros((3, 3)), *(STEP * stretch(amount) for amount in np.eye(5))):
+        along = np.sum(n * (arm @ S), -1) / facing
+        turned = n + (along[..., None] * ray - arm @ S) / float(sphere.radius) - n @ S
+        turned = turned / np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), ALIKE)
+        surface = GBuffer(np.where(mask[..., None], turned, 0.0), p, mask)
+        yield eqx.tree_at(lambda s: s.objects[0].surface, scene, surface)
+
+
+def _drawn(at: Linearised, scene: Scene) -> Float[np.ndarray, " n"]:
+    """Return the samples of photographs of another scene."""
+    return at.of(photograph(scene, view) for view in at.fit.views)
+
+
+def _of_material(at: Linearised, which: int, change: Callable[[Material], Material | None]) -> Iterator[Case]:
+    """Yield the change of the pictures by a change of each material that shines."""
+    scene = with_materials(at.fit.scene, change)
+    if scene is not None and at.drawable:
+        yield Case(which, (_drawn(at, scene) - at.predicted)[None])
+
+
+def with_materials(scene: Scene, change: Callable[[Material], Material | None]) -> Scene | None:
+    """Return a scene with all materials that shine changed; None if there are none, or one cannot be changed."""
+    shiny = [i for i, item in enumerate(scene.objects) if shines(item.material.k_s)]
+    changed = [change(scene.objects[i].material) for i in shiny]
+    if not shiny or any(material is None for material in changed):
+        return None
+    return eqx.tree_at(lambda s: [s.objects[i].material for i in shiny], scene, changed)
+
+
+def _with_second_highlight(factor: float, bands: int, m: Material) -> Material | None:
+    """Return a material with a second highlight as strong as the first, of n_s by a factor."""
+    if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
+        return None
+    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), MIN_EXPONENT), m.lobe)
+    return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
+
+
+def with_other_lobe(m: Material) -> Material | None:
+    """Return a material with Blinn's highlight of four times n_s for Phong's, or the other way round."""
+    if not isinstance(m.lobe, Phong | Blinn):
+        return None
+    lobe, factor = (Phong(), 0.25) if isinstance(m.lobe, Blinn) else (Blinn(), 4.0)
+    return replace(m, lobe=lobe, n_s=factor * np.asarray(m.n_s, np.float64))
+
+
+def shines(k_s: Any) -> bool:
+    """Whether a surface with this k_s has a highlight."""
+    return isinstance(k_s, AbstractPattern) or bool(np.any(np.asarray(k_s) > 0))
