@@ -69,9 +69,9 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
     2. Intervals are profile-likelihood intervals (Venzon and Moolgavkar 1988): the cost, minimised over the other
        unknowns, rises by the square of the number of errors. They may be asymmetric, and end at bounds.
     3. The fit is repeated without half of the views, without saturated pixels and 1 and 3 px around them, without the
-       brightest half of the highlight, and without 2 and 5 degrees around it, unless its residuals name a cause. How far
-       a value moves is added to its error, if that is more than three errors and the remaining data contradict the old
-       value; one that moves by 30 % is not determined.
+       brightest half of the highlight, and without 2 and 5 degrees around it, unless its residuals name a cause. How
+       far a value moves is added to its error, if that is more than three errors and the remaining data contradict the
+       old value; one that moves by 30 % is not determined.
     4. The faults of the description that the fit found in its residuals are corrected one by one, with cast shadows and
        interreflection at a rim, so that each has its size beside the others.
 

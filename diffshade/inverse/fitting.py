@@ -71,14 +71,14 @@ def fit(
     is tried at places all around.
 
     A fit checks itself. If its residuals are not noise, a note names what explains them, such as a light that is off, a
-    gamma or a black level, and the errors contain what it may have moved; a value lost in that is not determined.
-    Where they name no cause, and the views disagree or samples are clipped, it is repeated without the saturated
-    pixels and without the brightest half of the highlight. The errors then contain how far a number moves, if these
-    samples contradict its old value; one that moves by 30 % is not determined. If views without a mask show a dark
-    background inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from
-    the value that the images alone give, and values that it moves by two errors are not determined. If the images
-    of integer files have less noise than a step, the steps are found from the values, and the effect of rounding is
-    added to the errors (`Fit.rounding`). Lazy images are not compared with the silhouette.
+    gamma or a black level, and the errors contain what it may have moved; a value lost in that is not determined. Where
+    they name no cause, and the views disagree or samples are clipped, it is repeated without the saturated pixels and
+    without the brightest half of the highlight. The errors then contain how far a number moves, if these samples
+    contradict its old value; one that moves by 30 % is not determined. If views without a mask show a dark background
+    inside the scene's silhouette, nothing is determined. A prior is reported if it is four standard deviations from the
+    value that the images alone give, and values that it moves by two errors are not determined. If the images of
+    integer files have less noise than a step, the steps are found from the values, and the effect of rounding is added
+    to the errors (`Fit.rounding`). Lazy images are not compared with the silhouette.
 
     Args:
         scene: The scene. Its values of free parameters matter only if the search begins at them (see above).
