@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from ..core.words import with_names
 from .domes import dome, place_of
 from .map_uses import is_maps, report_maps
 from .maps import divided, on_bands
@@ -42,8 +43,15 @@ def fit(typed: Options, out: tuple[Path, ...], hold_out: int | None) -> None:
     written = [_put(path, found, source, typed.source) for path in out]
     files = ", ".join(map(str, out))
     doubt = f"- for each undetermined parameter, {files} holds one of many values that fit equally well."
+    doubt = doubt if out and not found.determined.all() else None
     answer(
-        [source.encodings, found, inside, doubt if out and not found.determined.all() else None, *written],
+        [
+            source.encodings,
+            with_names(f"{found}", source.names),
+            inside,
+            doubt if out and not found.determined.all() else None,
+            *written,
+        ],
         _fit_data(found, source),
         {"written": written, "bands": data_of_bands},
     )
@@ -92,7 +100,7 @@ def report(typed: Options, out: Path, quick: bool, hold_out: int | None) -> None
     inside, data_of_bands = on_bands(bands, held.views, held.names)
     examination = more.get("examination")
     answer(
-        [source.encodings, examination or found, inside, f"{out}: open it in a browser"],
+        [source.encodings, with_names(f"{examination or found}", source.names), inside, f"{out}: open it in a browser"],
         _fit_data(found, source, examination),
         more,
         {"page": out, "bands": data_of_bands},
@@ -244,5 +252,5 @@ def _fit_data(found: ds.Fit, source: Source, examination: ds.Examination | None 
         "pixels": found.counts.pixels,
         "samples": found.counts.samples,
         "errors": found.clusters.sentence([unknown.quantity for unknown in found.unknowns]),
-        "notes": best.notes,
+        "notes": [with_names(note, source.names) for note in best.notes],
     }

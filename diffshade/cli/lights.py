@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .sources import ENCODING, EXIF, Encodings, by_name, with_names
+from ..core.words import with_names
+from .sources import ENCODING, EXIF, Encodings, by_name
 from .terminal import FILE, FOLDER, SETTINGS, OneOf, answer, with_json
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_names, with_options
+from ..core.words import with_names
+from .sources import LOSSES, ROOM, VIEWS, Options, Source, by_name, with_options
 from .terminal import SETTINGS, Names, OneOf, answer, with_json
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.words import with_names
 from .terminal import FILE, Bounds, LightsOn, Names, OneOf
 
 if TYPE_CHECKING:
@@ -275,8 +275,3 @@ def by_name(names: tuple[str, ...]) -> Iterator[None]:
         yield
     except ValueError as error:
         raise ValueError(with_names(f"{error}", names)) from None
-
-
-def with_names(text: str, names: Sequence[str]) -> str:
-    """Return a text with photographs' names in place of views[0], views[1] and so on."""
-    return re.sub(r"views\[(\d+)\]", lambda found: names[int(found[1])], text)

@@ -52,3 +52,8 @@ def listing(names: Sequence[str]) -> str:
 def count(number: int, noun: str) -> str:
     """Return a number and what it counts."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def with_names(text: str, names: Sequence[str]) -> str:
+    """Return a text with photographs' names in place of views[0], views[1] and so on."""
+    return re.sub(r"views\[(\d+)\]", lambda found: names[int(found[1])], text)

@@ -1,6 +1,7 @@
 """The command `diffshade`, typed as a user types it, in this process; what needs one of its own is in studies."""
 
 import dataclasses
+import html
 import json
 import re
 import shutil
@@ -379,6 +380,27 @@ def test_a_page_and_its_json_agree(typed):
     assert all(parameter["name"] in page for parameter in told["parameters"])
     assert all(f">{name}<" in page for name in PHOTOS)
     assert told["page"] == "ball.html"
+
+
+def test_what_a_fit_says_of_a_photograph_that_is_too_bright_is_said_everywhere(typed):
+    ds.write_image(PHOTOS[0], 1.2 * ds.read_image(PHOTOS[0]))
+    words = ("ball.toml", *PHOTOS, "--free", "k_a,k_d,k_s,n_s")
+    told, printed = typed("fit", *words, "--json").told, typed("fit", *words).out
+    camera, images = ds.read_camera("ball.toml"), [ds.read_image(name) for name in PHOTOS]
+    views = [ds.View(image, camera, lit=(i,)) for i, image in enumerate(images)]
+    examined = ds.examine(ds.fit(ds.read_scene("ball.toml"), views, free=("k_a", "k_d", "k_s", "n_s")))
+    paged = typed("report", *words, "--quick", "-o", "ball.html", "--json").told
+    page, (cause,) = (
+        html.unescape(Path("ball.html").read_text(encoding="utf-8")),
+        [n for n in told["notes"] if "as bright" in n],
+    )
+    assert cause.startswith("the residuals are not noise: 0.exr is 1.19 times as bright as the other views predict")
+    assert {*told["notes"]} == {*paged["notes"]} <= {re.sub(r"views\[(\d)]", r"\1.exr", n) for n in examined.notes}
+    assert all(note in page for note in told["notes"])
+    assert " ".join(printed.split()).count(cause) == 1
+    withheld = [{p["name"] for p in of["parameters"] if not p["determined"]} for of in (told, paged)]
+    assert withheld[0] == withheld[1]
+    assert withheld[0] <= {n for n, sure in zip(examined.fit.names, examined.determined, strict=True) if not sure}
 
 
 def test_the_next_photograph(typed):

@@ -15,7 +15,6 @@ from ..result import Fit
 
 FAR = 4  # pixels: the least distance from the outline at which a pixel shows the background alone
 MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count too often
-MIN_SAMPLES = 256  # of all views
 NOT_DARK = 0.2  # of the object's brightness: what is brighter beside it is no black level
 CUT_OFF = 0.05  # of the samples that are exactly 0: more were cut off there, whatever the black level is
 UNIFORM = 1.5  # noises of the object: what scatters more beside it is a thing, no black level
@@ -46,7 +45,7 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
     if not found:
         return None
     shown = np.concatenate(found)
-    if len(shown) < MIN_SAMPLES or abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):
+    if abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):
         return None
     noise = (
         fit.rmse if fit.views[0].noise is None else fit.rmse * np.sqrt(float(fit.views[0].noise.variance(np.zeros(()))))
@@ -63,4 +62,6 @@ def _far_from(inside: Mask) -> Int[np.ndarray, " n"]:
 def p_of_level(shown: Float[np.ndarray, " m"]) -> float:
     """Return the p-value of samples beside the objects to have the mean that the scene says."""
     spread = float(np.std(shown))
-    return float(2.0 * special.ndtr(-abs(shown.mean()) / spread * np.sqrt(len(shown)))) if spread > 0 else 1.0
+    if spread == 0.0:
+        return 1.0
+    return float(2.0 * special.stdtr(len(shown) - 1, -abs(shown.mean()) / spread * np.sqrt(len(shown))))

@@ -12,7 +12,6 @@ from jaxtyping import Bool, Float, Int
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
-from .beside import beside
 from .changes import Case, Move
 from .directions import Directions, changes_of
 from .faults import FAULTS
@@ -158,7 +157,7 @@ def _with_samples_beside(candidates: Sequence[_Candidate], group: np.ndarray, di
     """Return what the residuals say of the directions, and the samples beside the objects of those that show there."""
     at, squares, (information, score) = directions.at, directions.squares, directions.evidence()
     freedom = max(float(at.count - len(directions.inside)), 1.0)
-    if (shown := beside(at.fit)) is not None:
+    if (shown := at.set_up.shown_beside) is not None:
         weight = float(np.median(at.weight[at.weight > 0]))
         for of in (of for of in candidates if of.fault.beside):
             information[np.ix_(of.of, of.of)] += weight * len(shown) / of.size**2

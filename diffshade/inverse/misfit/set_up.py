@@ -21,6 +21,7 @@ from ..unknowns.places import Place
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
 from ..unknowns.visibility import shown_unknowns
+from .beside import beside
 from .regions import center_of, rims
 
 PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
@@ -77,6 +78,11 @@ class SetUp:
         self.view, self.pixel, self.channel = np.hstack([np.reshape(of, (3, -1)) for of in samples]).astype(int)
         self.first = np.searchsorted(self.view, np.arange(len(fit.views) + 1))
         """The first sample of each view, and their number."""
+
+    @cached_property
+    def shown_beside(self) -> Vector | None:
+        """What the photographs show beside the objects, less the background."""
+        return beside(self.fit)
 
     @cached_property
     def rims(self) -> list[tuple[Mask, np.ndarray]]:

@@ -61,8 +61,9 @@ def set_by_priors(
 def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
     """Return a sentence on the lights' intensities if reflections are free and the intensities or exposures are not.
 
-    All intensities times 1.3 and all reflections over 1.3 make the same images. With every intensity free, or every
-    exposure, that is a gauge, which the fit names.
+    All intensities times 1.3 and all reflections over 1.3 make the same images, and thin haze, which dims an object and
+    adds light to it, those of weaker reflections and a larger k_a. With every intensity free, or every exposure, that
+    is a gauge, which the fit names.
 
     Args:
         unknowns: Of the fit.
@@ -77,10 +78,10 @@ def taken_as_exact(unknowns: Sequence[Unknown], lights: int, views: int) -> str:
     )
     if not names or any(of and free.issuperset(of) for of in senders):
         return ""
-    verb = "scales" if len(names) == 1 else "scale"
+    scale, hold = ("scales", "holds") if len(names) == 1 else ("scale", "hold")
     return (
-        f"{listing(names)} {verb} inversely with the lights' intensities, which are taken as exact: no image can check "
-        "these."
+        f"{listing(names)} {scale} inversely with the lights' intensities, which are taken as exact, and {hold} what "
+        "thin haze changes: no image can check these."
     )
 
 

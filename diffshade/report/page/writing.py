@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...core.backend import in_float64
 from ...core.fields import check_kind
 from ...core.progress import showing
+from ...core.words import with_names
 from ...diagnosis.examination import Examination
 from ...diagnosis.model_choice import ModelChoice
 from ...diagnosis.planning import Plan
@@ -169,7 +170,7 @@ def _write_fit(
         page = _filled(
             fit=fit,
             examination=examination,
-            notes=fit.notes if examination is None else examination.notes,
+            notes=[with_names(note, names) for note in (fit if examination is None else examination).notes],
             parameters=tables.parameters(fit, examination),
             gallery=gallery,
             with_sensor=with_sensor,
