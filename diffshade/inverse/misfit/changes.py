@@ -134,7 +134,7 @@ def of_shift(at: Linearised) -> Iterator[Case]:
 
 
 def of_chroma(at: Linearised) -> Iterator[Case]:
-    """Yield pictures whose colours, not their brightness, are blurred: red and blue, by two widths."""
+    """Yield pictures whose colours, not their brightness, are blurred: red and blue, by some widths."""
     if at.drawable:
         yield Case(0, at.looks[len(BLUR_SIGMAS) + 2 :])
 

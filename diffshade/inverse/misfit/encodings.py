@@ -17,11 +17,12 @@ from ..result import Fit
 from ..solving import solve
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
+from .conventions import CLEARLY
 from .found import Found
 from .regional import MIN_AGREEMENT
 from .set_up import PIXELS
 
-MIN_EXPLAINED = 0.5  # of what a gamma explains: the curve of files is by far the commoner cause
+MIN_EXPLAINED = 0.5  # of what a gamma explains
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -55,7 +56,11 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tup
         what, remedy = found.words
         again = _misfits(_refitted(fit, found.fault.mended(found), _linear), _linear)
         after.append((again, found.fault.kind, f"{what}: so they fit with RMSE {{rmse}}. {remedy}"))
-    best, kind, sentence = min(after, key=lambda one: one[0][:, 0].sum())
+    after = sorted(after, key=lambda one: one[0][:, 0].sum())
+    if after[0][1] != "encoding":  # which is by far the commoner cause
+        curve = next(one for one in after if one[1] == "encoding")
+        after = [curve] if after[0][0][:, 0].sum() > CLEARLY * curve[0][:, 0].sum() else after
+    best, kind, sentence = after[0]
     share = 1.0 - best[:, 0].sum() / before[:, 0].sum()
     agreed = np.mean((best < before)[before[:, 0] > 0, 0])
     if agreed < MIN_AGREEMENT or share <= MIN_EXPLAINED * by_gamma:

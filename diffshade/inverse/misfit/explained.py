@@ -135,8 +135,9 @@ def _errors(look: _Look, found: Sequence[Found]) -> Vector:
         if one.case.renamed is not None and any(f.fault is one.fault for f in found):
             moves[one.of] += one.case.renamed / one.size
             away = away + look.of.mean[one.of] @ (one.case.renamed[None] / one.size)
-    certain = sum((one.size * moves[one.of].sum(0)) ** 2 for one in look.candidates if one.case.known)
-    return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + certain)
+    more = sum((one.size * moves[one.of].sum(0)) ** 2 for one in look.candidates if one.case.known)
+    more += sum((look.of.mean[one.of] @ moves[one.of]) ** 2 for one in look.candidates if one.fault.rough)
+    return np.sqrt(np.einsum("kp,kl,lp->p", moves, look.of.covariance, moves) + away**2 + more)
 
 
 def _look(at: Linearised, faults: Sequence[Fault], inside: Int[np.ndarray, " inside"]) -> _Look:

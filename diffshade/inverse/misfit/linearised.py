@@ -30,7 +30,7 @@ from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-CHROMA_FACTORS = (2, 4)  # by which a picture of colours is smaller: of JPEG files, and where it is also rounded
+CHROMA_FACTORS = (2, 4)  # by which a picture of colours is smaller: of JPEG files, and where these also round it
 LUMA = (0.299, 0.587, 0.114)  # of red, green and blue (ITU-R BT.601)
 
 
