@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from synthetic import CAMERA, forget, noisy, one_light_each, photographs, point_lights, seen_by, standard_scene
+from unexplained import unexplained  # noqa: F401
 
 import diffshade as ds
 
@@ -17,6 +18,8 @@ TRUTH = standard_scene(ds.Material(0.1, COLOURS, 0.5 * COLOURS, 50), LIGHTS)
 SIGMA = 0.005
 IMAGES = noisy(photographs(TRUTH), SIGMA, 0)
 INSIDE = np.asarray(seen_by(CAMERA).mask)
+
+pytestmark = pytest.mark.usefixtures("unexplained")
 
 
 def fit(free: Sequence[str] = OF_MATERIAL, *, scene: ds.Scene | None = None, noise: Any = None, **options: Any):

@@ -99,17 +99,22 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)
     np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)
     applied.write(tmp_path / "ready")  # again
+    ds.draw_calibration(tmp_path / "shown.png", balls)
+    assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
+    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
+        ds.draw_calibration(tmp_path / "shown.gif", balls)
+
+
+@pytest.mark.thorough
+def test_photographs_beyond_1_are_carried_as_they_are(folders, balls, tmp_path):
+    ball = folders[1]
     bright = tmp_path / "bright"
     write_shots(bright, [np.asarray(view.image) for view in ball.views])
     np.save(bright / "shot_00.npy", 3.0 * ds.read_image(bright / "shot_00.png", srgb=False))
     (bright / "shot_00.png").unlink()
     ds.apply_lights(balls[0], bright, srgb=False).write(tmp_path / "brighter")
     held = ds.read_photographs(tmp_path / "brighter", normals=False)[1][0].image[:]
-    np.testing.assert_allclose(held, np.load(bright / "shot_00.npy"))  # beyond 1, and not clipped
-    ds.draw_calibration(tmp_path / "shown.png", balls)
-    assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
-    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
-        ds.draw_calibration(tmp_path / "shown.gif", balls)
+    np.testing.assert_allclose(held, np.load(bright / "shot_00.npy"))
 
 
 def test_one_ball_says_where_the_object_is_taken_to_stand(balls):

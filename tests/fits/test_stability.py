@@ -5,8 +5,10 @@ from functools import cache
 
 import jax
 import numpy as np
+import pytest
 from scenarios import clean_fit, clean_images, noisy_fit, standard_fit
 from synthetic import CAMERA, noisy, photographs, standard_scene
+from unexplained import unexplained  # noqa: F401
 
 import diffshade as ds
 from diffshade.core.progress import silent
@@ -122,6 +124,7 @@ def of_two_highlights() -> tuple[ds.Fit, list, np.ndarray]:
     return fit, *refitted(fit)
 
 
+@pytest.mark.usefixtures("unexplained")
 def test_a_highlight_of_another_shape_moves_and_the_rest_does_not():
     fit, done, shifted = of_two_highlights()
     moved = {name.rsplit(".", 1)[0] for name, here in zip(fit.names, shifted, strict=True) if here}
