@@ -60,8 +60,10 @@ def directional_lights_in_grey() -> tuple[ds.Fit, ds.Scene]:
     "case",
     [
         phong,
-        blinn_on_a_gbuffer_under_an_orthographic_camera,
-        *(pytest.param(case, marks=pytest.mark.thorough) for case in (two_objects, directional_lights_in_grey)),
+        *(
+            pytest.param(case, marks=pytest.mark.thorough)
+            for case in (two_objects, blinn_on_a_gbuffer_under_an_orthographic_camera, directional_lights_in_grey)
+        ),
     ],
 )
 def test_noiseless_photographs_give_the_truth_back(case):
