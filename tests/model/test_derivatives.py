@@ -117,7 +117,7 @@ def test_zero_on_the_documented_side(found, lobe, name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("lobe", ["phong", "blinn"])
+@pytest.mark.parametrize("lobe", ["phong", pytest.param("blinn", marks=pytest.mark.slow)])
 def test_finite_in_float32(lobe):
     with jax.enable_x64(False):
         at_corners(lobe)
