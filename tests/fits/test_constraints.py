@@ -139,6 +139,7 @@ def test_a_prior_of_a_linear_unknown_is_combined_with_known_noise_as_a_precision
     np.testing.assert_allclose(both.plain_errors, total**-0.5, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_prior_determines_what_the_photographs_do_not():
     free, tied = ("k_d", "k_s", "n_s", "intensity"), ("intensity",)
     told = forget(TRUTH, ("k_d", "k_s", "n_s"))

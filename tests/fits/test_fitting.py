@@ -211,6 +211,7 @@ def test_correlations_are_those_of_the_covariance():
     np.testing.assert_allclose(errors, fit.plain_errors, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_stands_at_a_bound_is_marked_and_listed():
     fit = standard_fit(noisy_images(), bounds={"k_s": (0.0, 0.3), "n_s": (60.0, 1e4)})
     marked = {line.split()[0] for line in str(fit).splitlines() if line.endswith("  at a bound")}

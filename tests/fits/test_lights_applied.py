@@ -44,10 +44,8 @@ def folders(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def balls(folders):
-    """One found by its edge, which takes seconds, and one by its mask."""
     mask = ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask
-    masks = {"left": None, "right": mask}
-    return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name, mask in masks.items()]
+    return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name in ("left", "right")]
 
 
 def test_an_outline_is_found_by_its_edge():
@@ -65,10 +63,10 @@ def test_an_outline_is_found_by_its_edge():
     assert find_edge([np.full((80, 80), 0.3)]) is None
 
 
+@pytest.mark.thorough
 def test_a_ball_without_a_mask_is_found_and_said(folders, balls):
-    here, found = folders[0], balls[0]
+    found, true = ds.calibrate(folders[0] / "left", ball="mirror"), balls[0]
     column, row = found.balls[0].middle
-    true = ds.calibrate(here / "left", ball="mirror", mask=ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask)
     assert np.allclose((column, row), true.balls[0].middle, atol=0.7)
     assert abs(found.balls[0].radius - true.balls[0].radius) < 0.7
     assert any("found by its edge" in note for note in found.notes)

@@ -74,6 +74,7 @@ def test_maps_are_shaded_by_the_shared_highlight_and_say_so(shadowed, tmp_path):
     assert about["errors_95"]["normal"] == pytest.approx(maps.times_95["normal"], abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_bands_are_the_whole_map(shadowed, tmp_path):
     ball, maps = shadowed
     bands = ds.fit_texels(facing_us(ball), ball.views, free=FREE, memory=400_000, out=tmp_path / "maps")
@@ -115,7 +116,7 @@ def test_what_shows_nothing_is_not_known(shadowed):
 @pytest.mark.thorough
 @pytest.mark.parametrize("n_s", [20.0, 300.0])
 def test_the_exponent_of_one_material_lies_within_its_errors(n_s):
-    ball, lights, rng = textured_ball(40), lights_about(20), np.random.default_rng(0)
+    ball, lights, rng = textured_ball(40), lights_about(30), np.random.default_rng(0)
     n = ball.truth["normal"]
     views = []
     for i, l in enumerate(lights):

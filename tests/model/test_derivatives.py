@@ -48,14 +48,13 @@ TIERS: dict[str, Any] = dict.fromkeys(
     ),
     pytest.mark.slow,
 )
-QUICK = ["a ball under two lights of each kind"]
 AMBIENT = {"0.objects.0.material.k_a", "0.objects.0.material.k_e", "0.ambient"}
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_a_scene_has_the_derivative_of_finite_differences(name):
-    """Along one direction of all its numbers; one by one they are thorough."""
-    differences, forward, reverse = slopes(name)
+@pytest.mark.thorough
+def test_a_scene_has_the_derivative_of_finite_differences():
+    """Along one direction of all its numbers; one by one they are slow."""
+    differences, forward, reverse = slopes("a ball under two lights of each kind")
     tolerance = 1e-8 * np.abs(reverse).sum()
     assert abs(forward - differences) <= tolerance
     assert abs(reverse.sum() - differences) <= tolerance
@@ -81,13 +80,8 @@ def test_the_table_is_that_of_the_checks_and_only_jumps_have_no_derivative():
     assert TABLE.read_text(encoding="utf-8") == table(claimed), "run python tests/support/derivatives.py"
 
 
-def marked(name):
-    """A place, thorough where there is air or glass, which only stands in air here."""
-    scene = PLACES[name][2][0]
-    return pytest.param(name, marks=[pytest.mark.thorough] * (scene.atmosphere is not None))
-
-
-@pytest.mark.parametrize("name", [marked(name) for name in PLACES])
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", PLACES)
 def test_finite_at_the_kink_and_0_on_the_documented_side(name):
     check_place(name)
 
