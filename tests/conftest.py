@@ -31,13 +31,16 @@ QUICKER = "--xla_cpu_use_fusion_emitters=false"
 HAS_QUICKER = tuple(map(int, jaxlib_version.split(".")[:2])) < (0, 11)
 
 LONG = ("test_readme.py", "test_settings.py", "test_notebooks.py")
+OF_TEXELS = ("test_robust_texels.py", "test_texels.py")  # their largest programs are the same
 
 
 class ByModule(LoadScopeScheduling):
-    """Each module's tests in one process, those of LONG apart."""
+    """Each module's tests in one process, those of LONG apart, those of OF_TEXELS together."""
 
     def _split_scope(self, nodeid):
-        return nodeid if any(f"/{name}::" in nodeid for name in LONG) else super()._split_scope(nodeid)
+        if any(f"/{name}::" in nodeid for name in LONG):
+            return nodeid
+        return "texels" if any(f"/{name}::" in nodeid for name in OF_TEXELS) else super()._split_scope(nodeid)
 
 
 STUDIES = Path(__file__).with_name("studies")
@@ -80,7 +83,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_xdist_make_scheduler(config, log):
-    """Give a process all tests of a module, which share its fixtures; each long test is by itself."""
+    """Give a process all tests that share fixtures or programs; each long test is by itself."""
     return ByModule(config, log)
 
 

@@ -111,7 +111,7 @@ def check_surfaces(tolerance):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-9), (False, 1e-4)])
+@pytest.mark.parametrize(("x64", "tolerance"), [(True, 1e-9), pytest.param(False, 1e-4, marks=pytest.mark.slow)])
 def test_an_image_that_does_not_determine_n_s_has_a_derivative_and_spoils_no_other(x64, tolerance):
     with jax.enable_x64(x64):
         check_surfaces(tolerance)

@@ -99,6 +99,7 @@ def test_depth_cueing_from_a_floor_that_reaches_beyond_both_ends():
     assert (fit.plain_errors < 0.05).all()
 
 
+@pytest.mark.thorough
 def test_with_all_of_it_between_the_ends_only_slope_and_intercept_are_determined():
     truth = floor(z_f=3.0, z_b=10.0, s_f=0.95, s_b=0.2)
     fit = fit_of_fog(truth, truth, start="scene")

@@ -60,8 +60,10 @@ def directional_lights_in_grey() -> tuple[ds.Fit, ds.Scene]:
     "case",
     [
         phong,
-        blinn_on_a_gbuffer_under_an_orthographic_camera,
-        *(pytest.param(case, marks=pytest.mark.thorough) for case in (two_objects, directional_lights_in_grey)),
+        *(
+            pytest.param(case, marks=pytest.mark.thorough)
+            for case in (two_objects, blinn_on_a_gbuffer_under_an_orthographic_camera, directional_lights_in_grey)
+        ),
     ],
 )
 def test_noiseless_photographs_give_the_truth_back(case):
@@ -209,6 +211,7 @@ def test_correlations_are_those_of_the_covariance():
     np.testing.assert_allclose(errors, fit.plain_errors, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_stands_at_a_bound_is_marked_and_listed():
     fit = standard_fit(noisy_images(), bounds={"k_s": (0.0, 0.3), "n_s": (60.0, 1e4)})
     marked = {line.split()[0] for line in str(fit).splitlines() if line.endswith("  at a bound")}

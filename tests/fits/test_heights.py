@@ -50,8 +50,7 @@ SURFACES = {
 }
 
 
-@pytest.mark.parametrize("perspective", [False, True])
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize(("name", "perspective"), [("ball", True), ("vase", False), ("step", True)])
 def test_heights_of_noisy_normals(name: str, perspective: bool):
     """Required: 1 % of the range; the 95 % intervals of one image are right on average only."""
     surface = SURFACES[name](perspective)

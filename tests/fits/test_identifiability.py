@@ -250,6 +250,7 @@ def test_two_gauges_are_two_sentences_and_touch_nothing_else():
     assert not fit.correlation[unknown].any()
 
 
+@pytest.mark.thorough
 def test_n_s_of_a_ball_without_a_highlight_is_not_determined():
     """A highlight that takes light away drives every channel of k_s to its bound, whatever the noise."""
     matte, glossy = (

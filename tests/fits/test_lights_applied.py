@@ -44,10 +44,8 @@ def folders(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def balls(folders):
-    """One found by its edge, which takes seconds, and one by its mask."""
     mask = ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask
-    masks = {"left": None, "right": mask}
-    return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name, mask in masks.items()]
+    return [ds.calibrate(folders[0] / name, ball="mirror", mask=mask) for name in ("left", "right")]
 
 
 def test_an_outline_is_found_by_its_edge():
@@ -65,10 +63,10 @@ def test_an_outline_is_found_by_its_edge():
     assert find_edge([np.full((80, 80), 0.3)]) is None
 
 
+@pytest.mark.thorough
 def test_a_ball_without_a_mask_is_found_and_said(folders, balls):
-    here, found = folders[0], balls[0]
+    found, true = ds.calibrate(folders[0] / "left", ball="mirror"), balls[0]
     column, row = found.balls[0].middle
-    true = ds.calibrate(here / "left", ball="mirror", mask=ds.intersect(lit_by(lights_about(COUNT), GLINT), FAR).mask)
     assert np.allclose((column, row), true.balls[0].middle, atol=0.7)
     assert abs(found.balls[0].radius - true.balls[0].radius) < 0.7
     assert any("found by its edge" in note for note in found.notes)
@@ -99,17 +97,22 @@ def test_lights_are_carried_to_an_object(folders, balls, tmp_path):
     np.testing.assert_allclose(kept, applied.errors / np.sqrt(2.0), rtol=1e-5)
     np.testing.assert_allclose(views[0].image, ds.read_image(here / "object" / "shot_00.png", srgb=False), atol=1e-4)
     applied.write(tmp_path / "ready")  # again
+    ds.draw_calibration(tmp_path / "shown.png", balls)
+    assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
+    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
+        ds.draw_calibration(tmp_path / "shown.gif", balls)
+
+
+@pytest.mark.thorough
+def test_photographs_beyond_1_are_carried_as_they_are(folders, balls, tmp_path):
+    ball = folders[1]
     bright = tmp_path / "bright"
     write_shots(bright, [np.asarray(view.image) for view in ball.views])
     np.save(bright / "shot_00.npy", 3.0 * ds.read_image(bright / "shot_00.png", srgb=False))
     (bright / "shot_00.png").unlink()
     ds.apply_lights(balls[0], bright, srgb=False).write(tmp_path / "brighter")
     held = ds.read_photographs(tmp_path / "brighter", normals=False)[1][0].image[:]
-    np.testing.assert_allclose(held, np.load(bright / "shot_00.npy"))  # beyond 1, and not clipped
-    ds.draw_calibration(tmp_path / "shown.png", balls)
-    assert ds.read_image(tmp_path / "shown.png").shape[0] > 500
-    with pytest.raises(ValueError, match=r"drawn as \.pdf or \.png"):
-        ds.draw_calibration(tmp_path / "shown.gif", balls)
+    np.testing.assert_allclose(held, np.load(bright / "shot_00.npy"))
 
 
 def test_one_ball_says_where_the_object_is_taken_to_stand(balls):

@@ -34,6 +34,7 @@ def test_a_prior_of_n_s(mean, contradicts):
         assert not (moved & fit.determined).any()
 
 
+@pytest.mark.thorough
 def test_priors_that_contradict_each_other_are_not_laid_to_the_images():
     """Of k_d and the intensity the images show the product alone, so that two wrong priors leave neither known."""
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.0, 0.5)), ds.DirectionalLight((-1, -1, -2), 1.0))

@@ -10,6 +10,7 @@ from grams import by_view
 from scenarios import noisy_fit, noisy_images, standard_fit
 from scipy import stats
 from synthetic import photographs, standard_scene
+from unexplained import unexplained  # noqa: F401
 
 from diffshade.inverse.data.samples import find_samples
 from diffshade.inverse.data.view_sets import Counts
@@ -327,6 +328,7 @@ def test_the_jackknife_is_that_of_the_jacobians_of_the_views():
     np.testing.assert_allclose(noisy_fit().evidence.clustered_errors(), expected, rtol=1e-3)
 
 
+@pytest.mark.usefixtures("unexplained")
 def test_the_jackknife_sees_what_the_plain_errors_cannot():
     """An error that a whole view shares, here an exposure that is off, is no independent noise."""
     off = np.random.default_rng(0).uniform(0.9, 1.1, 8)

@@ -107,18 +107,11 @@ def test_the_table_has_a_row_for_each_and_says_which_is_wrong(found):
 # --- other ways to the same picture
 
 
-@pytest.mark.parametrize(
-    ("name", "order"),
-    [
-        ("three of glass overlap", (1, 2, 0)),
-        ("two kinds of glass", (2, 1, 0)),
-    ],
-)
-def test_the_order_of_transparent_objects_changes_nothing(name, order):
-    scene, camera = SCENES[name]
-    reordered = scene | {"objects": [scene["objects"][i] for i in order]}
+def test_the_order_of_transparent_objects_changes_nothing():
+    scene, camera = SCENES["two kinds of glass"]
+    reordered = scene | {"objects": scene["objects"][::-1]}
     image = ds.render(library_scene(reordered), library_camera(camera))
-    np.testing.assert_allclose(image, picture(name, compiled=False)[0], rtol=1e-14, atol=0)
+    np.testing.assert_allclose(image, picture("two kinds of glass", compiled=False)[0], rtol=1e-14, atol=0)
 
 
 @pytest.mark.parametrize("lit", [(), (0,), (1,), (2, 0), (0, 1, 2, 3)])

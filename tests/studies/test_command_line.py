@@ -99,6 +99,7 @@ def test_models_are_compared(typed, folder):
     assert told["choice"]["names"] == ["phong", "matte"]
 
 
+@pytest.mark.slow
 def test_from_photographs_of_a_ball_alone_to_a_page_and_materials(typed, tmp_path):
     """A folder of photographs, and nothing known but that it is a ball: the README's commands."""
     ball = ds.Object(ds.Sphere(), ds.Material(k_d=(0.5, 0.4, 0.3), k_s=0.2, n_s=15))

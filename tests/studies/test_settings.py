@@ -11,14 +11,41 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).parents[1]
+# what compiles little
+QUICK = (
+    *(
+        "arrays",
+        "bands",
+        "cameras",
+        "clusters",
+        "contradictions",
+        "exchange",
+        "exposures",
+        "fields",
+        "files",
+        "gbuffers",
+    ),
+    *(
+        "height_meshes",
+        "image_formats",
+        "images",
+        "light_lists",
+        "lights",
+        "masks",
+        "materials",
+        "meshes",
+        "parameters",
+    ),
+    *("photographs", "places", "residual_quantiles", "rti_files", "run_store", "scene_files", "scenes", "surfaces"),
+)
 RUNS = {
     "the flag off": ({"DIFFSHADE_TEST_X64": "0"}, ["fits/test_fitting.py", "system/test_messages.py"]),
-    "types checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["unit"]),
-    "types of the model checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["model"]),
+    "types checked": ({"DIFFSHADE_TEST_TYPES": "1"}, [f"unit/test_{name}.py" for name in QUICK]),
+    "all types checked": ({"DIFFSHADE_TEST_TYPES": "1"}, ["unit", "model"]),
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * ("model" in name)) for name in RUNS])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * ("all" in name)) for name in RUNS])
 def test_it_passes_with(name):
     settings, places = RUNS[name]
     outer = ("PYTEST_", "XLA_FLAGS")  # what this run compiled serves: its programs are looked up by their settings too

@@ -16,6 +16,7 @@ import io
 import sys
 import tokenize
 from collections.abc import Collection, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 LIBRARY = Path(__file__).parents[2] / "diffshade"
@@ -34,6 +35,12 @@ def modules(rooms: list[str] | None = None) -> Iterator[Path]:
             yield path
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Return the tree of a module."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def is_text(node: ast.AST) -> bool:
     """Whether a statement is a string alone, such as a docstring."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
@@ -49,7 +56,7 @@ def lines_of_code(path: Path) -> int:
     text = path.read_text(encoding="utf-8")
     left_out = {
         line
-        for node in ast.walk(ast.parse(text))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.Import | ast.ImportFrom) or is_text(node)
         for line in lines_of(node)  # pyright: ignore[reportArgumentType]
     }
@@ -79,7 +86,7 @@ def is_code(value: ast.expr) -> bool:
 def tuned_constants(path: Path) -> list[str]:
     """Return the names that a module gives a number, each with its own where several are given at once."""
     found = []
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+    for node in parsed(path).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None or is_code(node.value):
             continue
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
@@ -94,7 +101,7 @@ def numbers_within(path: Path) -> list[float]:
     """Return the numbers within a module's functions and classes, without small whole numbers and a half."""
     definitions = [
         node
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in parsed(path).body
         if isinstance(node, Function) or (isinstance(node, ast.ClassDef) and not is_enum(node))
     ]
     return [number for node in definitions for number in numbers(node, PLAIN)]
@@ -108,7 +115,7 @@ def is_enum(node: ast.ClassDef) -> bool:
 def long_functions(path: Path, most: int) -> list[str]:
     """Return the functions of a module that have more lines than `most` after their docstring."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, Function):
             body = node.body[1:] if is_text(node.body[0]) else node.body
             if body and (node.end_lineno or 0) - body[0].lineno + 1 > most:
@@ -118,9 +125,7 @@ def long_functions(path: Path, most: int) -> list[str]:
 
 def classes(path: Path) -> list[str]:
     """Return the names of the classes of a module."""
-    return [
-        node.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.ClassDef)
-    ]
+    return [node.name for node in ast.walk(parsed(path)) if isinstance(node, ast.ClassDef)]
 
 
 def count(paths: Sequence[Path]) -> tuple[int, int, int]:

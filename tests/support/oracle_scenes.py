@@ -432,6 +432,18 @@ SCENES = {
 LONG_TO_COMPILE = {"six deep", "every kind of glass"}
 # what the default tier leaves to the others
 LONG_TO_RENDER = {
+    "a ball in a glass ball",
+    "a box thinner than air before a wall",
+    "a clear ball before a wall",
+    "a glass ball before a wall, orthographic",
+    "a glass ball in a glass ball",
+    "a glass ball in a wall",
+    "a slab before a wall",
+    "camera in a glass box",
+    "glass in depth cueing",
+    "glass in fog along parallel rays",
+    "the same, listed back to front",
+    "three of glass overlap",
     "six deep",
     "area lights of several kinds, and a spot",
     "every kind of glass",

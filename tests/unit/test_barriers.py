@@ -34,9 +34,7 @@ def growth(f, *arguments):
     return instructions(lowered.compile(QUICKLY).as_text()) / instructions(lowered.as_text("hlo"))
 
 
-@pytest.mark.parametrize(
-    "derivative", [jax.grad, jax.jacfwd, lambda f: jax.jacfwd(jax.grad(f)), lambda f: jax.jacrev(jax.jacrev(f))]
-)
+@pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd, lambda f: jax.jacfwd(jax.grad(f))])
 def test_derivatives_are_the_same(derivative):
     a = jnp.array([0.3, 1.2, 0.7])
     found, expected = (jax.jit(derivative(lambda a, once=once: chained(a, once=once)))(a) for once in (True, False))
@@ -50,6 +48,7 @@ def test_they_are_the_same_in_a_batch_and_a_scan():
         return jax.lax.scan(lambda total, a: (total + chained(a, once=once), None), 0.0, a)[0]
 
     for f in (jax.vmap(jax.grad(lambda a, once: chained(a, once=once)), (0, None)), jax.grad(scanned)):
+        f = jax.jit(f, static_argnums=1)
         np.testing.assert_allclose(f(a, True), f(a, False), rtol=1e3 * np.finfo(a.dtype).eps)
 
 

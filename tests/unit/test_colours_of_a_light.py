@@ -208,6 +208,7 @@ def test_a_fit_finds_them_and_switches_all_of_them_off():
     np.testing.assert_allclose(found, [3 * [0.25], (0.9, 0.6, 0.3), 3 * [0.2]], atol=1e-6)
 
 
+@THOROUGH
 def test_views_need_not_show_such_a_light():
     lamps = ds.PointLight((2, 2, 3)), ds.SpotLight((0, 0, 3), (0, 0, -1), specular=0.5)
     scene = ds.Scene(ds.Object(ds.Sphere(), ds.Material(0.1, 0.6, fresnel=ds.Schlick())), lamps)

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -102,11 +103,12 @@ def room(name: str) -> str:
     return name
 
 
+@cache
 def imports(file: Path) -> set[tuple[str, ...]]:
     """The dotted names a file imports, those of diffshade itself as ('diffshade', module, ...)."""
     package = ("diffshade", *file.relative_to(ROOT).parts[:-1])
     found = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(count_code.parsed(file)):
         if isinstance(node, ast.Import):
             found |= {tuple(alias.name.split(".")) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -121,6 +123,7 @@ def imports(file: Path) -> set[tuple[str, ...]]:
 FILLED = [name for name, file in MODULES.items() if name and "import" in file.read_text(encoding="utf-8")]
 
 
+@cache
 def known(name: str) -> dict[str, str]:
     """The modules of diffshade that a module imports, each with its room."""
     dotted = {".".join(found[1:]) for found in imports(MODULES[name]) if found[0] == "diffshade"}
@@ -147,9 +150,8 @@ def test_no_circle():
 
 def test_a_file_is_short_and_says_its_one_idea_first():
     for name, file in MODULES.items():
-        text = file.read_text(encoding="utf-8")
-        assert text.count("\n") <= MAX_LINES, name
-        assert ast.get_docstring(ast.parse(text)), name
+        assert file.read_text(encoding="utf-8").count("\n") <= MAX_LINES, name
+        assert ast.get_docstring(count_code.parsed(file)), name
 
 
 def test_no_function_is_long():

@@ -40,6 +40,7 @@ def test_within_bounds_the_optimum_is_that_of_scipy():
     assert_the_optimum_is_that_of_scipy(three_views(bounds=boxes), {"k_d.r", "k_d.b"})
 
 
+@pytest.mark.thorough
 def test_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth():
     """With k_s at 0 the cost does not know n_s: the optimum is not one point, so SciPy is no witness."""
     assert_a_matte_ball_ends_at_a_minimum_no_worse_than_the_truth(0)
