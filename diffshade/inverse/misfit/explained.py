@@ -178,7 +178,7 @@ def _named(
     all explain is next, with the others that do so nearly as well; then what is in the residuals beside it.
     """
     active = [(k, of.mean[candidates[k].of], float(of.gain[k] * of.sigma2)) for k in np.flatnonzero(of.active).tolist()]
-    first = [one for one in active if candidates[one[0]].fault.beside]
+    first = [one for one in active if candidates[one[0]].fault.beside and candidates[one[0]].is_plausible(one[1])]
     rest = [one for one in active if not candidates[one[0]].fault.beside]
     if not rest:
         return first

@@ -256,6 +256,7 @@ FAULTS = (
         "all pixels are {f.size:.2g} brighter than the scene says, beside the object too (a black level, or haze)",
         "Give View(black={f.size:.2g}), or the scene's background.",
         changes.of_black,
+        plausible=(0.0, np.inf),
         beside=True,
     ),
     Fault(
