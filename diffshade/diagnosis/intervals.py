@@ -10,6 +10,7 @@ from jaxtyping import Float
 from scipy import optimize
 
 from ..core.progress import ReportProgress, silent
+from ..core.thresholds import NEGLIGIBLE, SINGLE, SLIGHT
 from ..inverse.own_views import OwnViews, blocks
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
@@ -18,10 +19,12 @@ from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import coordinate_slopes
 from ..parallel.threads import on_all_cores
 
-CLOSE = 0.01  # relative tolerance of the number of errors at an end
+ACCURATE = NEGLIGIBLE  # largest error of a minimisation, as a fraction of the rise for one error
+
+CLOSE = SLIGHT  # relative tolerance of the number of errors at an end
+
 EVALUATIONS = 16
-ACCURATE = 1e-3  # largest error of a minimisation, as a fraction of the rise for one error
-SAME = 0.3 * CLOSE  # relative; numbers of errors by an unknown's own views and by all views are alike within it
+SAME = CLOSE / 2  # relative; numbers of errors by an unknown's own views and by all views are alike within it
 ALIKE = 4  # consecutive agreements, after which the other unknowns are not compared
 FAR = 1e6  # errors; beyond this an interval has no end
 
@@ -56,7 +59,7 @@ class LikelihoodProfile:
             rise, of_others = self.by[j].rise(j, t, start, ACCURATE * variance)
             self.of_others[j] = max(self.of_others[j], of_others / variance if np.isfinite(rise) else np.inf)
         else:
-            rtol = min(ACCURATE * variance / max(self.best, 1e-300), 1e-6)
+            rtol = min(ACCURATE * variance / max(self.best, 1e-300), SINGLE)
             rise = float(self.laid.minimise({j: t}, start, rtol=rtol).point.total.cost) - self.best
         away = min(float(np.sqrt(2.0 * max(rise, 0.0) / variance)), FAR) if np.isfinite(rise) else FAR
         self.evaluated[j].append((t, away))

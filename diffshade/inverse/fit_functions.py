@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
+from ..core.thresholds import MAX_STEPS
 from ..model.scenes import Scene
 from .data.view_sets import ViewSet
 from .data.views import View
@@ -23,7 +24,7 @@ from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .pixels.blocks import Block
-from .problem import MAX_STEPS, FitProblem, fit_problem, with_samples_for
+from .problem import FitProblem, fit_problem, with_samples_for
 from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
 from .unknowns.parameters import find_unknowns

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress, silent
+from ..core.thresholds import MAX_STEPS
 from .data.view_sets import Masks
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
@@ -23,7 +24,7 @@ from .forward.rounding import MOST_NOISE, Rounded, find_rounding, share_of_waves
 from .forward.sums import spread, sum_over, variance_of_steps, waves
 from .pixels.blocks import Block, Piece
 from .pixels.blocks import chunks as in_chunks
-from .problem import MAX_STEPS, PART, FitProblem, Theta
+from .problem import PART, FitProblem, Theta
 from .solve.solvers import FAR, BoxConstraints, Minimum, PriorResiduals, Task, minimise
 
 

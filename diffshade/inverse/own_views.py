@@ -18,17 +18,15 @@ from jaxtyping import Array, Bool, Float
 
 from ..core import fields
 from ..core.backend import SOONER, UNFUSED, jit_quickly
+from ..core.robust_scale import OUTLIER
+from ..core.thresholds import MAX_STEPS, NEGLIGIBLE
 from .forward.gram import ByView, Gram, Point
 from .laid_out import LaidOut, hold
 from .pixels.blocks import Block, Piece
-from .problem import MAX_STEPS
 from .result import Fit
 from .solve.solvers import PriorResiduals, Task, minimum_in_jax, point_of
 from .statistics.uncertainty import Vector
 from .unknowns.visibility import Arrow
-
-MIN_RATIO = 1e-3  # of a reflection to that at the minimum, in logarithms
-SURELY = 5.0  # errors above 0, from which on a reflection has a logarithm
 
 
 class BesideOthers(PriorResiduals):
@@ -43,7 +41,7 @@ class BesideOthers(PriorResiduals):
     def away(self, theta: Float[fields.Array, " p"]) -> tuple[Array, Array]:
         """Return how far each unknown that a view shows is from the center, and the derivative of that."""
         center = jnp.where(self.by_ratio, self.center, 1.0)
-        ratio = jnp.where(self.by_ratio, jnp.maximum(theta / center, MIN_RATIO), 1.0)
+        ratio = jnp.where(self.by_ratio, jnp.maximum(theta / center, NEGLIGIBLE), 1.0)
         away = jnp.where(self.by_ratio, center * jnp.log(ratio), theta - self.center)
         shown = self.others.shown
         return away.at[shown].get(mode="fill", fill_value=0.0), (1.0 / ratio).at[shown].get(mode="fill", fill_value=0.0)
@@ -135,7 +133,7 @@ def _by_ratio(fit: Fit, theta: Vector) -> Bool[np.ndarray, " p"]:
     scales = np.array([u.parameter.gauge != 0 for u in fit.unknowns])
     lights = any(u.parameter.gauge < 0 for u in fit.unknowns)
     plain = np.array([not u.logarithmic for u in fit.unknowns])
-    surely = theta > SURELY * fit.clusters.standard_errors()
+    surely = theta > OUTLIER * fit.clusters.standard_errors()
     return scales & plain & surely & lights
 
 

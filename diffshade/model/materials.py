@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -32,7 +33,7 @@ from .patterns import AbstractPattern, Texture, colour_at
 from .vectors import Vec3, normalize
 
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
-EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
+EMISSION = {**REFLECTION, "parameter": dataclasses.replace(REFLECTION["parameter"], by_own_name=True)}
 TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
 # reach: slightly more than half the distance between the values of eta that a search tries
 INDICES = tuple(np.linspace(1.0, 2.5, 16).tolist())  # tried by a fit

@@ -11,10 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.thresholds import MINOR
 from ...io.images import without_alpha
 
 DECADES = 3.0  # below the brightest, beyond which all is equally dark
-LEAST, MOST = 0.002, 0.95  # share of the picture
+LEAST = 0.002  # share of the picture; at most all but MINOR
 
 
 def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
@@ -40,7 +41,7 @@ def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
     labels, regions = ndimage.label(inside)  # pyright: ignore[reportGeneralTypeIssues]
     largest = labels == 1 + np.bincount(labels.ravel())[1:].argmax() if regions else inside
     mask = np.asarray(ndimage.binary_fill_holes(largest))
-    if not LEAST < mask.mean() < MOST:
+    if not LEAST < mask.mean() < 1.0 - MINOR:
         raise ValueError(
             f"no object was found before a darker background: the brightest region has {mask.mean():.1%} of the "
             "pixels. Draw a mask that is white on the object, and give it with --mask."

@@ -15,12 +15,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
+from ...core.thresholds import TINY
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
-from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 from .elimination import Arrowhead, Dense, nothing
 
 PATIENCE = 6  # steps, rejected ones too

@@ -11,6 +11,8 @@ import scipy
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
+from ...core.robust_scale import RARE
+from ...core.thresholds import CLEARLY, ROUNDING, SMALL
 from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
@@ -24,18 +26,13 @@ from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..statistics.clusters import Clusters
-from ..statistics.identifiability import relative_errors
+from ..statistics.identifiability import VAGUE, relative_errors
 from ..statistics.uncertainty import Vector, inverse
 from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
-MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
-ERRORS = 3.0
-CLEARLY = 1.5  # by how much a rise by an unknown's own views must differ from the one that counts
-OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
-SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
-ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
+OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +158,7 @@ def refit(fit: Fit, keep: Masks, held: Bool[np.ndarray, " p"]) -> Fit:
 
 def _with_them(fit: Fit, done: Sequence[FitWithout]) -> Bool[np.ndarray, " p"]:
     """Return the values that move by 30 % together with the blamed ones; they stay only while those are held."""
-    far = [r.moved & (how_far(fit, r.fit.values) > MOVED) for r in done]
+    far = [r.moved & (how_far(fit, r.fit.values) > VAGUE) for r in done]
     return np.any([np.zeros(len(fit.unknowns), bool), *far], axis=0)
 
 
@@ -193,7 +190,7 @@ def moved(
     known = again.evidence.regular & fit.evidence.regular & ~blamed
     expected = _expected_rises(fit, again)
     suspects = np.flatnonzero(
-        known & ((far > MOVED) | (distance > ERRORS * errors)) & (expected > SURELY * ERRORS**2 * rises)
+        known & ((far > VAGUE) | (distance > RARE * errors)) & (expected > SMALL * RARE**2 * rises)
     )
     found = np.zeros(len(known), bool)
     if not len(suspects):
@@ -209,13 +206,13 @@ def moved(
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
     best = lowest(held, there, laid.theta)
-    alone = _contradicted_by_own_views(fit, laid, best, held, suspects.tolist(), there, ERRORS**2 * rises)
+    alone = _contradicted_by_own_views(fit, laid, best, held, suspects.tolist(), there, RARE**2 * rises)
     for j in suspects.tolist():
         if j in alone:
             found[j] = alone[j]
             continue
         end = lowest({**held, j: float(laid.theta[j])}, laid.theta, there)
-        found[j] = 2.0 * float(end.total.cost - best.total.cost) > ERRORS**2 * rises[j]
+        found[j] = 2.0 * float(end.total.cost - best.total.cost) > RARE**2 * rises[j]
     return found
 
 

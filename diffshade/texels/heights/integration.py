@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.progress import ReportProgress, showing
+from ...core.thresholds import SINGLE, TINY
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from .checks import MAX_ERROR, Given, checked
 from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
-from .discontinuities import MIN_CURL, RIDGE, discontinuities
+from .discontinuities import MIN_CURL, discontinuities
 from .errors import less_mean, standard_errors
 from .map import MIN_TEXELS, HeightMap
 from .parts import cut_weak_joints, labels
@@ -22,7 +23,6 @@ from .regions import connected
 from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals, fill
 
-MIN_SIGMA = 1e-6  # radians: what normals without noise have
 FIRST_SIGMA = 0.02  # radians: where the estimate of errors that are not given begins
 ROUNDS = 5
 MAX_RATIO = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
@@ -97,7 +97,7 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("heights")
     cut = cut | broken
     part = labels(grid, cut)
-    system = HeightSystem(grid, np.where(cut, RIDGE, 1.0) / variance)
+    system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
     u = less_mean(system.solve(d, u), part)
     deviation = standard_errors(system, across, down, filled, part, report_progress)
     deviation = np.where(np.bincount(part)[part] < MIN_TEXELS, np.inf, deviation)
@@ -121,7 +121,7 @@ def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledN
         change = _scale(given, factor * sigma, known)
         if factor == 1.0 and given.sigma is not None and change <= MAX_RATIO:
             break
-        factor = max(factor * change, MIN_SIGMA / FIRST_SIGMA)
+        factor = max(factor * change, SINGLE / FIRST_SIGMA)
         if abs(change - 1.0) < 0.01:
             break
     filled = fill(given.normal, factor * sigma, inside, known)
@@ -165,7 +165,7 @@ def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note
 def _on_errors(given: Given, scale: float) -> Iterator[Note]:
     """Say what the curl of the normals says of their errors."""
     if given.sigma is None:
-        degrees = np.rad2deg(max(scale, MIN_SIGMA)) * np.sqrt(2.0)
+        degrees = np.rad2deg(max(scale, SINGLE)) * np.sqrt(2.0)
         yield Note(
             f"no errors were given: {degrees:.2g} degrees, the same everywhere, follow from the curl of the "
             "normals, which does not show errors that neighbours share.",
