@@ -16,7 +16,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from ..core import fields
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
-from ..core.thresholds import MAX_STEPS
 from ..model.scenes import Scene
 from .data.view_sets import ViewSet
 from .data.views import View
@@ -170,7 +169,7 @@ class FitFunction(eqx.Module):
             found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
             theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
         squares = jnp.sum(targets**2)
-        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
+        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects)
 
     def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
         """Return which unknowns change the prediction by more than rounding, in no direction that changes none.

@@ -11,11 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from ...core.thresholds import MINOR
+from ...core.thresholds import MINOR, NEGLIGIBLE
 from ...io.images import without_alpha
 
-DECADES = 3.0  # below the brightest, beyond which all is equally dark
-LEAST = 0.002  # share of the picture; at most all but MINOR
+LEAST = 0.002  # share of the picture
 
 
 def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
@@ -35,7 +34,7 @@ def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
     """
     brightest = functools.reduce(_brighter, (_grey(image) for image in images))  # one at a time
     top = float(np.quantile(brightest, 0.99))
-    level = 1.0 + np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0)) / DECADES
+    level = 1.0 - np.log(np.clip(brightest / max(top, 1e-30), NEGLIGIBLE, 1.0)) / np.log(NEGLIGIBLE)
     _, bright = cv2.threshold((255.0 * level).astype(np.uint8), 0, 1, cv2.THRESH_OTSU)
     inside = ndimage.binary_opening(bright, np.ones((3, 3)))
     labels, regions = ndimage.label(inside)  # pyright: ignore[reportGeneralTypeIssues]

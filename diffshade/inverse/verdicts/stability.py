@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import RARE
-from ...core.thresholds import CLEARLY, ROUNDING, SMALL
+from ...core.thresholds import ROUNDING, SMALL
 from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
@@ -20,8 +20,6 @@ from ...model.scenes import Scene
 from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
-from ..laid_out import LaidOut
-from ..own_views import OwnViews, blocks
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
@@ -32,7 +30,6 @@ from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
 SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
-OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,47 +203,9 @@ def moved(
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
     best = lowest(held, there, laid.theta)
-    alone = _contradicted_by_own_views(fit, laid, best, held, suspects.tolist(), there, RARE**2 * rises)
     for j in suspects.tolist():
-        if j in alone:
-            found[j] = alone[j]
-            continue
         end = lowest({**held, j: float(laid.theta[j])}, laid.theta, there)
         found[j] = 2.0 * float(end.total.cost - best.total.cost) > RARE**2 * rises[j]
-    return found
-
-
-def _contradicted_by_own_views(
-    fit: Fit,
-    laid: LaidOut,
-    best: Point,
-    held: Mapping[int, float],
-    suspects: Sequence[int],
-    there: Vector,
-    least: Vector,
-) -> dict[int, bool]:
-    """Return whether the views that show an unknown contradict its old value, where they say so clearly.
-
-    All other views count to second order, so that the time for each unknown does not grow with the views.
-
-    Args:
-        fit: The fit.
-        laid: Its problem, with the pixels that are kept.
-        best: Its minimum.
-        held: Unknowns that are held, and where.
-        suspects: The unknowns to be held at their old values.
-        there: Where a refit ended.
-        least: By how much twice the cost must rise for each unknown.
-    """
-    found: dict[int, bool] = {}
-    for members in blocks(laid, suspects):
-        own = OwnViews(fit, laid, best, members, held)
-        for j in members:
-            begins, exact = (laid.theta, there), 1e-3 * float(least[j])
-            rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))
-            unclear = least[j] / CLEARLY < rise < CLEARLY * least[j]
-            if not unclear and of_others <= OTHERS * max(rise, float(least[j])):
-                found[j] = bool(rise > least[j])
     return found
 
 

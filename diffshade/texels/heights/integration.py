@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.progress import ReportProgress, showing
-from ...core.thresholds import SINGLE, TINY
+from ...core.thresholds import FEW, SINGLE, TINY
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from .checks import MAX_ERROR, Given, checked
@@ -17,7 +17,7 @@ from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
 from .discontinuities import MIN_CURL, discontinuities
 from .errors import less_mean, standard_errors
-from .map import MIN_TEXELS, HeightMap
+from .map import HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
 from .system import HeightGrid, HeightSystem
@@ -100,7 +100,7 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
     u = less_mean(system.solve(d, u), part)
     deviation = standard_errors(system, across, down, filled, part, report_progress)
-    deviation = np.where(np.bincount(part)[part] < MIN_TEXELS, np.inf, deviation)
+    deviation = np.where(np.bincount(part)[part] < FEW, np.inf, deviation)
     return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))
 
 
@@ -141,7 +141,7 @@ def _notes(given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, s
 def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note]:
     """Say which texels hang together, and where the height jumps."""
     sizes = np.bincount(part)
-    large = sizes[sizes >= MIN_TEXELS]
+    large = sizes[sizes >= FEW]
     what = "heights" if given.rays.parallel else "scales"
     if len(large) > 1:
         yield Note(
@@ -149,9 +149,9 @@ def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note
             "no normals join them, or too few do beside a jump. Each has a mean of its own.",
             "parts",
         )
-    if (few := int(sizes[sizes < MIN_TEXELS].sum())) > 0:
+    if (few := int(sizes[sizes < FEW].sum())) > 0:
         yield Note(
-            f"{count(few, 'texel')} in parts of fewer than {MIN_TEXELS} fit no neighbours: their errors are infinite.",
+            f"{count(few, 'texel')} in parts of fewer than {FEW} fit no neighbours: their errors are infinite.",
             "single texels",
         )
     if jump.any():

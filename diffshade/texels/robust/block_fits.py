@@ -28,8 +28,7 @@ from .learning import RIDGE, ObjectModel
 from .observations import BlockObservations, Lights, observe, reflectances
 from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
-FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
-REWEIGHTINGS = 3
+FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from the best
 
 
 class Normals(NamedTuple):
@@ -252,7 +251,7 @@ def coefficients_of(
     here = around(observed, model.shape, weighing, state)
     ridge = weighing.ridge * weighing.scale**2
     _, _, D, S = here.J
-    for _ in range(REWEIGHTINGS):
+    for _ in range(FEW_STEPS):
         k_d, k_s = weighted_coefficients(here.weight, D, S, observed.y, ridge)
         state = eqx.tree_at(lambda s: (s.k_d, s.k_s), state, (k_d, k_s))
         here = around(observed, model.shape, weighing, state)
