@@ -37,8 +37,9 @@ def _around() -> Float[np.ndarray, "16 3"]:
     half_squares, shares = np.polynomial.laguerre.laggauss(2)
     places = 8
     angle = (np.arange(places) + np.array([[0.0], [0.5]])) * 2.0 * np.pi / places
-    place = np.sqrt(2.0 * half_squares)[:, None] * np.exp(1j * angle)
-    return np.stack([place.real.ravel(), place.imag.ravel(), np.repeat(shares, places) / places], -1)
+    radius = np.sqrt(2.0 * half_squares)[:, None]
+    of_place = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel(), np.repeat(shares, places) / places
+    return np.stack(of_place, -1)
 
 
 AROUND = _around()
