@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
+from ..core.thresholds import FAR_MORE, NEGLIGIBLE, SLIGHT
 from ..diagnosis.patches import find_clusters
 from ..inverse.data.views import View
 from ..inverse.fitting import fit
@@ -27,9 +28,6 @@ from .photographs import Photographs
 from .result import Calibration, degrees, views_of
 
 FREE = ("center", "k_a", "k_d", "k_s", "n_s", "direction")
-MAX_SCATTER = 2.0  # the patches' variance over that of independent noise: above it the model does not fit the ball
-HELD = 1e-3  # the width of a prior, over the pose's error, that holds the pose
-MIN_CUT_OFF = 0.01  # the fraction of samples at 0 from which a note is due
 
 Priors: TypeAlias = Mapping[str, tuple[float, float]]
 """The value and the standard deviation of each number."""
@@ -107,7 +105,7 @@ def _fit_ball(scene: Scene, views: Sequence[View], priors: Priors, *, start: str
 
 def _model_fails(clusters: Clusters) -> bool:
     """Whether the patches of the ball disagree more than noise explains."""
-    return bool(clusters.by_jackknife.any()) and clusters.scatter > MAX_SCATTER
+    return bool(clusters.by_jackknife.any()) and clusters.scatter > FAR_MORE
 
 
 def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: Priors, shaded: Vectors) -> BallFit:
@@ -116,7 +114,7 @@ def _fit_with_pose_held(first: Fit, views: Sequence[View], ball: Ball, priors: P
     The residuals are then model error, which does not affect the outline. The errors of the pose are the outline's, and
     those of the directions include what the pose leaves open and how far the shading alone turns them.
     """
-    tight = {name: (value, HELD * error) for name, (value, error) in priors.items()}
+    tight = {name: (value, NEGLIGIBLE * error) for name, (value, error) in priors.items()}  # it holds the pose
     again = _fit_ball(first.scene, views, tight, start="scene")
     names = again.fit.names
     by_pose = {name: error for name, (_, error) in priors.items()}
@@ -186,7 +184,7 @@ def _of_model_error(model_error: Float[np.ndarray, " views"]) -> list[str]:
 def _of_cut_off_shadows(taken: Photographs, ball: Ball) -> list[str]:
     """Warn of shadows that are cut off at 0, where noise can only brighten them."""
     share = np.mean([np.mean(np.asarray(image[:])[ball.mask] <= 0.0) for image in taken.images])
-    if share < MIN_CUT_OFF:
+    if share < SLIGHT:
         return []
     return [
         f"{100 * share:.0f} % of the ball's samples are 0: noise cut off at 0 makes k_a too large, by up to the "

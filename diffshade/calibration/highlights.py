@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ..core.thresholds import MINOR
 from .balls import MIN_N_V, Ball
 
 Vector = Float[np.ndarray, "3"]
 Picture = Float[np.ndarray, "h w"]
 
 LEVELS = (0.25, 0.5, 0.75)  # thresholds of the highlight's pixels, over the brightest pixel
-MAX_SHARE = 0.05  # the largest highlight, over the ball's pixels
 STEPS = 50  # by which the point has settled to rounding: each moves it far less than the one before
 CORE = 0.6  # radius of the discs that a highlight without streaks is made of, over its largest disc's
 MIN_DISC = 4.0  # pixels: largest disc in a highlight below which the rounding of its edge counts for more than streaks
@@ -61,7 +61,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
         raise ValueError("the whole ball is black. Check the photograph and the mask.")
     half, second = _brightest_piece(light)
     covered = half.sum() / max(inside.sum(), 1)
-    if covered > MAX_SHARE:
+    if covered > MINOR:
         raise ValueError(
             f"the ball shows no highlight: {100 * covered:.2g} % of it is at least half as bright as its brightest "
             "pixel. Give photographs of a mirror ball in the dark, or ball='matte'."
@@ -70,7 +70,7 @@ def find_glint(picture: Picture, ball: Ball) -> Glint:
     peak = np.unravel_index(np.argmax(np.where(half, light, 0.0)), light.shape)
     cleaned = without_streaks if largest_disc(half) >= MIN_DISC else lambda piece: piece
     highlights = [cleaned(_piece_about(light, level, peak)) for level in LEVELS]
-    highlights = [piece for piece in highlights if piece.sum() <= MAX_SHARE * inside.sum()]
+    highlights = [piece for piece in highlights if piece.sum() <= MINOR * inside.sum()]
 
     def reflected(ball: Ball, highlight: np.ndarray) -> tuple[Vector, Vector]:
         row, column = np.nonzero(highlight)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.robust_scale import robust_scale
+from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..inverse.forward.losses import CAUCHY
 from ..inverse.solve.elimination import eliminate
 
@@ -18,8 +19,7 @@ Vectors = Float[np.ndarray, "photographs 3"]
 
 LAWS = {"E4": 0, "E1 and E4": 1, "any": 5}  # laws of shading, and how many parameters the photographs share
 PRIOR = 0.3  # standard deviation of the shared parameters: it decides what one photograph leaves open
-STEPS, SETTLED = 60, 8  # the most steps; the step after which the scale of the loss is fixed
-TOLERANCE = 1e-10
+SETTLED = 8  # the step after which the scale of the loss is fixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +103,14 @@ def find_lamps(shading: Shading, law: str, directions: Vectors | None = None) ->
     s, unit = np.zeros(LAWS[law]), float(np.median(np.linalg.norm(b, axis=-1)))
     damping, cost, scale, best = 1e-6, np.inf, 0.0, (b, s)
     weights, normal = np.zeros(known.shape), None
-    for step in range(STEPS):
+    for step in range(MAX_STEPS):
         at = _linear(shading, b, s, unit, ways)
         if step <= SETTLED:
             scale, cost = max(robust_scale(at.residuals[known]), 1e-6 * unit), np.inf
         ratio = (at.residuals / (CAUCHY * scale)) ** 2
         now = float((CAUCHY * scale) ** 2 * np.log1p(ratio)[known].sum() + (scale / PRIOR) ** 2 * s @ s)
         if now <= cost:
-            settled = cost - now <= TOLERANCE * now
+            settled = cost - now <= ROUNDING * now
             best, cost, damping = (b, s), now, damping / 10.0
             weights = np.where(known, 1.0 / (1.0 + ratio), 0.0)
             normal = _with_prior(_normal(at, weights, slice(None)), s, scale)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from ..core.robust_scale import robust_scale
+from ..core.thresholds import CLEARLY, FAR_MORE, MINOR
 from ..model.lights import DirectionalLight
 from ..model.materials import Material
 from ..model.scenes import Object, Scene
@@ -21,9 +22,6 @@ Vectors = Float[np.ndarray, "photographs 3"]
 
 PATCHES = 6  # across a ball; the errors of the pixels in one patch are correlated
 MAX_PIXELS = 8_000  # more make no error smaller: those of neighbours are one
-MAX_SCATTER_RATIO = 1.5  # to the most flexible law's residuals: up to it Lambert's law without ambient light counts too
-MIN_LIGHT = 0.05  # the weakest light, over a photograph's median
-MAX_RESIDUALS = 2.0  # times the median photograph's residuals: above it a photograph is reported
 
 
 def by_shading(
@@ -39,13 +37,13 @@ def by_shading(
     lamps = laws[-1]
     shown = np.nanmedian(shading.values, -1)
     for name, level, intensity in zip(taken.names, shown, lamps.intensity, strict=True):
-        if intensity < MIN_LIGHT * level:
+        if intensity < MINOR * level:
             raise ValueError(
                 f"{name} shows no light on the ball, which is equally bright everywhere. Give photographs under one "
                 "light each."
             )
     # E1 and E4 are the model's own law. They always count: a ball may differ from them in ways that no law here covers.
-    others = [laws[1], *(one for one in laws[:1] if _scatter(one) <= MAX_SCATTER_RATIO * _scatter(lamps))]
+    others = [laws[1], *(one for one in laws[:1] if _scatter(one) <= CLEARLY * _scatter(lamps))]
     between = np.mean([degrees(of.direction, lamps.direction) ** 2 for of in others], 0)
     pose = np.rad2deg(np.linalg.norm(ball.errors) / float(ball.sphere.radius))
     errors = np.sqrt(_direction_errors(lamps) ** 2 + between + pose**2) if known is None else known[1]
@@ -141,7 +139,7 @@ def _outliers(taken: Photographs, lamps: PhotographLights) -> list[str]:
         f"{name} is not lit by one far light as the others are (its residuals are {s / usual:.1f} times theirs): look "
         "for a second light, or a bright wall."
         for name, s in zip(taken.names, scatter, strict=True)
-        if s > MAX_RESIDUALS * usual
+        if s > FAR_MORE * usual
     ]
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..core.robust_scale import UNIFORM
+from ..core.robust_scale import RARE, UNIFORM
 from ..core.words import count, listing
 from ..model.cameras import OrthographicCamera
 from .balls import axes
@@ -20,7 +20,6 @@ Vectors = Float[np.ndarray, "photographs 3"]
 Numbers = Float[np.ndarray, " photographs"]
 
 APART = 4.0  # ball radii between the balls, where that is not known
-MAX_ERRORS = 3.0  # errors within which the direction from ball to ball must agree with their places in the pictures
 ASIDE = 0.25  # of the distance between the balls: a place whose effect is said
 
 
@@ -137,7 +136,7 @@ def _in_one_frame(
     apart = pixels * float(one.balls[0].sphere.radius) / one.balls[0].radius
     free, step = lamps_for(apart), step / pixels
     off = np.rad2deg(np.arccos(np.clip(free.baseline @ step, -1.0, 1.0)))
-    if free.near.any() and off > MAX_ERRORS * max(free.baseline_error, 1.0):
+    if free.near.any() and off > RARE * max(free.baseline_error, 1.0):
         return None
     height, width = one.balls[0].mask.shape
     place = np.array([width / 2 - (x1 + x2) / 2, (y1 + y2) / 2 - height / 2, 0.0]) / pixels

@@ -15,23 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.optimize import minimize_scalar
 
-from ..core.robust_scale import MAD
+from ..core.robust_scale import GAUSS_95, MAD
+from ..core.thresholds import FEW, SLIGHT, SMALL
+from ..texels.lights.response import GROUPS
+from ..texels.tiles import LEARNING_SAMPLE
+from .laws import SETTLED
 from .two_balls import LampPlaces
+
+WHITE = 1.0 - SLIGHT  # of a file's range, or of the brightest sample beyond it, above which a sample may be clipped
 
 Samples = Float[np.ndarray, "texels photographs"]
 
-TEXELS = 2000
-FEWEST_PHOTOGRAPHS = 8
 TRIED = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # widths, over the distance between the balls
-STEPS_OF_WIDTH = 4
-GROUPS = 4  # of the photographs, left out in turn
 STEPS = 12  # of reweighting
-SCALES = 6  # steps after which a texel's typical residual stays as it is
-DETERMINED = 2.0  # errors by which a width must be above 0
-WHITE = 0.99  # of a file's range, or of the brightest sample beyond it, above which a sample may be clipped
-FINE = 0.01  # residual over brightness, as that of a photograph of 8 bits
-DARK = 0.1  # of the median texel's brightness, below which a texel's counts as this
 
 
 class Width(NamedTuple):
@@ -48,7 +46,7 @@ class Width(NamedTuple):
     @property
     def determined(self) -> bool:
         """Whether the photographs show the width."""
-        return bool(0.0 < self.width < TRIED[-1] and self.width > DETERMINED * self.error)
+        return bool(0.0 < self.width < TRIED[-1] and self.width > GAUSS_95 * self.error)
 
 
 def picture_points(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
@@ -62,7 +60,7 @@ def picture_points(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
 def sample_of(mask: Bool[np.ndarray, "h w"]) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and columns of some pixels of a mask."""
     rows, columns = np.nonzero(mask)
-    some = np.linspace(0, len(rows) - 1, min(TEXELS, len(rows))).astype(int)
+    some = np.linspace(0, len(rows) - 1, min(LEARNING_SAMPLE, len(rows))).astype(int)
     return rows[some], columns[some]
 
 
@@ -82,7 +80,7 @@ def find_width(
     """
     seen = (shown < WHITE * max(1.0, float(shown.max(initial=0.0)))).sum(1) > 3  # photographs of each, for 3 numbers
     shown, points = shown[seen], points[seen]
-    if shown.shape[1] < FEWEST_PHOTOGRAPHS or not len(shown):
+    if shown.shape[1] < FEW or not len(shown):
         return None
 
     def misfit(width: float, used: Bool[np.ndarray, " photographs"]) -> float:
@@ -105,7 +103,7 @@ def find_width(
 def _misfit(shown: Samples, light: Float[np.ndarray, "texels photographs 3"]) -> float:
     """Return the geometric mean of typical residuals over brightness, with the gain of each light free."""
     level = np.median(shown, 1, keepdims=True)
-    level = np.maximum(level, DARK * np.median(level)) + 1e-12
+    level = np.maximum(level, SMALL * np.median(level)) + 1e-12
     y, gain = shown / level, np.ones(shown.shape[1])
     counts = shown < WHITE * max(1.0, float(shown.max()))
     weight, typical = counts.astype(float), np.ones_like(level)
@@ -117,21 +115,16 @@ def _misfit(shown: Samples, light: Float[np.ndarray, "texels photographs 3"]) ->
         b = np.linalg.solve(normal + ridge, a.swapaxes(1, 2) @ (weight * y)[..., None])
         model = np.maximum((a @ b)[..., 0], 0.0)
         off = y - model
-        if step < SCALES:
-            typical = MAD * np.median(np.abs(off), 1, keepdims=True) + FINE
+        if step < SETTLED:
+            typical = MAD * np.median(np.abs(off), 1, keepdims=True) + SLIGHT
         weight = counts / (1.0 + (off / (2.0 * typical)) ** 2)
         trust = weight / typical**2
         gain = gain * (trust * y * model).sum(0) / np.maximum((trust * model**2).sum(0), 1e-12)
         gain = gain / np.exp(np.log(np.maximum(gain, 1e-6)).mean())
-    return float(np.exp(np.log(MAD * np.median(np.abs(off), 1) + FINE / 10.0).mean()))
+    return float(np.exp(np.log(MAD * np.median(np.abs(off), 1) + SLIGHT / 10.0).mean()))
 
 
 def _lowest(misfit: Callable[[float], float], near: float) -> float:
-    """Return where a misfit is least, by parabolas through three widths ever closer together."""
-    step = max(0.5 * near, 0.5 * TRIED[1])
-    for _ in range(STEPS_OF_WIDTH):
-        low, middle, high = (misfit(near + step * side) for side in (-1.0, 0.0, 1.0))
-        bend = low - 2.0 * middle + high
-        shift = 0.5 * (low - high) / bend if bend > 0.0 else np.sign(low - high)
-        near, step = near + step * float(np.clip(shift, -1.0, 1.0)), 0.6 * step
-    return near
+    """Return where a misfit is least near the best width of those tried."""
+    reach = max(near, TRIED[1])
+    return minimize_scalar(misfit, bounds=(near - reach, near + reach), options={"xatol": SLIGHT * reach}).x

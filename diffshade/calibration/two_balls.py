@@ -19,14 +19,16 @@ from jaxtyping import Bool, Float
 from scipy.optimize import least_squares
 
 from ..core.robust_scale import GAUSS_95
+from ..core.thresholds import SMALL
 from ..texels.lights.refining import tangents_to
+
+MIN_SCATTER = SMALL  # relative, of the lamps' nearness: no frame for lamps is rounder
 
 Vector = Float[np.ndarray, "3"]
 Vectors = Float[np.ndarray, "lamps 3"]
 Numbers = Float[np.ndarray, " lamps"]
 
 MIN_LAMPS = 4  # lamps that determine the direction from ball to ball with something left over
-MIN_SCATTER = 0.1  # relative, of the lamps' nearness: no frame for lamps is rounder
 MAX_TURNED = 30.0  # degrees, above which the error of the direction from ball to ball leaves all distances open
 
 

@@ -116,8 +116,8 @@ def as_normals(value: Numbers | Checked | None) -> Any:
     return value if value is None or isinstance(value, Checked) else as_array(value)
 
 
-MOST_BANDS = 40
-WIDTHS = (3, 1, 2, *range(4, MOST_BANDS + 1))  # of R, G, B, of one band, or of the bands of a scene
+RGB, MOST_BANDS = 3, 40
+WIDTHS = (RGB, 1, 2, *range(RGB + 1, MOST_BANDS + 1))  # of R, G, B, of one band, or of the bands of a scene
 _COLOURS = tuple((width,) for width in WIDTHS)
 _MAPS = "an array (H, W) or (H, W, 3) over the pixels"
 _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
@@ -134,7 +134,7 @@ _KINDS: dict[Any, tuple[tuple[tuple[int, ...], ...], str, str]] = {
     ),
     as_normals: ((), "an array (H, W, 3)", "Give a unit vector for each pixel."),
 }
-_MAPPED = tuple((3, width) for width in WIDTHS)
+_MAPPED = tuple((RGB, width) for width in WIDTHS)
 _OVER_PIXELS = {as_coefficient: _MAPPED, as_exponent: _MAPPED, as_normals: ((3, 3),)}
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 MAD = 1.4826  # standard deviation of a Gaussian in median absolute deviations: 1 / Phi^-1(3/4)
 GAUSS_95 = 1.96  # standard errors that hold a number 95 % of the time: Phi^-1(.975)
 OUTLIER = 4.0  # standard deviations beyond which a difference is no chance: one of 16,000 is
+RARE = 3.0  # the same where few are compared: one of 370 is beyond it by chance
 UNIFORM = 12.0**-0.5  # standard deviation of a number that is rounded, or spread evenly, over a unit
 
 

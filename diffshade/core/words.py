@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 MAX_NAMED = 3  # things that a message names; of more it gives the number
+MAX_LETTERS = 60  # of a name
 
 
 class Note(str):

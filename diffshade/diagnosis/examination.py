@@ -13,6 +13,7 @@ from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
 from ..core.tables import as_text, cells, parameters
+from ..core.thresholds import INTERVALS, MINOR
 from ..core.words import count, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.clusters import Clusters
@@ -23,9 +24,6 @@ from ..inverse.verdicts.stability import FitWithout, dependence, left_out, moves
 from .intervals import LikelihoodProfile, intervals
 from .patches import find_clusters
 from .suspicions import Suspicion, suspicions
-
-LEVELS = (0.68, 0.95)
-STRONG_CORRELATION = 0.95  # a correlation above which two parameters are reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +88,7 @@ def examine(fit: Fit, *, progress: bool = False) -> Examination:
         report_progress("errors")
         clusters = find_clusters(own)
         profile = LikelihoodProfile(own, clusters)
-        found = intervals(profile, LEVELS, report_progress)
+        found = intervals(profile, INTERVALS, report_progress)
         profiles = tuple(profile.curve(j) for j in range(len(own.unknowns)))
         refitted = refits(own, clusters, left_out(own), report_progress)
         report_progress("checking the residuals")
@@ -140,7 +138,7 @@ def summarise(
 
 def _allowing_for(fit: Fit, added: Vector, found: Float[np.ndarray, "2 p 2"]) -> Float[np.ndarray, "2 p 2"]:
     """Return intervals whose ends lie as much farther out as is added to the errors."""
-    wider = np.array([special.ndtri(0.5 + 0.5 * level) for level in LEVELS])[:, None, None]
+    wider = np.array([special.ndtri(0.5 + 0.5 * level) for level in INTERVALS])[:, None, None]
     away = np.array(found) - fit.values[:, None]
     out = np.hypot(away, wider * added[:, None])
     lower, upper = (np.array([getattr(u, end) for u in fit.unknowns]) for end in ("lower", "upper"))
@@ -187,7 +185,7 @@ def _upper_limits(fit: Fit, determined: Bool[np.ndarray, " p"], interval_95: Flo
 def _correlated(fit: Fit) -> list[str]:
     """Name the quantities that are strongly correlated."""
     correlation = fit.correlation
-    pairs = np.argwhere(np.triu(np.abs(correlation) > STRONG_CORRELATION, 1))
+    pairs = np.argwhere(np.triu(np.abs(correlation) > (1.0 - MINOR), 1))
     groups: dict[tuple[str, str], float] = {}
     for i, j in pairs:
         key = (fit.unknowns[i].quantity, fit.unknowns[j].quantity)

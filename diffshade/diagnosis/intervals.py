@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -10,19 +10,16 @@ from jaxtyping import Float
 from scipy import optimize
 
 from ..core.progress import ReportProgress, silent
-from ..inverse.own_views import OwnViews, blocks
+from ..core.thresholds import NEGLIGIBLE, SINGLE, SLIGHT
 from ..inverse.result import Fit
 from ..inverse.solve.solvers import evaluate
 from ..inverse.statistics.clusters import Clusters
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.unknowns.unknown import coordinate_slopes
-from ..parallel.threads import on_all_cores
 
-CLOSE = 0.01  # relative tolerance of the number of errors at an end
+ACCURATE = NEGLIGIBLE  # largest error of a minimisation, as a fraction of the rise for one error
+CLOSE = SLIGHT  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
-ACCURATE = 1e-3  # largest error of a minimisation, as a fraction of the rise for one error
-SAME = 0.3 * CLOSE  # relative; numbers of errors by an unknown's own views and by all views are alike within it
-ALIKE = 4  # consecutive agreements, after which the other unknowns are not compared
 FAR = 1e6  # errors; beyond this an interval has no end
 
 
@@ -40,24 +37,16 @@ class LikelihoodProfile:
         self.unit = 1.0 / coordinate_slopes(fit.values, fit.unknowns)
         self.errors = clusters.standard_errors() / self.unit  # in the solver's coordinates
         self.bounds = [np.asarray(bound) for bound in (self.laid.problem.box.lower, self.laid.problem.box.upper)]
-        self.minimum = evaluate(self.laid.theta, self.laid.task, self.laid.chunks)
-        self.best = float(self.minimum.total.cost)
-        self.by: dict[int, OwnViews] = {}
-        """The views by which some unknowns are searched; all others by all views."""
-        self.of_others = np.zeros(len(fit.unknowns))
+        self.best = float(evaluate(self.laid.theta, self.laid.task, self.laid.chunks).total.cost)
         # A difference of costs is known to within the rounding of the sum of squares.
         self.evaluated: list[list[tuple[float, float]]] = [[] for _ in fit.unknowns]
         self.visible = 1e-2 * self.variance > 64.0 * np.finfo(float).eps * fit.squares
 
     def errors_away(self, j: int, t: float) -> float:
         """Return the distance of t from the minimum in errors, by the cost; t in the solver's coordinates."""
-        variance, start = float(self.variance[j]), self._start(j, t)
-        if j in self.by:
-            rise, of_others = self.by[j].rise(j, t, start, ACCURATE * variance)
-            self.of_others[j] = max(self.of_others[j], of_others / variance if np.isfinite(rise) else np.inf)
-        else:
-            rtol = min(ACCURATE * variance / max(self.best, 1e-300), 1e-6)
-            rise = float(self.laid.minimise({j: t}, start, rtol=rtol).point.total.cost) - self.best
+        variance = float(self.variance[j])
+        rtol = min(ACCURATE * variance / max(self.best, 1e-300), SINGLE)
+        rise = float(self.laid.minimise({j: t}, self._start(j, t), rtol=rtol).point.total.cost) - self.best
         away = min(float(np.sqrt(2.0 * max(rise, 0.0) / variance)), FAR) if np.isfinite(rise) else FAR
         self.evaluated[j].append((t, away))
         return away
@@ -79,25 +68,6 @@ class LikelihoodProfile:
         if (own := column[j]) > 0:
             theta[which] += (t - theta[j]) * column[which] / own
         return theta
-
-    def unlike_all_views(self, searched: Sequence[int]) -> Iterator[int]:
-        """Yield the unknowns whose profiles by their own views differ from those by all views.
-
-        They are compared where they were evaluated farthest away, in the order of what their moves of the border cost
-        other views, until `ALIKE` consecutive ones agree.
-        """
-        alike = 0
-        for j in sorted(searched, key=lambda j: -self.of_others[j]):
-            if alike == ALIKE:
-                return
-            if points := self.evaluated[j]:
-                farthest = {min(points), max(points)}
-                self.evaluated[j] = []
-                same = all(abs(self.errors_away(j, t) - away) <= SAME * away for t, away in farthest)
-                self.evaluated[j] = points if same else []
-                alike = alike + 1 if same else 0
-                if not same:
-                    yield j
 
     def end(self, j: int, side: int, errors: float) -> float:
         """Return the interval's end on one side, in the unknown's own unit, or its bound if that comes first."""
@@ -144,24 +114,9 @@ def intervals(
 
     The interval of an unknown that is not determined is its whole range.
     """
-    p, reach = len(profile.fit.unknowns), [profile.clusters.quantiles(level) for level in levels]
-    found = np.zeros((len(reach), p, 2))
-
-    def search(j: int) -> None:
+    names, reach = profile.fit.names, [profile.clusters.quantiles(level) for level in levels]
+    found = np.zeros((len(reach), len(names), 2))
+    for j, name in enumerate(names):
+        report_progress(f"interval of {name}", j / len(names))
         found[:, j] = [[profile.end(j, side, q[j]) for side in (-1, 1)] for q in reach]
-
-    own = blocks(profile.laid, range(p))
-    for k, members in enumerate(own):
-        report_progress("intervals of what few views show", k / len(own))
-        views = OwnViews(profile.fit, profile.laid, profile.minimum, members)
-        profile.by = dict.fromkeys(members, views)
-        on_all_cores(search, members)
-    profile.by = {}
-    searched = [j for members in own for j in members]
-    for k, j in enumerate(remaining := np.setdiff1d(np.arange(p), searched).tolist()):
-        report_progress(f"interval of {profile.fit.names[j]}", k / len(remaining))
-        search(j)
-    for j in profile.unlike_all_views(searched):
-        report_progress(f"interval of {profile.fit.names[j]}")
-        search(j)
     return found

@@ -13,16 +13,16 @@ from jaxtyping import Bool, Float, Int
 from ..core.backend import in_float64
 from ..core.fields import check_kind
 from ..core.progress import showing
+from ..core.robust_scale import GAUSS_95
 from ..core.tables import as_text, with_error
+from ..core.thresholds import GREY_LEVEL, SMALL
 from ..core.words import listing
 from ..inverse.result import Fit
 from .cross_validation import Scores, cross_validate, make_folds
 from .patches import Parts
 
-MIN_ERRORS = 2.0  # jackknife errors: the least difference of mean square errors for a verdict
-MIN_SHARE = 0.1  # the least difference of the fitted images for a verdict, over the residuals
-MIN_RATIO = 1.0 / MIN_SHARE  # the least ratio of the errors in every fold for a verdict by this ratio alone
-HALF_LEVEL = 0.5 / 255.0  # half a grey level is the least visible difference in a file of 8 bits
+MIN_RATIO = 1.0 / SMALL  # the least ratio of the errors in every fold for a verdict by this ratio alone
+HALF_LEVEL = GREY_LEVEL / 2  # the least visible difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> 
     differences, their_errors = (np.array(column) for column in zip(*pairs, strict=True))
     rmse, apart = _residuals_and_differences([*fits.values()])
     ratios = np.array([least_ratio(of, best) for of in scores])
-    visible = apart >= max(MIN_SHARE * rmse[0], HALF_LEVEL)
+    visible = apart >= max(SMALL * rmse[0], HALF_LEVEL)
     number = np.array([count_determined(fit) for fit in fits.values()])
     found = ModelChoice(
         names=tuple(fits),
@@ -157,7 +157,7 @@ def _choice(fits: Mapping[str, Fit], scores: Sequence[Scores], folds: Parts) -> 
         differences=differences,
         difference_errors=their_errors,
         image_differences=apart,
-        worse=((differences > 0) & (differences >= MIN_ERRORS * their_errors) & visible) | (ratios >= MIN_RATIO),
+        worse=((differences > 0) & (differences >= GAUSS_95 * their_errors) & visible) | (ratios >= MIN_RATIO),
         bic=n * np.log(np.maximum(rmse**2, 1e-300)) + number * np.log(n),
         folds=n,
         held_out=folds.words,
@@ -245,12 +245,12 @@ def verdict(choice: ModelChoice, i: int, ratio: float) -> str:
             f"standard errors, and the fitted images by {apart:.2g}, with residuals of {rmse:.2g}."
         )
     why = []
-    if times < MIN_ERRORS:
-        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {MIN_ERRORS:g}")
+    if times < GAUSS_95:
+        why.append(f"their mean square errors differ by {times:.1f} standard errors; a verdict needs {GAUSS_95:g}")
     if apart < HALF_LEVEL:
         why.append(f"their fitted images differ by {apart:.2g}, less than half a grey level, {HALF_LEVEL:.2g}")
-    elif apart < MIN_SHARE * rmse:
-        why.append(f"their fitted images differ by {apart:.2g}, less than {MIN_SHARE:.0%} of the residuals, {rmse:.2g}")
+    elif apart < SMALL * rmse:
+        why.append(f"their fitted images differ by {apart:.2g}, less than {SMALL:.0%} of the residuals, {rmse:.2g}")
     return f"undecided between {best} and {other}: {'; '.join(why)}."
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.masks import Mask
+from ..core.thresholds import FEW, SLIGHT
 from ..inverse.data.samples import Samples
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.forward.gram import ByView
@@ -23,9 +24,7 @@ from ..inverse.unknowns.unknown import coordinate_slopes
 from .grams import gram_of
 from .residual_correlation import neighbour_correlation
 
-MIN_PATCHES = 6  # patches that a jackknife needs
 MAX_PATCHES = 64
-MIN_CORRELATION = 0.02  # a correlation of neighbours below which patches of any width are independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ def find_clusters(fit: Fit) -> Clusters:
     if fit.evidence.count >= 3 and fit.evidence.deciding() is None:
         return fit.clusters
     patches = cut_in_patches(fit.solved.problem.data, patch_width(*residual_images(fit)))
-    if len(patches) < MIN_PATCHES:
+    if len(patches) < FEW:
         return independent(fit.evidence, patches.words)
     laid = fit.solved.laid_out()
     chunks = [laid.problem.reweigh(laid.theta, of) for of in patches.lay_out(laid.problem)]
@@ -87,7 +86,7 @@ def correlation_length(
     """
     residuals = [d[..., None] for d in differences]
     first = neighbour_correlation(residuals, counts)
-    if first.share < MIN_CORRELATION or not first.least > 0.0:
+    if first.share < SLIGHT or not first.least > 0.0:
         return 0
     longest = min(min(d.shape) for d in differences) - 1
     lags = range(2, longest)

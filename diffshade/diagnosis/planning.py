@@ -14,6 +14,7 @@ from ..core.backend import in_float64
 from ..core.fields import check, check_kind
 from ..core.progress import showing
 from ..core.tables import as_text
+from ..core.thresholds import MINOR
 from ..core.words import count, did_you_mean, listing
 from ..inverse.result import Fit
 from ..inverse.statistics.evidence import Evidence
@@ -23,8 +24,6 @@ from ..inverse.unknowns.names import is_named
 from ..inverse.unknowns.unknown import Unknown
 from ..model.scenes import as_tuple
 from .shots import Shot, information_of_shot, unknowns_of_lamp
-
-MAX_CLIPPED = 0.05  # a fraction of a shot's pixels; with more of them clipped, the exposure is too long
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +268,7 @@ def plan_notes(fit: Fit, plan: Plan) -> Iterator[str]:
     if plan.rank.any():
         yield "'new' counts the directions that a shot determines and the views do not; such shots rank first."
     for i in plan.order:
-        if plan.clipped[i] > MAX_CLIPPED:
+        if plan.clipped[i] > MINOR:
             yield (
                 f"{plan.names[i]} would have {plan.clipped[i]:.0%} of its pixels clipped; they do not count. Give it a "
                 "shorter exposure."

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from ..core.backend import in_float64
 from ..core.progress import showing
+from ..core.thresholds import FEW, MINOR, MOST
 from ..core.words import count
 from ..inverse.data.recording import developed, linear
 from ..inverse.data.views import View, is_grey
@@ -24,9 +25,7 @@ from ..texels.maps import TexelMaps
 from ..texels.unexplained import Unexplained
 from .residual_quantiles import ResidualQuantiles, residual_quantiles
 
-MIN_LIGHTS = 8  # photographs under different lights
-MIN_GROUPS_FOR_BOTH = 4  # groups from which half of them are of neighbouring lights
-LEVELS = (0.5, 0.95)
+LEVELS = (MOST, 1.0 - MINOR)
 NEIGHBOURS = 2  # lights whose mean angle from a new one is how far it is from those fitted
 MIN_DISTANCE = 1.0  # degrees, below which lights are taken to be this far apart
 NEAR = 1.3  # of that distance, up to which a fit without a group counts as one with all lights near the new one
@@ -169,9 +168,9 @@ def fit_bands(
                 f"bands need views of one camera, all grey or all in colour; views[{i}] differs. Leave it out."
             )
     alike = _under_the_same_lights(views)
-    if len(alike) < MIN_LIGHTS:
+    if len(alike) < FEW:
         raise ValueError(
-            f"bands need photographs under at least {MIN_LIGHTS} different lights; got {len(alike)}. Add photographs."
+            f"bands need photographs under at least {FEW} different lights; got {len(alike)}. Add photographs."
         )
     with showing("bands", show=progress) as report_progress:
         report_progress("all photographs", 0.0)
@@ -247,7 +246,8 @@ def groups_of(
 
     every = np.arange(len(alike))
     ordered = [j for (j,) in parts(every, len(alike))]
-    blocks = min(groups, len(alike)) // 2 if groups >= MIN_GROUPS_FOR_BOTH else 0
+    half = min(groups, len(alike)) // 2
+    blocks = half if half > 1 else 0
     spread = min(groups - blocks, len(alike))
     of_lights = [ordered[k::spread] for k in range(spread)] + (parts(every, blocks) if blocks else [])
     return tuple(tuple(sorted(i for j in lights for i in alike[j])) for lights in of_lights)

@@ -12,13 +12,11 @@ from scipy import stats
 BRIGHTNESS = (0.3, 0.8, 1.5, 2.2, 3.0, 5.0)  # of a prediction, in medians of its texel: the bounds between bins
 SCALE_QUANTILE = 0.8  # which quantile of a texel's absolute residuals scales them
 SHARED_SCALE = 0.25  # share of the median texel's that is added to it, since a texel has few photographs
-MIN_SAMPLES = (
-    100  # residuals of a bin that has quantiles of its own, and of a photograph in it that tells how its own grow
-)
+MIN_SAMPLES = 100  # residuals of a bin that has quantiles of its own, and of a photograph that tells how its own grow
 DISAGREEMENT = 0.4  # how much of the fits' differences from their median counts: residuals of such fits hold them once
 
 QUANTILES = 64  # of the residuals in a bin
-LEVELS = (np.arange(QUANTILES) + 0.5) / QUANTILES
+LEVELS = (2 * np.arange(QUANTILES) + 1) / (2 * QUANTILES)
 MAX_SUMS = 1 << 24  # sums in memory
 
 Texels = Float[np.ndarray, "n c"]

@@ -10,13 +10,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize, nnls
 
+from ..core.thresholds import CLEARLY, GREY_LEVEL
 from ..model.lobes import AbstractPowerLobe, Blinn, Phong
 from ..model.materials import Highlight, Material
 from .lobe_refits import N_S_RANGE, lowest
 from .reference import Cosines, Radiance, Reference, differences
 
-MIN_RMS = 0.005  # an rms below this looks the same: about a step of an 8-bit image
-MAX_ERROR_RATIO = 2 / 3  # of the error of one highlight: two are given where they leave less
 EXPONENTS = np.geomspace(*N_S_RANGE, 17)  # exponents of which pairs are tried before the best is refined
 
 Weights = Float[np.ndarray, "terms 3"]
@@ -59,9 +58,9 @@ def nearest(
     weight = 1.0 / np.maximum(1.0, target.max(1, keepdims=True))
     tries = [_Terms(lobe, points, weight, target) for lobe in lobes]
     best = min((of.one() for of in tries), key=lambda found: found[0])
-    if most > 1 and np.sqrt(best[0] / target.size) > MIN_RMS:
+    if most > 1 and np.sqrt(best[0] / target.size) > GREY_LEVEL:
         two = best[1].two()
-        best = two if two[0] < MAX_ERROR_RATIO**2 * best[0] else best
+        best = two if two[0] < (1.0 / CLEARLY) ** 2 * best[0] else best
     _, terms, exponents = best
     k = terms.weights(exponents)
     found = terms.columns(exponents) @ k

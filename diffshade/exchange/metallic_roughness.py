@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..core.thresholds import SINGLE
 from ..model.lobes import Blinn
 from ..model.materials import Material
 from .classic_fits import nearest
@@ -25,7 +26,6 @@ from .reference import Cosines, Radiance, Reference, reference
 F0 = 0.04  # for the refractive index 1.5 of a dielectric
 ROUGHNESS = (0.045, 1.0)  # three.js and Filament raise smaller values to .045, to keep a lamp's highlight visible
 
-MIN_RADIANCE = 1e-6  # a radiance below this is none
 
 Colour3 = Float[np.ndarray, "3"]
 
@@ -100,7 +100,7 @@ def classic(surface: MetallicRoughness, name: str, what: str, reading: Reading, 
     points = Reference(*(np.concatenate([getattr(of, axis) for of in parts]) for axis in ("n", "l")))
     target = surface.reflected(points)
     fit = nearest(target, points)
-    if fit.largest < MIN_RADIANCE and not any(np.any(np.asarray(of.k_s) > MIN_RADIANCE) for of in fit.highlights):
+    if fit.largest < SINGLE and not any(np.any(np.asarray(of.k_s) > SINGLE) for of in fit.highlights):
         return Material(k_d=fit.k_d, lobe=Blinn(), **more)
     found = fit.material(**more)
     peak = "" if target.max() <= 1 else f" Its highlight reaches {target.max():.2g}."

@@ -15,7 +15,7 @@ import numpy as np
 from ..core.words import listing
 from ..io.parsing import number, numbers, short
 from ..model.lobes import Blinn
-from ..model.materials import Material
+from ..model.materials import INDEX, Material
 from .exports import Draft, comment, notes_on_lights, notes_on_refit, plain, together
 from .lobe_refits import with_lobe
 from .metallic_roughness import classic, surface_of, what_of
@@ -46,7 +46,7 @@ UNUSED = {
 }
 READ = ("Ka", "Kd", "Ks", "Ke", "Ns", "Ni", "d", "Tr", "Tf", "illum", "Pr", "Pm", "Pc", "Pcr")
 SPELLING = {key.lower(): key for key in (*READ, *UNUSED)}
-ETA_RANGE = (0.1, 10.0)  # of refraction, as Material has it
+ETA_RANGE = (INDEX["lower"], INDEX["upper"])  # of refraction
 _COMMENT = re.compile(r"(?:^|\s)#")  # a # within a word is part of a name
 
 

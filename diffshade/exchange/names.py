@@ -6,7 +6,8 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 
-MAX_LENGTH = 60  # characters of an identifier
+from ..core.words import MAX_LETTERS
+
 # Words of POV-Ray and JavaScript that a material could be named, and that their languages reserve.
 RESERVED = re.compile(
     "agate|all|aoi|average|bevelled|black|bozo|brick|bumps|camera|checker|clock|color|colour|cone|crackle|cubic|"
@@ -26,7 +27,7 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
 
     def identifier(name: str) -> str:
         plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore" if name.isascii() else "replace").decode()
-        word = re.sub(r"\W+", "_", plain.replace("?", "_"), flags=re.ASCII).strip("_")[:MAX_LENGTH] or "material"
+        word = re.sub(r"\W+", "_", plain.replace("?", "_"), flags=re.ASCII).strip("_")[:MAX_LETTERS] or "material"
         return f"_{word}" if word[0].isdigit() else f"{word}_" if RESERVED.fullmatch(word) else word
 
     return _distinct(names, identifier)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
+from ..core.thresholds import SINGLE
 from ..io.parsing import NUMBER, number, numbers, short
 from ..model.fresnel import NoFresnel
 from ..model.lobes import Blinn, Phong
@@ -26,7 +27,6 @@ from .names import identifiers, original
 from .readings import Reading, read_declared
 from .reference import Cosines, Reference, differences, radiance, reference_of
 
-MIN_PIGMENT = 1e-6  # the least pigment: it multiplies ambient and emission, which 0 would remove
 _VECTOR = r"rgb[t]?\s*<([^<>]{1,200})>"
 _DECLARED = re.compile(r"#declare\s{1,9}(\w{1,80})\s{0,9}=\s{0,9}texture\b", re.ASCII)
 _PIGMENT = re.compile(r"\bpigment\s*\{\s*(?:color\s+)?" + _VECTOR, re.ASCII)
@@ -66,7 +66,8 @@ def _written(name: str, word: str, material: Material, lights: Any) -> Draft:
     k_a, k_d, k_s, k_e = (np.asarray(k) for k in (m.k_a, m.k_d, m.k_s, m.k_e))
     diffuse = float(k_d.max())
     hue = next((k for k in (k_d, k_s) if np.any(k)), np.ones(3))
-    pigment = np.maximum(hue / hue.max(), MIN_PIGMENT)
+    # it multiplies ambient and emission, which 0 would remove
+    pigment = np.maximum(hue / hue.max(), SINGLE)
     notes, rms, largest = [*original(name, word), *notes_on_refit(refit)], refit.rms, refit.largest
     strength, metallic = float(k_s.max()), 0.0
     if np.ptp(k_s) > 0:

@@ -16,15 +16,17 @@ from jaxtyping import Float
 
 from ..core.backend import in_float64
 from ..core.fields import Exponent
+from ..core.thresholds import NEGLIGIBLE
 from ..inverse.data.relightable import dome
 from ..model.lobes import AbstractPowerLobe, AbstractReflectance, Phong
 from ..model.materials import Material
 from ..model.reflection import reflectance
 from ..model.vectors import Vec3
 
+EDGE = NEGLIGIBLE  # the edge of a highlight over its peak; and the least cosine of a point that is no rounding
+
 ANGLES = (0.0, 20.0, 40.0, 60.0, 80.0)  # degrees between the light and the viewer
 POINTS = 256
-EDGE = 1e-3  # the edge of a highlight over its peak; also the least cosine of a point, as rounding decides smaller ones
 
 Normals = Float[np.ndarray, "n 3"]
 Cosines = Float[np.ndarray, " n"]

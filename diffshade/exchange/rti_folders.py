@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import check_kind
-from ..inverse.data.relightable import dome
+from ..inverse.data.relightable import COUNT, dome
 from ..io.encodings import srgb_encode
 from ..io.files import replacing
 from ..io.image_formats import encode
@@ -28,7 +28,8 @@ from ..texels.status import OUTSIDE
 
 COUNTS = {"ptm": PTM_TERMS, "hsh": 9}  # what OpenLIME draws
 ORDER = {"ptm": [5, 3, 4, 0, 2, 1], "hsh": list(range(9))}  # 1 x y x^2 xy y^2, where a .ptm begins with x^2
-LIGHTS, OTHERS, MIN_Z = 48, 7, 0.2  # lights that are fitted; lights for the error; the least z of their directions
+LIGHTS = 2 * COUNT  # that are fitted
+OTHERS, MIN_Z = 7, 0.2  # lights for the error; the least z of all of their directions
 CLIPPED_PERCENT, QUALITY = 0.05, 95  # of the coefficients that are clipped at either end; of the JPEGs
 
 

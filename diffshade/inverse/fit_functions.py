@@ -23,7 +23,7 @@ from .fitting import check_choices, check_free
 from .forward.gram import Point
 from .forward.interface import AbstractForwardModel
 from .pixels.blocks import Block
-from .problem import MAX_STEPS, FitProblem, fit_problem, with_samples_for
+from .problem import FitProblem, fit_problem, with_samples_for
 from .solve.solvers import BoxConstraints, PriorResiduals, minimum_in_jax, point_of
 from .solve.start_search import best_linear, groups_to_try
 from .unknowns.parameters import find_unknowns
@@ -169,7 +169,7 @@ class FitFunction(eqx.Module):
             found, costs = jax.lax.map(lambda at: judged(jnp.clip(at, self.box.lower, self.box.upper)), tried)
             theta = found[jnp.argmin(jnp.where(jnp.isfinite(costs), costs, jnp.inf))]
         squares = jnp.sum(targets**2)
-        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects, max_steps=MAX_STEPS)
+        return minimum_in_jax(theta, evaluate, self.box, squares, projects=projects)
 
     def _determined(self, theta: Float[Array, " p"], gram: Float[Array, "p p"], targets: Array) -> Bool[Array, " p"]:
         """Return which unknowns change the prediction by more than rounding, in no direction that changes none.

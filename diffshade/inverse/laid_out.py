@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ..core.backend import jit_quickly
 from ..core.fields import Array
 from ..core.progress import ReportProgress, silent
+from ..core.thresholds import MAX_STEPS
 from .data.view_sets import Masks
 from .forward.gram import Gram
 from .forward.interface import AbstractForwardModel
@@ -23,8 +24,8 @@ from .forward.rounding import MOST_NOISE, Rounded, find_rounding, share_of_waves
 from .forward.sums import spread, sum_over, variance_of_steps, waves
 from .pixels.blocks import Block, Piece
 from .pixels.blocks import chunks as in_chunks
-from .problem import MAX_STEPS, PART, FitProblem, Theta
-from .solve.solvers import FAR, BoxConstraints, Minimum, PriorResiduals, Task, minimise
+from .problem import PART, FitProblem, Theta
+from .solve.solvers import FAR, Minimum, PriorResiduals, Task, minimise
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,9 @@ class LaidOut:
         """
         theta, task = self.theta if theta is None else theta, self.task
         if held:
-            theta, lower, upper = hold(self.problem.box, theta, held)
+            lower, upper = (np.array(bound) for bound in (self.problem.box.lower, self.problem.box.upper))
+            lower[list(held)] = upper[list(held)] = list(held.values())
+            theta = np.clip(theta, lower, upper)
             box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
             task = Task(self.model, self.priors, box)
         return minimise(
@@ -161,18 +164,6 @@ def lay_out(problem: FitProblem, theta: Theta, squares: float, at_most: int | No
     size = problem.size_for(at_most)
     parts = problem.pieces(at_most, size)
     return LaidOut(problem, theta, squares, parts, problem.reweigh(theta, problem.lay_out(parts, size)))
-
-
-def hold(
-    box: BoxConstraints, theta: Theta, held: Mapping[int, float]
-) -> tuple[Theta, Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-    """Return theta within a box, and the box's lower and upper ends, all with some unknowns held at a value."""
-    which, at = np.array(list(held), int), np.array(list(held.values()), float)
-    lower, upper = (np.array(bound) for bound in (box.lower, box.upper))
-    theta = np.clip(theta, lower, upper)
-    for array in (lower, upper, theta):
-        array[which] = at
-    return theta, lower, upper
 
 
 @jit_quickly

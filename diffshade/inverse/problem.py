@@ -31,6 +31,8 @@ from .forward.rendered import AROUND, RenderedModel, prepare
 from .forward.rounding import Rounding
 from .forward.sums import sum_of_squares, weights_of_views
 from .pixels.blocks import (
+    BLOCK,
+    MANY,
     Block,
     Piece,
     block_size,
@@ -46,9 +48,8 @@ from .unknowns.slots import apart
 from .unknowns.unknown import Unknown, coordinates, free_places, unit_vectors
 from .unknowns.visibility import arrow_of
 
-MAX_STEPS = 200
-PART = 1 << 15  # pixels on which the search for a start follows its candidates
-FEW = 1 << 12  # pixels on which it judges them, where they are many
+PART = 2 * MANY  # pixels on which the search for a start follows its candidates
+FEW = 2 * BLOCK  # pixels on which it judges them, where they are many
 
 Theta = Float[np.ndarray, " p"]
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.progress import ReportProgress, silent
 from ..core.robust_scale import robust_scale
+from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..parallel.threads import on_all_cores
 from .forward.layout import without_clipped
 from .forward.losses import NOT_CONVEX
@@ -20,7 +21,7 @@ from .forward.rendered import prepare
 from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
 from .pixels.blocks import Block
-from .problem import MAX_STEPS, PART, FitProblem, Theta
+from .problem import PART, FitProblem, Theta
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import at_better_places, from_broad_highlights
 from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
@@ -28,7 +29,6 @@ from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.unknown import coordinates
 from .unknowns.visibility import places_apart
 
-SETTLED = 1e-10  # decrease of the cost that a step promises, relative, below which the scale is no longer followed
 STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
@@ -131,7 +131,7 @@ def _settle(
 
     def polished(problem: FitProblem, part: list[Block], theta: Theta) -> tuple[Theta, bool]:
         task = problem.task(squares)
-        end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=SETTLED, stalled=STALLED)
+        end = minimise(theta, task, part, squares=squares, max_steps=MAX_STEPS, rtol=ROUNDING, stalled=STALLED)
         return end.theta, not end.message
 
     robust = problem.loss != "squares"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import parameter_of
+from ..core.thresholds import CLEARLY
 from ..core.words import Note, count, listing
 from ..model.patterns import Chequer
 from ..model.scenes import Scene
@@ -183,13 +184,11 @@ def _covariance(evidence: Evidence, known: Bool[np.ndarray, " p"]) -> Float[np.n
     return np.where(np.outer(known, known), evidence.covariance(~evidence.at_bound), 0.0)
 
 
-def _not_converged(end: Minimum) -> list[Note]:
+def _not_converged(end: Minimum) -> Iterator[Note]:
     """Say that the solver gave up."""
-    if not end.message:
-        return []
-    return [
-        Note(f"the fit did not converge in {end.steps} steps: {end.message}. Fix or bound an unknown.", "not converged")
-    ]
+    if end.message:
+        text = f"the fit did not converge in {end.steps} steps: {end.message}. Fix or bound an unknown."
+        yield Note(text, "not converged")
 
 
 def _clusters_in_words(groups: Sequence[Sequence[int]], counts: Counts) -> str:
@@ -227,82 +226,72 @@ def _scales(
     return scales
 
 
-def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> list[Note]:
-    """Return a note on unknowns that move hard squares over the pixels: these jump, and have no derivative."""
+def _jumps(scene: Scene, unknowns: Sequence[Unknown]) -> Iterator[Note]:
+    """Name the unknowns that move hard squares over the pixels: these jump, and have no derivative."""
     hard = [p for item in scene.objects for p in item.material.patterns if isinstance(p, Chequer) and not p.smooth]
     movers = {u.quantity: None for u in unknowns for place in u.places if _moves_points(place)}
-    if not (hard and movers):
-        return []
-    names = listing(list(movers))
-    text = f"changing {names} makes hard squares of a Chequer jump; no derivative shows that. Give it smooth=True."
-    return [Note(text, "hard edge", tuple(movers))]
+    if hard and movers:
+        names = listing(list(movers))
+        text = f"changing {names} makes hard squares of a Chequer jump; no derivative shows that. Give it smooth=True."
+        yield Note(text, "hard edge", tuple(movers))
 
 
 def _moves_points(place: Place) -> bool:
     return place.part == "surface" or place.field in ("eta", "period", "u", "v")
 
 
-def _repeated(pairs: Sequence[tuple[int, int]]) -> list[Note]:
-    """Return a note on the views that repeat an earlier one."""
-    if not pairs:
-        return []
-    i, j = pairs[0]
-    if len(pairs) == 1:
+def _repeated(pairs: Sequence[tuple[int, int]]) -> Iterator[Note]:
+    """Name the views that repeat an earlier one."""
+    for i, j in pairs[:1]:
         text = f"views[{i}] repeats views[{j}] and is not counted again."
-    else:
-        text = f"{len(pairs)} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
-    return [Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))]
+        if (n := len(pairs)) > 1:
+            text = f"{n} views repeat earlier ones, as views[{i}] repeats views[{j}], and are not counted again."
+        yield Note(text, "repeated views", tuple(f"views[{i}]" for i, _ in pairs))
 
 
-def _clipped(counts: Counts) -> list[Note]:
-    """Return a note on how samples at an end of the sensor's range were used."""
+def _clipped(counts: Counts) -> Iterator[Note]:
+    """Say how samples at an end of the sensor's range were used."""
     if counts.left_out:
         text = f"the fit excludes {count(counts.left_out, 'clipped sample')} and the other channels of their pixels."
-        return [Note(text, "clipped")]
-    if counts.clipped:
+        yield Note(text, "clipped")
+    elif counts.clipped:
         text = f"the fit uses {count(counts.clipped, 'clipped sample')} as limits: the true value is there or beyond."
-        return [Note(text, "clipped")]
-    return []
+        yield Note(text, "clipped")
 
 
-def _beyond_memory(counts: Counts) -> list[Note]:
+def _beyond_memory(counts: Counts) -> Iterator[Note]:
     """Say that pixels were left out to save memory, and what that costs."""
-    if not counts.beyond_memory:
-        return []
-    every = counts.pixels + counts.beyond_memory
-    times = np.sqrt(every / counts.pixels)
-    text = (
-        f"the fit uses {counts.pixels:,} of {every:,} pixels, evenly spread, since memory holds no more: errors are up "
-        f"to {times:.2g} times those of all pixels. Give {times**2:.2g} times the memory for all."
-    )
-    return [Note(text, "memory")]
+    if counts.beyond_memory:
+        every = counts.pixels + counts.beyond_memory
+        times = np.sqrt(every / counts.pixels)
+        text = (
+            f"the fit uses {counts.pixels:,} of {every:,} pixels, evenly spread, since memory holds no more: errors "
+            f"are up to {times:.2g} times those of all pixels. Give {times**2:.2g} times the memory for all."
+        )
+        yield Note(text, "memory")
 
 
-def _beyond_noise(rmse: float) -> list[Note]:
-    """Return a note if the residuals exceed the given noise, from which the errors follow."""
-    if rmse <= 1.5:
-        return []
-    wrong = "the model or the minimum is wrong, or the noise is larger"
-    return [Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")]
+def _beyond_noise(rmse: float) -> Iterator[Note]:
+    """Say that the residuals exceed the given noise, from which the errors follow."""
+    if rmse > CLEARLY:
+        wrong = "the model or the minimum is wrong, or the noise is larger"
+        yield Note(f"the residuals are {rmse:.3g} times the given noise: {wrong}.", "beyond noise")
 
 
-def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> list[Note]:
+def _at_bounds(unknowns: Sequence[Unknown], known: Bool[np.ndarray, " p"], found: _Values) -> Iterator[Note]:
     """Say which values are at a bound."""
-    notes = []
     for side, there in (("lower", found.at_lower), ("upper", found.at_bound & ~found.at_lower)):
         bound = np.array([getattr(u, side) for u in unknowns])
         for value in np.unique(bound[there & known]):
             names = [u.name for u, at in zip(unknowns, there & known & (bound == value), strict=True) if at]
             verb = "is at its" if len(names) == 1 else "are at their"
-            notes.append(Note(f"{listing(names)} {verb} {side} bound {value:g}.", "at bound", tuple(names)))
-    return notes
+            yield Note(f"{listing(names)} {verb} {side} bound {value:g}.", "at bound", tuple(names))
 
 
-def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> list[Note]:
+def _too_bright(unknowns: Sequence[Unknown], values: np.ndarray, known: np.ndarray) -> Iterator[Note]:
     """Say where more light leaves than a surface can reflect."""
     bright = [u.name for u, above in zip(unknowns, known & (values > 1.0), strict=True) if above and u.kind == "k_d"]
-    if not bright:
-        return []
-    verb = "is" if len(bright) == 1 else "are"
-    text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
-    return [Note(text, "above 1", tuple(bright))]
+    if bright:
+        verb = "is" if len(bright) == 1 else "are"
+        text = f"{listing(bright)} {verb} above 1: more light leaves than arrives. Check intensities and exposure."
+        yield Note(text, "above 1", tuple(bright))

@@ -14,10 +14,12 @@ from ..core.fields import Numbers
 Curve = Callable[[np.ndarray], np.ndarray]
 D50 = (0.9642, 1.0, 0.8249)  # XYZ of the white of ICC profiles
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-SRGB_XY = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x y of red, green, blue and white
-ADOBE_XY = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)
-P3_XY = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290)
-BT2020_XY = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+PRIMARIES = {  # x y of red, green, blue and white
+    "the primaries of sRGB": (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290),
+    "Adobe RGB": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290),
+    "Display P3": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290),
+    "BT.2020": (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+}
 # Profiles round sRGB's curve to tables of 8 to 16 bits, and its primaries to 4 digits. 2.2 differs from it by .008.
 SAME_CURVE, SAME_PRIMARIES = 0.002, 0.005
 
@@ -113,7 +115,7 @@ def encoding(name: str, curves: tuple[Curve, ...], xyz: Float[np.ndarray, "3 3"]
     """
     to_srgb = None
     if xyz is not None:
-        to_srgb = np.linalg.solve(xyz_of(SRGB_XY), xyz)
+        to_srgb = np.linalg.solve(xyz_of(PRIMARIES["the primaries of sRGB"]), xyz)
         with np.errstate(all="ignore"):
             to_srgb = to_srgb / to_srgb.sum(1, keepdims=True)
         if not np.isfinite(to_srgb).all():
@@ -132,4 +134,4 @@ def encoding(name: str, curves: tuple[Curve, ...], xyz: Float[np.ndarray, "3 3"]
 
 SRGB = Encoding("sRGB", (srgb_decode,))
 LINEAR = Encoding("linear", (np.asarray,))
-ADOBE = encoding("Adobe RGB", (power(2.19921875),), xyz_of(ADOBE_XY))
+ADOBE = encoding("Adobe RGB", (power(2.19921875),), xyz_of(PRIMARIES["Adobe RGB"]))

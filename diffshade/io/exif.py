@@ -9,15 +9,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from PIL.ExifTags import IFD, Base
 
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
 from .heic_files import exif_of_heic, opened_heic
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import exposure_of_raw
-
-EXIF = 0x8769  # where the tags of the camera are
-TAGS = (0x829A, 0x829D, 0x8827)  # ExposureTime, FNumber, PhotographicSensitivity (Exif 2.3)
-LONGER_ISO, INDEX = 0xFFFF, 0x8832  # what the sensitivity says where RecommendedExposureIndex holds it
 
 
 def stated_exposures(files: Sequence[Path]) -> Float[np.ndarray, " photographs"]:
@@ -52,14 +49,15 @@ def _tagged(file: Path) -> tuple[Any, ...]:
 
     if file.suffix.lower() in HEIC_SUFFIXES:
         tags = exif_of_heic(opened_heic(file))
-        camera = {**tags, **tags.get_ifd(EXIF)}
+        camera = {**tags, **tags.get_ifd(IFD.Exif)}
     else:
         with Image.open(file) as image:
             tags = image.getexif()
-            camera = {**tags, **tags.get_ifd(EXIF)}
-    if camera.get(TAGS[2]) == LONGER_ISO:
-        camera[TAGS[2]] = camera.get(INDEX)
-    return tuple(camera.get(tag) for tag in TAGS)
+            camera = {**tags, **tags.get_ifd(IFD.Exif)}
+    iso = camera.get(Base.ISOSpeedRatings)
+    if iso == 0xFFFF:  # it does not fit into this tag
+        iso = camera.get(Base.RecommendedExposureIndex)
+    return camera.get(Base.ExposureTime), camera.get(Base.FNumber), iso
 
 
 def _positive(number: Any) -> float:

@@ -11,9 +11,9 @@ import struct
 import numpy as np
 from jaxtyping import Float
 
+from ..core.words import MAX_LETTERS
 from .encodings import Curve, Encoding, encoding, power
 
-LONGEST_NAME = 60  # letters of a name that a message shows
 FEWEST = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # numbers of a parametric curve of each type (10.18)
 
 
@@ -25,7 +25,7 @@ def profile_name(profile: bytes) -> str:
         text = ImageCms.getProfileDescription(ImageCms.getOpenProfile(io.BytesIO(profile)))
     except ImageCms.PyCMSError:
         return ""
-    return "".join(letter for letter in text if letter.isprintable()).strip()[:LONGEST_NAME]
+    return "".join(letter for letter in text if letter.isprintable()).strip()[:MAX_LETTERS]
 
 
 def encoding_of_profile(profile: bytes) -> Encoding | None:

@@ -13,6 +13,8 @@ import zlib
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
+from PIL.ExifTags import Base
+
 from ..core.fields import MOST_BANDS
 
 DEFLATE = 1032  # largest expansion, in bytes per byte: 258 for 2 bits (RFC 1951, section 3.2.5)
@@ -27,7 +29,11 @@ _EXR = {0: 1, 1: 64, 2: DEFLATE, 3: DEFLATE, 4: DEFLATE, 5: 2 * DEFLATE, 6: 16, 
 _PIXELS = {"JPEG": 512, "TGA": 64, "BMP": 128, "HDR": 16, "WEBP": 2**15, "HEIC": 2**15}
 _KINDS = {1: "B", 2: "B", 3: "H", 4: "I", 7: "B", 13: "I", 16: "Q", 18: "Q"}  # of numbers in a TIFF; 16, 18: BigTIFF
 # The TIFF tags that give the position and format of the pixels.
-_TAGS = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 322, 323, 324, 325, 339)
+_TAGS = {
+    Base.ImageWidth, Base.ImageLength, Base.BitsPerSample, Base.Compression, Base.PhotometricInterpretation,
+    Base.StripOffsets, Base.SamplesPerPixel, Base.RowsPerStrip, Base.StripByteCounts, Base.PlanarConfiguration,
+    Base.TileWidth, Base.TileLength, Base.TileOffsets, Base.TileByteCounts, Base.SampleFormat,
+}  # fmt: skip
 
 
 class UnsupportedError(ValueError):

@@ -16,20 +16,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .encodings import ADOBE, BT2020_XY, LINEAR, P3_XY, SRGB, SRGB_XY, Encoding, encoding, power, xyz_of
-from .exif import EXIF
+from PIL.ExifTags import IFD, Base
+
+from .encodings import ADOBE, LINEAR, PRIMARIES, SRGB, Encoding, encoding, power, xyz_of
 from .heic_files import SUFFIXES as HEIC_SUFFIXES
 from .heic_files import exif_of_heic, opened_heic, orientation_of_heic
 from .icc_profiles import encoding_of_profile, profile_name
 from .image_headers import radiance_header, tags_of_tiff
+from .parsing import LARGEST
 from .raw_files import SUFFIXES as RAW_SUFFIXES
 from .raw_files import orientation_of_raw
 
-ORIENTATION, COLOUR_SPACE, INTEROPERABILITY, PROFILE, TRANSFER = 0x0112, 0xA001, 0xA005, 0x8773, 0x012D
-LARGEST_PROFILE = 2**22  # bytes; those of photographs have 500 to 600,000
 # Codes of ITU-T H.273 for primaries, and for the curves that are those of a picture, not of a broadcast.
-CODED_XY, CODED_CURVES = {1: SRGB_XY, 9: BT2020_XY, 12: P3_XY}, {8: LINEAR.curves, 13: SRGB.curves}
-CODED_NAMES = {1: "the primaries of sRGB", 9: "BT.2020", 12: "Display P3"}
+CODED_PRIMARIES = {1: "the primaries of sRGB", 9: "BT.2020", 12: "Display P3"}
+CODED_CURVES = {8: LINEAR.curves, 13: SRGB.curves}
 
 
 class Statement(NamedTuple):
@@ -95,7 +95,7 @@ def _colours_of_png(chunks: Mapping[bytes, bytes], exif: Any) -> tuple[Encoding 
         return _coded(primaries, curve, "cICP chunk", full=bool(full))
     if b"iCCP" in chunks:
         packed = chunks[b"iCCP"].split(b"\0", 1)[1][1:]  # a name, the method 0, deflated bytes
-        return _profiled(zlib.decompressobj().decompress(packed, LARGEST_PROFILE))
+        return _profiled(zlib.decompressobj().decompress(packed, LARGEST))
     if b"sRGB" in chunks:
         return SRGB, ""
     primaries = None
@@ -115,8 +115,8 @@ def _colours_of_png(chunks: Mapping[bytes, bytes], exif: Any) -> tuple[Encoding 
 def _of_tiff(path: Path) -> Statement:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         size = tags_of_tiff(data, (256, 257))
-        damaged = {ORIENTATION: (0,)}
-        turned = _or(damaged, lambda: tags_of_tiff(data, (ORIENTATION,))).get(ORIENTATION, (1,))[0]
+        damaged = {Base.Orientation: (0,)}
+        turned = _or(damaged, lambda: tags_of_tiff(data, (Base.Orientation,))).get(Base.Orientation, (1,))[0]
         stated, unused = _colours_of_tiff(data)
     if not 1 <= turned <= 8:
         turned, unused = 1, unused or "an orientation that is damaged"
@@ -124,16 +124,17 @@ def _of_tiff(path: Path) -> Statement:
 
 
 def _colours_of_tiff(data: Any) -> tuple[Encoding | None, str]:
-    profile = _or(None, lambda: tags_of_tiff(data, (PROFILE,)))
+    profile = _or(None, lambda: tags_of_tiff(data, (Base.InterColorProfile,)))
     if profile is None or profile:
-        return _profiled(bytes(profile[PROFILE])) if profile else (None, "a colour profile that is damaged")
-    if _or({TRANSFER: ()}, lambda: tags_of_tiff(data, (TRANSFER,))):
+        damaged = None, "a colour profile that is damaged"
+        return _profiled(bytes(profile[Base.InterColorProfile])) if profile else damaged
+    if _or({Base.TransferFunction: ()}, lambda: tags_of_tiff(data, (Base.TransferFunction,))):
         return None, "a curve in its tag TransferFunction"
 
     def of_camera() -> tuple[Encoding | None, str]:
-        camera = tags_of_tiff(data, (EXIF,))
-        space = tags_of_tiff(data, (COLOUR_SPACE,), camera[EXIF][0]) if camera else {}
-        return _colour_space(space.get(COLOUR_SPACE, (None,))[0])
+        camera = tags_of_tiff(data, (IFD.Exif,))
+        space = tags_of_tiff(data, (Base.ColorSpace,), camera[IFD.Exif][0]) if camera else {}
+        return _colour_space(space.get(Base.ColorSpace, (None,))[0])
 
     return _or((None, "EXIF that is damaged"), of_camera)
 
@@ -218,8 +219,9 @@ def _profiled(profile: bytes) -> tuple[Encoding | None, str]:
 
 
 def _coded(primaries: int, curve: int, where: str, *, full: bool = True) -> tuple[Encoding | None, str]:
-    if primaries in CODED_XY and curve in CODED_CURVES and full:
-        return encoding(CODED_NAMES[primaries], CODED_CURVES[curve], xyz_of(CODED_XY[primaries])), ""
+    if primaries in CODED_PRIMARIES and curve in CODED_CURVES and full:
+        name = CODED_PRIMARIES[primaries]
+        return encoding(name, CODED_CURVES[curve], xyz_of(PRIMARIES[name])), ""
     if curve in (2, 6) or (primaries, curve) == (1, 1):
         return None, ""  # not specified, or what encoders of video write unasked
     return None, f"the primaries {primaries} and the curve {curve} in its {where}"
@@ -229,8 +231,8 @@ def _of_exif(exif: Any) -> tuple[Encoding | None, str]:
     """Return what EXIF states; None for EXIF stands for damaged tags."""
     if exif is None:
         return None, "EXIF that is damaged"
-    space = _or(None, lambda: exif.get_ifd(EXIF).get(COLOUR_SPACE))
-    interoperable = _or(None, lambda: exif.get_ifd(INTEROPERABILITY).get(1))
+    space = _or(None, lambda: exif.get_ifd(IFD.Exif).get(Base.ColorSpace))
+    interoperable = _or(None, lambda: exif.get_ifd(IFD.Interop).get(1))
     return (ADOBE, "") if interoperable == "R03" else _colour_space(space)  # R03: the DCF's optional colour space
 
 
@@ -240,7 +242,7 @@ def _colour_space(stated: Any) -> tuple[Encoding | None, str]:
 
 
 def _orientation(exif: Any) -> int:
-    found: Any = None if exif is None else exif.get(ORIENTATION)
+    found: Any = None if exif is None else exif.get(Base.Orientation)
     return found if found in range(1, 9) else 1
 
 

@@ -20,7 +20,7 @@ from .image_headers import ANY_EXPANSION, NPY_HEADER, TIFF_EXPANSION, Unsupporte
 from .images import as_fractions, check_exists, decoded, decoding, numbers_read_as
 
 TILE = 1 << 16  # pixels read at a time
-BAND = 1 << 31  # largest size in bytes of the pieces of a file across the image
+BAND = np.iinfo(np.int32).max  # largest size in bytes of the pieces of a file across the image
 Rows = Callable[[int, int], Any]
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.extras import needing
-from ..core.words import count, listing
+from ..core.thresholds import NEGLIGIBLE
+from ..core.words import MAX_NAMED, count, listing
 from ..model.meshes import wound_against
 from .gltf_files import read_gltf
 from .obj_files import read_obj
@@ -19,8 +20,6 @@ from .stl_files import read_stl
 from .vertex_normals import corner_normals, have_direction, unit
 
 READERS = {".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".gltf": read_gltf, ".glb": read_gltf}
-MOST_NAMED = 3  # faces that a note names; of more it gives the number
-CROSSED = 1e-3  # of a face's area: rounding of positions in files changes it by less, and no picture shows it
 
 
 class MeshSurface(NamedTuple):
@@ -109,7 +108,7 @@ def _crossed(of: Polygons, corner: Int[np.ndarray, "t 3"], face: Int[np.ndarray,
     own, faces = np.linalg.norm(area, axis=-1), len(of.size)
     along = np.bincount(face, np.abs((cross * unit(area)[face]).sum(-1)), faces)
     whole = np.bincount(face, np.linalg.norm(cross, axis=-1), faces)
-    return np.flatnonzero((whole > 0) & ((np.abs(along - own) > CROSSED * own) | (own < CROSSED * whole)))
+    return np.flatnonzero((whole > 0) & ((np.abs(along - own) > NEGLIGIBLE * own) | (own < NEGLIGIBLE * whole)))
 
 
 def _on_faces(which: Int[np.ndarray, " n"], faces: int, having: str, done: str) -> list[str]:
@@ -117,7 +116,7 @@ def _on_faces(which: Int[np.ndarray, " n"], faces: int, having: str, done: str) 
         return []
     one = len(which) == 1
     named = f"face {which[0] + 1}" if one else f"{len(which):,} faces"
-    if 1 < len(which) <= MOST_NAMED:
+    if 1 < len(which) <= MAX_NAMED:
         named = f"faces {listing([f'{number + 1}' for number in which])}"
     return [f"{named} of {faces:,} {'has' if one else 'have'} {having}; {'it is' if one else 'they are'} {done}."]
 

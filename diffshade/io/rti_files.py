@@ -22,7 +22,7 @@ from jaxtyping import Float
 from ..core.arrays import float64_of
 from ..core.fields import Numbers
 
-MOST_SAMPLES = 1 << 31  # bytes of coefficients, beyond any file that a person has
+MOST_SAMPLES = np.iinfo(np.int32).max  # bytes of coefficients, beyond any file that a person has
 PTM_TERMS = 6
 HSH_TERMS = (4, 9, 16)
 LARGEST = 1e6  # of a coefficient, or of its scale

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
+from ..core.thresholds import SINGLE
 from .polygons import NONE, Polygons
 
 Corners = Float[np.ndarray, "t 3 3"]
-CANCELLED = 1e-6  # of the weights: positions in files are rounded to about as much
 
 
 def unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
@@ -50,7 +50,7 @@ def _means(point: Corners, label: Int[np.ndarray, "t 3"]) -> Corners:
     which = label.ravel()
     total = np.stack([np.bincount(which, (angle * flat[..., k]).ravel()) for k in range(3)], -1)
     weight = np.bincount(which, angle.ravel())
-    cancelled = np.linalg.norm(total, axis=-1) <= CANCELLED * weight
+    cancelled = np.linalg.norm(total, axis=-1) <= SINGLE * weight
     return np.where(cancelled[label][..., None], flat, unit(total)[label])
 
 

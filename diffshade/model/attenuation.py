@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array, Checked, Colour, Scalar, as_colour, as_scalar, check_kind, is_concrete, parameter
+from ..core.thresholds import SINGLE
 from .vectors import Vec3
 
-NEAREST = 1e-6  # scene units; smaller distances count as this one, so that 1/d^2 stays finite
+NEAREST = SINGLE  # scene units; smaller distances count as this one, so that 1/d^2 stays finite
 
 
 class AbstractAttenuation(Checked):

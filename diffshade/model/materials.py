@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -32,11 +33,11 @@ from .patterns import AbstractPattern, Texture, colour_at
 from .vectors import Vec3, normalize
 
 REFLECTION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1)
-EMISSION = parameter("reflection", lower=0, linear=True, start=0.3, gauge=1, by_own_name=True)
-TRANSMISSION = parameter("transmission", lower=0, upper=1, start=0.5)
+EMISSION = {**REFLECTION, "parameter": dataclasses.replace(REFLECTION["parameter"], by_own_name=True)}
 # reach: slightly more than half the distance between the values of eta that a search tries
-INDICES = tuple(np.linspace(1.0, 2.5, 16).tolist())  # tried by a fit
-INDEX = parameter("index", lower=0.1, upper=10, by_own_name=True, search=INDICES, reach=0.06)
+INDEX = parameter(
+    "index", lower=0.1, upper=10, by_own_name=True, search=tuple(np.linspace(1.0, 2.5, 16).tolist()), reach=0.06
+)
 
 
 def as_highlights(value: Any) -> Any:
@@ -109,7 +110,9 @@ class Material(Checked):
     lobe: AbstractReflectance = eqx.field(default_factory=Phong)
     fresnel: AbstractFresnel = eqx.field(default_factory=NoFresnel)
     k_e: Coefficient = eqx.field(converter=as_coefficient, default=0.0, metadata=EMISSION)
-    k_t: Coefficient = eqx.field(converter=as_coefficient, default=None, metadata=TRANSMISSION)
+    k_t: Coefficient = eqx.field(
+        converter=as_coefficient, default=None, metadata=parameter("transmission", lower=0, upper=1, start=0.5)
+    )
     eta: Scalar | None = eqx.field(converter=as_scalar, default=None, metadata=INDEX)
     highlights: tuple[Highlight, ...] = eqx.field(converter=as_highlights, default=())
     normal: Float[Array, "h w 3"] | AbstractPattern | None = eqx.field(converter=as_normals, default=None)

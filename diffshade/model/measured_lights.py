@@ -22,14 +22,12 @@ from ..core.fields import (
     is_concrete,
     parameter,
 )
+from ..core.thresholds import NEGLIGIBLE, SLIGHT
 from ..core.words import listing
 from .attenuation import AbstractAttenuation, RadialAttenuation
 from .lights import AbstractLamp, Path
 from .photometry import beam_angles, flux, symmetry
 from .vectors import Vec3, along_one_line, cross, dot, length, normalize, safe_sqrt
-
-CONTRADICTS = 0.01  # of the flux: more is no rounding
-BESIDE = 1e-3  # degrees beyond the last angle that still count as that angle: rounding, not darkness
 
 
 class Profile(Checked):
@@ -107,7 +105,8 @@ class Profile(Checked):
             near = (1.0 - t) * values[j, i] + t * values[j, i + 1]
             far = (1.0 - t) * values[j + 1, i] + t * values[j + 1, i + 1]
             found = (1.0 - s) * near + s * far
-        return jnp.where((gamma >= vertical[0] - BESIDE) & (gamma <= vertical[-1] + BESIDE), found, 0.0)
+        # rounding of the last angle is no darkness
+        return jnp.where((gamma >= vertical[0] - NEGLIGIBLE) & (gamma <= vertical[-1] + NEGLIGIBLE), found, 0.0)
 
     def _one_at_the_poles(self) -> Float[Array, "h v"]:
         """Return the values with one number at each pole; without it the slope around the pole would be unbounded."""
@@ -224,12 +223,12 @@ class MeasuredLight(AbstractLamp):
     def _contradictions(self, lumens: float, whole: str) -> list[str]:
         """Return where the flux is other than stated."""
         stated, lamps = self.label.lumens, self.label.source_lumens
-        if stated and abs(lumens / stated - 1.0) > CONTRADICTS:
+        if stated and abs(lumens / stated - 1.0) > SLIGHT:
             share = 100 * (lumens / stated - 1.0)
             return [
                 f"The file contradicts itself: its table is {share:+.2g} % off the {stated:.4g} {whole} that it states."
             ]
-        if lamps and lumens > (1.0 + CONTRADICTS) * lamps:
+        if lamps and lumens > (1.0 + SLIGHT) * lamps:
             return [f"The file contradicts itself: its table has more than the {lamps:.4g} {whole} of its lamps."]
         return []
 

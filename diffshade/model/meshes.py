@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.arrays import float64_of, numbers
 from ..core.fields import Array, Numbers
+from ..core.thresholds import SINGLE
 from .cameras import Rays
 from .surfaces import AbstractSurface, Hit
 from .vectors import Vec3, cross, dot, normalize, where
 
-EDGE = 1e-6  # of a triangle's size, by which it is larger: no ray slips between two neighbours
 TINY = 1e-30  # for a component of a ray that is 0
 BLOCK, CLUSTER = 1024, 16  # rays and triangles that are tested together
 
@@ -148,7 +148,8 @@ def _first_triangle(corners: Float[Array, "clusters t 3 3"], rays: Rays) -> Int[
             _, _, of, number = cluster
             each = jax.tree.map(lambda c: c[None], block)
             t, u, v, facing = _meet(each, *(Vec3.of(of[:, None, i]) for i in range(3)))
-            on = (u >= -EDGE) & (v >= -EDGE) & (u + v <= 1.0 + EDGE) & (facing != 0) & (t > 0)
+            # a little beyond its edges as well, so that no ray slips between two neighbours
+            on = (u >= -SINGLE) & (v >= -SINGLE) & (u + v <= 1.0 + SINGLE) & (facing != 0) & (t > 0)
             for k in range(CLUSTER):  # unrolled: a reduction would not be vectorised over the rays
                 nearer = on[k] & (t[k] < nearest)
                 nearest, index = jnp.where(nearer, t[k], nearest), jnp.where(nearer, number + k, index)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from ..core.thresholds import NEGLIGIBLE
+
 Angles = Float[np.ndarray, " _"]
 Values = Float[np.ndarray, "h v"]
-ALIKE = 1e-3  # of the peak: planes that differ by less are the same
 
 
 def flux(vertical: Angles, horizontal: Angles, values: Values) -> float:
@@ -74,7 +75,7 @@ def symmetry(horizontal: Angles, values: Values) -> str:
 
     def mirrors(axis: float) -> bool:
         other = np.stack([plane(horizontal, values, 2 * axis - C) for C in horizontal])
-        return bool(np.abs(other - values).max() <= ALIKE * values.max())
+        return bool(np.abs(other - values).max() <= NEGLIGIBLE * values.max())
 
     about = [f"C{axis:g}" for axis in (0.0, 90.0) if mirrors(axis)]
     return f"mirrored about {' and '.join(about)}" if about else "no symmetry"

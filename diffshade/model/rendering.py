@@ -35,7 +35,7 @@ BLOCK = 1 << 17  # pixels that are rendered at once on a CPU, with what lies bet
 FEW = 2 * BLOCK  # up to so many, all are rendered at once
 GIVEN = 16 * BLOCK  # the same where little lies between the pixels and the image: a G-buffer under one light, outlines
 FAR = 100.0  # times as far from the origin as from the eye: float32 then keeps fewer than five digits of what is seen
-MOST_PIXELS = 2**31  # with this many XLA ends the process
+MOST_PIXELS = np.iinfo(np.int32).max  # with more XLA ends the process
 
 
 def render(
@@ -73,7 +73,7 @@ def render(
     check((scene, camera))
     check_shapes(scene, camera)
     check_positions(scene, camera)
-    if (pixels := camera.shape[0] * camera.shape[1]) >= MOST_PIXELS:
+    if (pixels := camera.shape[0] * camera.shape[1]) > MOST_PIXELS:
         raise ValueError(
             f"a picture of {camera.shape[1]} x {camera.shape[0]} has {pixels:,} pixels, more than XLA can count. "
             "Render parts of it."

@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array, Checked, Scalar, Vector, as_scalar, as_vector, parameter
+from ..core.thresholds import TINY
 from .cameras import Rays
 from .vectors import Vec3, cross, dot, normalize, safe_sqrt, where
-
-GRAZING = 1e-12  # with a smaller cosine the ray never meets the plane
 
 
 class Hit(eqx.Module):
@@ -205,7 +204,7 @@ class Plane(AbstractSurface):
         """Solve (o + t d - point).n = 0 for t > 0."""
         n = normalize(Vec3.of(self.normal))
         n_d = dot(rays.direction, n)
-        meets = jnp.abs(n_d) > GRAZING
+        meets = jnp.abs(n_d) > TINY
         t = jnp.where(meets, dot(Vec3.of(self.point) - rays.origin, n), 0.0) / jnp.where(meets, n_d, 1.0)
         one = jnp.ones_like(t)
         return Hit(t, rays.origin + rays.direction * t, where(n_d > 0, -n * one, n * one), meets & (t > 0))
@@ -294,7 +293,7 @@ class Box(AbstractSolid):
         for axis, size in zip(rotation_axes(self.rotation), (self.size[i] for i in range(3)), strict=True):
             o, d = dot(rays.origin - Vec3.of(self.center), axis), dot(rays.direction, axis)
             away = jnp.where(d < 0, -1.0, 1.0)  # which way the ray crosses this pair of faces
-            speed = jnp.where(jnp.abs(d) > GRAZING, jnp.abs(d), GRAZING)
+            speed = jnp.where(jnp.abs(d) > TINY, jnp.abs(d), TINY)
             middle, half = -o * away / speed, 0.5 * size / speed
             pairs.append((middle - half, middle + half, axis * away))
         near, entering = pairs[0][0], -pairs[0][2]

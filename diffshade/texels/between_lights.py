@@ -27,9 +27,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..core.thresholds import MINOR, SLIGHT
 from ..inverse.data.relightable import dome
 from .robust.learning import typical_level
-from .unexplained import MIN_GAIN, Interpolation, Smoothing
+from .unexplained import Interpolation, Smoothing
 
 T = TypeVar("T")
 Layers = tuple[tuple[Array, Array], tuple[Array, Array]]
@@ -40,14 +41,12 @@ NEAREST = 4  # views that are shown to the network one by one
 CANDIDATES = 2 * NEAREST
 SPACING = 0.35  # between new lights, relative to that between the views' lights
 MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
-MIN_SPACING = 0.05  # between lights, in units of a unit vector's change; nearer ones count once
 GROUPS = 8  # a view is left out alone, and with the others of one of so many groups
 GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
 MAX_SAMPLES = 1 << 19
 # Of the object's typical level, to which what a texel shows is relative where its own mean is mere noise.
-MIN_LEVEL = 0.01
 
 
 class Neighbours(NamedTuple):
@@ -144,12 +143,12 @@ def learned_between(
     which, every_view = np.concatenate(left_out), np.arange(views)
     others = _neighbours(toward, [(toward[out], np.setdiff1d(every_view, out)) for out in left_out], smoothing)
     level = typical_level(np.maximum((beyond + model).mean((0, 1)), 0.0))
-    least = np.asarray(max(MIN_LEVEL * level, 1e-6), np.float32)
+    least = np.asarray(max(SLIGHT * level, 1e-6), np.float32)
     samples = _left_out_samples(others, beyond, model, least, which).reshape(len(which) * beyond.shape[-1], -1)
     half = ((which % 2)[:, None] + np.arange(beyond.shape[-1]) % 2).ravel()  # views, and texels, of two halves
     tried = _network(samples, channels, least, np.flatnonzero(half == 0), STEPS // 8)  # more steps are no worse
     of, off = _parted(samples[np.flatnonzero(half == 2)], channels)
-    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - MIN_GAIN) ** 2 * jnp.mean(off**2):
+    if not jnp.mean((off - tried(of)) ** 2) <= (1.0 - SLIGHT) ** 2 * jnp.mean(off**2):
         return None
     asked = _neighbours(toward, [(new, every_view)], smoothing)
     everywhere = np.concatenate([toward, new]).astype(np.float32)
@@ -193,7 +192,7 @@ def _apart(toward: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "views vie
 def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
     """Return which lights are no twins of ones before them."""
     apart = _apart(toward)
-    return np.array([not (apart[i, :i] < MIN_SPACING).any() for i in range(len(apart))])
+    return np.array([not (apart[i, :i] < MINOR).any() for i in range(len(apart))])
 
 
 def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:

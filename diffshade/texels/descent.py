@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..core.thresholds import NEGLIGIBLE, TINY
+from ..inverse.solve.solvers import FAR
 from ..model.lobes import EXPONENT_RANGE
 from ..model.vectors import Vec3, normalize, tangents_of
 from .linear_systems import solve
@@ -21,11 +23,8 @@ from .prediction import TexelProblem, first_weights
 T = TypeVar("T")
 LOW, HIGH = (float(end) for end in np.log(EXPONENT_RANGE))
 GRID = np.log(0.5 * 4.0 ** np.arange(7))  # values of log n_s to start from; a descent bridges a factor of 4 with ease
-CONVERGED = 1e-3  # a texel has converged when a step promises to lower its cost by less, in variances of a sample
-ROUNDING = 1e-24  # and what rounding may change of the cost, relative to the squares of the photographs
-MIN_CURVATURE = 1e-3  # least share of an unknown's curvature that eliminating the coefficients may leave
 MAX_TILT, MAX_LOG_N_S_STEP = 0.3, 1.5  # longest step of the normal, as its tangent, and of log n_s
-FIRST_DAMPING, MAX_DAMPING = 1e-3, 1e8
+MAX_DAMPING = 1e8
 
 
 class Descent(eqx.Module):
@@ -50,7 +49,7 @@ def descend(problem: TexelProblem, n: Vec3, x: Array, weight: Array, max_steps: 
         tried, promised = _damped_step(problem, now.found, now.damping, now.weight)
         fell = now.found.cost - tried.cost
         better = (fell > 0.0) & ~now.converged
-        negligible = CONVERGED * 2.0 * tried.cost / freedom + ROUNDING * squares
+        negligible = NEGLIGIBLE * 2.0 * tried.cost / freedom + TINY**2 * squares
         converged = now.converged | ((promised <= negligible) & (fell <= negligible)) | (now.damping > MAX_DAMPING)
         new = now.weight if tried.weight is None else choose(better, tried.weight, now.weight)
         damping = jnp.where(better, 0.2 * now.damping, 5.0 * now.damping + 0.01)
@@ -82,7 +81,7 @@ def _begin(found: NormalEquations, weight: Array) -> Descent:
     """Return a descent whose first step is of length 0 and is taken, so that it evaluates the start."""
     zero = tuple(jnp.zeros_like(slope) for slope in found.slope)
     found = eqx.tree_at(lambda f: (f.cost, f.slope), found, (jnp.full_like(found.x, jnp.inf), zero))
-    return Descent(found, weight, jnp.full_like(found.x, FIRST_DAMPING), jnp.zeros(found.x.shape, bool))
+    return Descent(found, weight, jnp.full_like(found.x, FAR), jnp.zeros(found.x.shape, bool))
 
 
 def _damped_step(
@@ -91,7 +90,7 @@ def _damped_step(
     """Return every texel after one damped step, and by how much the linear model says that the cost falls."""
     S = eliminate_coefficients(found, hold_zeros=True).S
     count = len(S)
-    scale = [jnp.maximum(S[i][i], MIN_CURVATURE * found.P[i][i]) for i in range(count)]
+    scale = [jnp.maximum(S[i][i], NEGLIGIBLE * found.P[i][i]) for i in range(count)]
     damped = [[scale[i] * (1.0 + damping) if i == j else S[i][j] for j in range(count)] for i in range(count)]
     step = [-s for s in solve(damped, found.slope)]
     promised = -sum((g * s for g, s in zip(found.slope, step, strict=True)), jnp.zeros(found.x.shape))

@@ -18,6 +18,7 @@ from jaxtyping import ArrayLike, Float, Int
 from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..core.progress import showing
+from ..core.thresholds import MOST
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
@@ -36,7 +37,6 @@ from .tiles import LEARNING_SAMPLE
 _LOGGER = logging.getLogger("diffshade")
 MEMORY = 1 << 28  # bytes of the photographs that are read at once
 SHARED = {"k_d", "k_s", "n_s", "normal"}  # what is free where texels may share a highlight
-MAX_COPLANAR = 0.5  # share of the texels whose lights lie in one plane, beyond which halves of them say nothing
 
 
 def fit_texels(
@@ -163,7 +163,7 @@ def _fit(
     notes = () if note is None else (note,)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
-    unsuited = lights.narrow or lights.coplanar > MAX_COPLANAR or _lacks_a_channel(scene, views)
+    unsuited = lights.narrow or lights.coplanar > MOST or _lacks_a_channel(scene, views)
     if unsuited and light_error is not None:
         raise UnsuitedLights(
             "light_error needs white or coloured lights of all three channels that leave one plane, so that all texels "

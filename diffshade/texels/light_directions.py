@@ -21,10 +21,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.fields import Array
+from ..core.thresholds import DEGREE
 from ..model.vectors import Vec3, dot
 
 # Limits of the root mean square sine of the angle between the lights and the plane nearest to them.
-COPLANAR = 0.02  # lights count as coplanar up to this: about a degree, the accuracy of the directions of lamps
 MIN_SPREAD = 0.15  # up to this the lights are so close together that a highlight and a tilt look alike
 
 Scatter = Sequence[Sequence[Float[Array, " texels"]]]
@@ -111,7 +111,7 @@ def light_distribution(S: Float[np.ndarray, "3 3 n"]) -> LightDistribution:
     S = S[trace > 0.0] / trace[trace > 0.0, None, None]
     values, vectors = np.linalg.eigh(S)
     sine = np.sqrt(np.maximum(values, 0.0))
-    coplanar = sine[:, 0] < COPLANAR
+    coplanar = sine[:, 0] < DEGREE
     narrow = not coplanar.all() and bool(np.median(sine[~coplanar, 0]) < MIN_SPREAD)
     if not coplanar.any():
         return LightDistribution(0.0, 0.0, False, np.zeros(3), narrow)
@@ -119,7 +119,7 @@ def light_distribution(S: Float[np.ndarray, "3 3 n"]) -> LightDistribution:
     normals = vectors[coplanar, :, 0]
     normal = np.linalg.eigh(normals.T @ normals)[1][:, -1]  # their mean up to sign
     normal = normal if normal[2] >= 0.0 else -normal
-    collinear = bool(np.median(sine[coplanar, 1]) < COPLANAR)
+    collinear = bool(np.median(sine[coplanar, 1]) < DEGREE)
     return LightDistribution(float(coplanar.mean()), off_plane, collinear, normal, narrow)
 
 

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ..core.fields import Array
+from ..core.thresholds import TINY
 
 Numbers = Float[Array, "..."]
 Matrix = Sequence[Sequence[Numbers]]
-RIDGE = 1e-12  # added to the diagonal, relative to it: nearly dependent columns get a huge error instead of NaN
 
 
 def cholesky(A: Matrix) -> list[list[Numbers]]:
@@ -22,8 +22,8 @@ def cholesky(A: Matrix) -> list[list[Numbers]]:
         L.append([])
         for j in range(i):
             L[i].append((row[j] - sum((L[i][k] * L[j][k] for k in range(j)), 0.0)) * L[j][j])
-        rest = diagonal * (1.0 + RIDGE) - sum((L[i][k] ** 2 for k in range(i)), 0.0)
-        pivot = jnp.where(rest > 0.1 * RIDGE * diagonal, rest, RIDGE * diagonal)
+        rest = diagonal * (1.0 + TINY) - sum((L[i][k] ** 2 for k in range(i)), 0.0)
+        pivot = jnp.where(rest > 0.1 * TINY * diagonal, rest, TINY * diagonal)
         L[i].append(1.0 / jnp.sqrt(jnp.where(diagonal > 0.0, pivot, 1.0)))
     return L
 

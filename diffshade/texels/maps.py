@@ -17,6 +17,7 @@ from ..core.backend import in_float64
 from ..core.fields import quantities
 from ..core.robust_scale import GAUSS_95
 from ..core.tables import as_text, cells
+from ..core.thresholds import INTERVALS
 from ..inverse.data.sensors import Sensor
 from ..inverse.data.views import View
 from ..inverse.result import Prediction
@@ -45,8 +46,7 @@ UNITS = {
     "n_s": "none: an exponent",
     "normal": "none: of length 1; x right, y up, z to the camera of a folder of photographs",
 }
-SHARES = (0.68, 0.95)  # of the time that an error holds the truth, and that an interval does
-ANGLE_68, ANGLE_95 = (float(np.sqrt(-2.0 * np.log(1.0 - share))) for share in SHARES)  # deviations about two axes
+ANGLE_68, ANGLE_95 = (float(np.sqrt(-2.0 * np.log(1.0 - share))) for share in INTERVALS)  # deviations about two axes
 NORMAL_95 = ANGLE_95 / ANGLE_68
 
 

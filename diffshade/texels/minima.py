@@ -9,18 +9,17 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import scipy.stats
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
+from ..core.thresholds import MINOR
 from ..model.vectors import Vec3
 from .blocks import FitOptions, TexelBlock, begin, geometry_of
 from .descent import Descent, best_on_grid, choose, descend
 from .geometry import AbstractLightingGeometry
 from .lighting import LightingSetup
 from .prediction import KnownCoefficients, TexelProblem, ViewSlice, features, first_weights, view_slices
-
-MEDIAN_OF_CHI = {1: 0.6745, 3: 0.8880}  # median of chi / sqrt(C) with C degrees of freedom, for C channels
-MIN_FREEDOM = 0.05  # least share of the samples that the unknowns are taken to leave
 
 
 class TexelMinima(eqx.Module):
@@ -126,6 +125,7 @@ def residual_sizes(
         m = features(problem, view, found.n, found.x, ()).predicted(found.k)
         return jnp.sqrt(jnp.mean((m - view.target.astype(found.x.dtype)) ** 2, 0))
 
-    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), MIN_FREEDOM, 1.0)
-    scale = MEDIAN_OF_CHI[block.observed.channels] * jnp.sqrt(left)
+    left = jnp.clip((problem.samples - problem.unknowns) / jnp.maximum(problem.samples, 1.0), MINOR, 1.0)
+    channels = block.observed.channels
+    scale = scipy.stats.chi.median(channels) * jnp.sqrt(left / channels)
     return jax.lax.map(of_view, view_slices(problem, None)) / scale[None]

@@ -19,6 +19,8 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ..core.fields import Array
+from ..core.robust_scale import OUTLIER
+from ..core.thresholds import SINGLE, SLIGHT, SMALL
 from ..model.vectors import Vec3, dot
 from .blocks import TexelBlock
 from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MAX_TILT, moved, tilted
@@ -27,13 +29,13 @@ from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
 from .standard_errors import Numbers, with_ridge
 
-REACH = 4.0  # distance along the valley, in standard errors of the curvature
+REACH = OUTLIER  # distance along the valley, in standard errors of the curvature
+
 DISTANT_LOG_N_S = 3.0  # and in log n_s: a factor of 20, about the distance between two minima
 STEPS = 2  # places on each way, for each loss, each nearer to the best of the other unknowns
-MAX_RISE = 36.0  # of the cost, in variances: errors are to hold up to 25, and a place is not quite at its best
-MIN_RISE = 0.01  # least rise of the cost, in variances, where the valley is flat
-STIFFNESS = 1e6  # how firmly the unknown along the way is held, relative to the curvature
-MAX_K_S_CHANGE = 10.0  # largest change of k_s that counts, relative to the brightest sample: some k_s are unbounded
+MAX_RISE = (REACH + 2.0) ** 2  # of the cost, in variances: a place is not quite at its best
+STIFFNESS = 1.0 / SINGLE  # how firmly the unknown along the way is held, relative to the curvature
+MAX_K_S_CHANGE = 1.0 / SMALL  # largest change of k_s that counts, over the brightest sample: some k_s are unbounded
 
 
 def profile_errors(
@@ -64,7 +66,7 @@ def _required(minimum: TexelMinima, values: Numbers, limit: Array, n: Vec3, ther
         change["n_s"] = values["n_s"] * jnp.abs(there.x - found.x)[None]
     if problem.fit_normal:
         change["normal"] = jnp.rad2deg(jnp.arccos(jnp.clip(dot(found.n, n), -1.0, 1.0)))[None]
-    scale = jnp.where(rise < MAX_RISE, 1.0 / jnp.sqrt(jnp.maximum(rise, MIN_RISE)), 0.0)[None]
+    scale = jnp.where(rise < MAX_RISE, 1.0 / jnp.sqrt(jnp.maximum(rise, SLIGHT)), 0.0)[None]
     return {name: off * scale for name, off in change.items()}
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..core.fields import Array
+from ..core.thresholds import NEGLIGIBLE
 from .blocks import FitOptions, TexelBlock, begin, geometry_of
-from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, MIN_CURVATURE, costs_on_grid, descend
+from .descent import HIGH, LOW, MAX_LOG_N_S_STEP, costs_on_grid, descend
 from .lighting import LightingSetup
 from .linear_systems import solve
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
@@ -23,7 +24,6 @@ from .prediction import KnownCoefficients, TexelProblem
 from .status import HIGHLIGHT_F
 
 MAX_PASSES = 12
-CONVERGED = 1e-3  # largest step of log n_s at convergence; smaller steps only follow changes of the weights
 
 
 @partial(jax.jit, static_argnames="options")
@@ -69,7 +69,7 @@ def _curvature(found: NormalEquations, *, fit_normal: bool) -> Float[Array, " te
         column = [row[-1] for row in S[:2]]
         z = solve([row[:2] for row in S[:2]], column)
         curvature = curvature - sum(a * b for a, b in zip(z, column, strict=True))
-    return jnp.maximum(curvature, MIN_CURVATURE * found.P[-1][-1])
+    return jnp.maximum(curvature, NEGLIGIBLE * found.P[-1][-1])
 
 
 def _shows_highlight(without: TexelProblem, weight: Array, found: NormalEquations, freedom: Array) -> Array:

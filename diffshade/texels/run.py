@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..core.thresholds import NEGLIGIBLE
 from ..inverse.data.views import View
 from ..model.lobes import EXPONENT_RANGE
 from ..model.scenes import Scene
@@ -23,13 +24,13 @@ from .map_arrays import MapArrays
 from .maps import TexelMaps
 from .minima import residual_sizes
 from .prediction import COEFFICIENTS, KnownCoefficients
-from .region_exponents import CONVERGED, MAX_PASSES, by_region, grid_costs, next_exponents, slopes
+from .region_exponents import MAX_PASSES, by_region, grid_costs, next_exponents, slopes
 from .status import TypicalResidual
 from .tile_runner import TileRunner
-from .tiles import TexelPart, TexelTile
+from .tiles import LEARNING_SAMPLE, TexelPart, TexelTile
 
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
-NOISE_SAMPLE = 4096  # texels from which the scale of a robust loss is found
+NOISE_SAMPLE = 2 * LEARNING_SAMPLE  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
 SCALE_ROUNDS, SCALE_TOLERANCE = 4, 0.01  # of the scale of a robust loss, and the relative change that ends them
 
@@ -229,7 +230,7 @@ class TexelRun:
             before = x
             x, error = next_exponents(before, self._sums_of_regions(f"pass_{k}", 4, steps, Exponents(before, zero)))
             change = np.abs(x - before)
-            if (change <= CONVERGED).all():
+            if (change <= NEGLIGIBLE).all():
                 break
         return Exponents(x, np.maximum(error, change))  # an exponent that still changes has at least that error
 

@@ -10,15 +10,15 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ..core.fields import Array
+from ..core.thresholds import DEGREE, SLIGHT, TINY
+from ..inverse.statistics.identifiability import VAGUE
 from .blocks import FitOptions, TexelBlock
-from .light_directions import COPLANAR
-from .linear_systems import RIDGE, inverse_diagonal
+from .linear_systems import inverse_diagonal
 from .minima import TexelMinima
 from .normal_equations import NormalEquations, eliminate_coefficients, evaluate
 
 Numbers = Mapping[str, Float[Array, "_ texels"]]
-MAX_INFLATION = 100.0  # the factor by which an error may grow because the other numbers are unknown too
-MAX_RELATIVE_ERROR = 0.3  # of the largest coefficient of a channel; only larger errors count as inflated
+MAX_INFLATION = 1.0 / SLIGHT  # the factor by which an error may grow because the other numbers are unknown too
 
 
 class NamedNumbers(NamedTuple):
@@ -47,7 +47,7 @@ def named_numbers(minimum: TexelMinima, block: TexelBlock, options: FitOptions) 
         values["normal"] = jnp.stack([found.n.x, found.n.y, found.n.z])
         errors["normal"] = jnp.rad2deg(jnp.sqrt(deviations.rest[0] ** 2 + deviations.rest[1] ** 2))[None]
         for name in {"k_d", "normal"} & errors.keys():  # coplanar lights: infinite, whatever the linear theory gives
-            errors[name] = jnp.where((minimum.out_of_plane > COPLANAR)[None], errors[name], jnp.inf)
+            errors[name] = jnp.where((minimum.out_of_plane > DEGREE)[None], errors[name], jnp.inf)
     return NamedNumbers(values, errors, deviations.separable)
 
 
@@ -117,10 +117,10 @@ def _separable(
     for i, name in enumerate(minimum.problem.known.fitted):
         inflated = inverse[i] * joint[i][i] > MAX_INFLATION**2
         if name != "k_s":
-            separable = separable & ~((deviation[i] > MAX_RELATIVE_ERROR * largest[None]) & inflated).any(0)
+            separable = separable & ~((deviation[i] > VAGUE * largest[None]) & inflated).any(0)
     return separable
 
 
 def with_ridge(S: Sequence[Sequence[Array]], found: NormalEquations) -> list[list[Array]]:
     """Return the reduced system with a small ridge, relative to the curvature of each unknown alone."""
-    return [[a + (RIDGE * found.P[i][i] if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(S)]
+    return [[a + (TINY * found.P[i][i] if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(S)]

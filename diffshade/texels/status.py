@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from ..core.fields import Array
 from ..core.robust_scale import OUTLIER
+from ..core.thresholds import CLEARLY, SLIGHT
+from ..inverse.statistics.identifiability import VAGUE_LOG
 from .descent import HIGH, LOW
 from .minima import TexelMinima
 from .standard_errors import NamedNumbers, Numbers
@@ -18,12 +20,9 @@ from .standard_errors import NamedNumbers, Numbers
 STATUS = ("outside", "determined", "no highlight seen", "not determined", "shadowed", "failed")
 OUTSIDE, DETERMINED, NO_HIGHLIGHT, UNDETERMINED, SHADOWED, FAILED = range(len(STATUS))
 HIGHLIGHT_F = 8.0  # F statistic from which a highlight is significant: by how much it must lower the cost
-MAX_RELATIVE_K_S = 100.0  # k_s, relative to the brightest sample, above which the fit has diverged
-MAX_LOG_N_S_ERROR = 0.5  # largest standard error of log n_s of a determined highlight
-MAX_RELATIVE_K_S_ERROR = 1.0  # largest standard error of k_s of a determined highlight, relative to k_s
+MAX_RELATIVE_K_S = 1.0 / SLIGHT  # k_s, relative to the brightest sample, above which the fit has diverged
 MAX_NORMAL_ERROR = 0.2  # largest standard error of k_d n, relative to its length, of a determined normal
 LARGEST = float(jnp.finfo(jnp.float32).max)  # a larger value does not fit into a map
-MISFIT_FACTOR = 1.5  # a texel's residuals may exceed those of typical texels by this factor, besides chance
 ROUNDING = 1e-4  # residuals below this share of the signal are rounding, not misfit
 MIN_LIT_WITH_NORMAL = 3  # observations that a light must reach where the normal is free
 
@@ -39,7 +38,7 @@ class TypicalResidual(eqx.Module):
         spread = 2.0 / (9.0 * jnp.maximum(freedom, 1.0))
         chance = (1.0 - spread + OUTLIER * jnp.sqrt(spread)) ** 3
         typical = jnp.maximum(jnp.maximum(self.variance, self.relative_variance * level), ROUNDING**2 * level)
-        return variance <= MISFIT_FACTOR**2 * chance * typical
+        return variance <= CLEARLY**2 * chance * typical
 
 
 def highlight_is_significant(full: TexelMinima, plain: TexelMinima) -> Bool[Array, " texels"]:
@@ -63,11 +62,11 @@ def highlight_is_determined(full: TexelMinima, numbers: NamedNumbers) -> Bool[Ar
     determined = jnp.ones(full.lit.shape, bool)
     if "n_s" in values:
         x = full.descent.found.x
-        determined = determined & (errors["n_s"][0] <= MAX_LOG_N_S_ERROR * values["n_s"][0]) & (x > LOW) & (x < HIGH)
+        determined = determined & (errors["n_s"][0] <= VAGUE_LOG * values["n_s"][0]) & (x > LOW) & (x < HIGH)
     if "k_s" in values:  # by the channel with the largest k_s
         k_s, error = values["k_s"], errors["k_s"]
         most = k_s == jnp.max(k_s, 0)[None]
-        determined = determined & jnp.where(most, error <= MAX_RELATIVE_K_S_ERROR * k_s, True).all(0)
+        determined = determined & jnp.where(most, error <= k_s, True).all(0)
     return determined
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float16
 
 from ..core.fields import Array
+from ..core.thresholds import SINGLE, SLIGHT
 from ..model.lights import AbstractLight
 from ..model.vectors import Vec3
 
@@ -28,8 +29,6 @@ MIN_PARTS = 9  # numbers that are kept of the residuals of a texel and channel
 MAX_PARTS = 192  # the page that draws them has room for so many in its program
 MAX_BYTES = 100e6  # of all texels' parts, where more than the least are kept
 PARTS_OF_VIEW = 4  # parts that are kept at most for each view: more lights than these were learned of
-MIN_GAIN = 0.02  # share by which interpolation must lower the residuals of views that were left out
-MIN_SPREAD = 1e-6  # of a combination of lights, relative to the largest
 
 
 class Interpolation(NamedTuple):
@@ -143,7 +142,7 @@ def smoothing_of(toward: Float[np.ndarray, "views 3"], residual: Float[Array, "v
         error = float(np.mean(left_out**2))
         if error < best:
             best, chosen = error, Smoothing(width, noise)
-    return chosen if 0.0 < best <= (1.0 - MIN_GAIN) ** 2 * size else None
+    return chosen if 0.0 < best <= (1.0 - SLIGHT) ** 2 * size else None
 
 
 def interpolation_of(
@@ -161,7 +160,7 @@ def interpolation_of(
     smooth = K @ np.linalg.inv(_noisy(toward, *smoothing))  # from residuals to what is interpolated at the same lights
     light = smooth @ np.asarray(residual, np.float64)
     largest = np.linalg.eigh(light @ light.T)[1][:, ::-1][:, :parts]
-    return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, MIN_SPREAD) @ largest)
+    return Interpolation(toward, smoothing.width, largest.T @ smooth, np.linalg.pinv(K, SINGLE) @ largest)
 
 
 def _noisy(toward: Float[np.ndarray, "views 3"], width: float, noise: float) -> Float[np.ndarray, "views views"]:

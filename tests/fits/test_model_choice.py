@@ -202,11 +202,11 @@ def test_a_verdict_says_why():
         ),
         (verdict_on(1e-9, 1e-9, 1e-5, worse=True, ratio=230.0), ("a predicts", "better than b", "2.3e+02"), "standard"),
         (verdict_on(0.5, 0.0, 0.1, worse=True), ("inf standard errors",), "undecided"),
-        (verdict_on(1.9, 1.0, 0.1), ("undecided between a and b", "1.9 standard errors", "needs 2"), "grey level"),
+        (verdict_on(1.9, 1.0, 0.1), ("undecided between a and b", "1.9 standard errors", "needs 1.96"), "grey level"),
         (verdict_on(3.0, 1.0, 0.0019), ("half a grey level",), "needs"),
         (verdict_on(3.0, 1.0, 0.0021, rmse=0.1), ("less than 10% of the residuals",), "grey level"),
-        (verdict_on(1.0, 1.0, 0.0), ("needs 2", "grey level"), "residuals"),
-        (verdict_on(0.0, 0.0, 0.0), ("0.0 standard errors", "needs 2"), "inf"),
+        (verdict_on(1.0, 1.0, 0.0), ("needs 1.96", "grey level"), "residuals"),
+        (verdict_on(0.0, 0.0, 0.0), ("0.0 standard errors", "needs 1.96"), "inf"),
     ):
         assert all(word in said for word in words), said
         assert not_said not in said, said

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
-from diffshade.io.encodings import ADOBE, ADOBE_XY, LINEAR, SRGB, SRGB_XY, encoding, power, srgb_encode, xyz_of
+from diffshade.io.encodings import ADOBE, LINEAR, PRIMARIES, SRGB, encoding, power, srgb_encode, xyz_of
 from diffshade.io.icc_profiles import encoding_of_profile, profile_name
 
 COLOURS = np.random.default_rng(0).integers(0, 256, (40, 30, 3), np.uint8)
@@ -22,8 +22,8 @@ def decoded(profile: bytes) -> np.ndarray:
 
 
 def test_primaries_are_the_published_ones():
-    np.testing.assert_allclose(xyz_of(SRGB_XY), by.SRGB_XYZ, atol=3e-4)
-    np.testing.assert_allclose(xyz_of(ADOBE_XY), by.ADOBE_XYZ, atol=3e-4)
+    np.testing.assert_allclose(xyz_of(PRIMARIES["the primaries of sRGB"]), by.SRGB_XYZ, atol=3e-4)
+    np.testing.assert_allclose(xyz_of(PRIMARIES["Adobe RGB"]), by.ADOBE_XYZ, atol=3e-4)
 
 
 @pytest.mark.parametrize("xyz", [by.SRGB_XYZ, by.ADOBE_XYZ])

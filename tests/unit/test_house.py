@@ -16,7 +16,8 @@ FILES = sorted(ROOT.rglob("*.py"))
 
 # Each row may import from the rows above it and from its own; a room is named whole, or by what it holds.
 LAYERS = (
-    "core.words core.extras core.progress core.backend core.barriers core.robust_scale core.arrays core.tables",
+    "core.words core.extras core.progress core.backend core.barriers core.robust_scale core.thresholds",
+    "core.arrays core.tables",
     "core.fields",
     "core.masks",
     "model.vectors",
@@ -40,7 +41,6 @@ LAYERS = (
     "inverse.problem inverse.laid_out inverse.solved",
     "inverse.solving",
     "inverse.result inverse.summary",
-    "inverse.own_views",
     "inverse.misfit",
     "inverse.verdicts",
     "inverse.fitting",
@@ -82,7 +82,7 @@ ONLY_IN = {
 
 MAX_LINES = 400  # of a module
 MAX_LINES_OF_A_FUNCTION = 60
-MAX_CONSTANTS, MAX_NUMBERS = 569, 770  # tuned, with a name; and within functions, where they must not hide
+MAX_CONSTANTS, MAX_NUMBERS = 390, 764  # tuned, with a name; and within functions, where they must not hide
 
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from diffshade.core.robust_scale import GAUSS_95, MAD, OUTLIER, UNIFORM, jackknife_error, robust_scale
+from diffshade.core.robust_scale import GAUSS_95, MAD, OUTLIER, RARE, UNIFORM, jackknife_error, robust_scale
 
 
 def test_constants_are_quantiles():
@@ -12,6 +12,7 @@ def test_constants_are_quantiles():
     assert pytest.approx(scipy.stats.norm.ppf(0.975), rel=1e-4) == GAUSS_95
     assert pytest.approx(scipy.stats.uniform.std()) == UNIFORM
     assert 2.0 * scipy.stats.norm.sf(OUTLIER) == pytest.approx(1.0 / 16_000, rel=0.02)
+    assert 2.0 * scipy.stats.norm.sf(RARE) == pytest.approx(1.0 / 370, rel=0.02)
 
 
 def test_the_scale_of_noise_ignores_outliers():

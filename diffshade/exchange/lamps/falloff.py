@@ -12,12 +12,12 @@ from scipy.optimize import nnls
 from ...core.arrays import float64_of
 from ...core.fields import Numbers
 from ...core.tables import as_text, parameters
+from ...core.thresholds import MINOR
 from ...core.words import listing
 from ...inverse.statistics.identifiability import VAGUE
 from ...model.attenuation import RadialAttenuation
 
 NAMES = RadialAttenuation.numbers()  # by the power of the distance
-MAX_CORRELATION = 0.95  # correlation above which the table does not separate two coefficients
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Falloff:
         """What the table does not determine, and remedies."""
         points, notes = _count(self.rows), []
         vague = [NAMES.index(name) for name in self.undetermined]
-        merged = [i for i in vague if any(abs(self.correlation[i, j]) > MAX_CORRELATION for j in vague if j != i)]
+        merged = [i for i in vague if any(abs(self.correlation[i, j]) > (1.0 - MINOR) for j in vague if j != i)]
         if len(merged) > 1:
             highest = max((self.correlation[i, j] for i in merged for j in merged if i < j), key=abs)
             notes.append(

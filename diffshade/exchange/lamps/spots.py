@@ -10,10 +10,10 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
 from ...core.fields import check_kind
+from ...core.thresholds import MINOR
 from ...model.lights import SpotLight
 from ...model.measured_lights import MeasuredLight, Profile
 
-MAX_RMS = 0.05  # rms over peak: above it cos^a does not fit the lamp
 EXPONENT_RANGE = (1e-3, 1e4)
 
 
@@ -29,7 +29,7 @@ class SpotFit:
     @property
     def fits(self) -> bool:
         """Whether the spot fits the lamp: the rms is at most 5 % of the peak."""
-        return self.rms <= MAX_RMS
+        return self.rms <= MINOR
 
     def __str__(self) -> str:
         a, cutoff = float(self.light.exponent), float(self.light.cutoff)

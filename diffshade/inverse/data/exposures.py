@@ -15,14 +15,12 @@ from scipy.optimize import nnls
 from ...core.arrays import float64_of
 from ...core.backend import in_float64
 from ...core.fields import Numbers
+from ...core.thresholds import SLIGHT
 from ...core.words import count
 from ...io.exif import stated_exposures
 from ...io.images import without_alpha
 from .samples import top_of
 from .views import Noise, as_image, as_noise, check_floats
-
-ALIKE = 0.01  # relative difference below which exposures are one
-LEAST = 1e-30  # variance, above 0 where photographs agree exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,8 @@ def _variance(z: Any, t: Any, image: Any, weight: Any, noise: Noise | float | No
     squares = np.where(weight > 0.0, (z - t * image) ** 2, 0.0).sum(0)
     if not several.any():
         return np.full(z.shape, np.nan)
-    return np.full(z.shape, max(float(np.mean(squares[several] / (used[several] - 1))), LEAST))
+    variance = float(np.mean(squares[several] / (used[several] - 1)))
+    return np.full(z.shape, max(variance, np.finfo(float).eps ** 2))  # above 0 where photographs agree exactly
 
 
 def _described(image: Float[np.ndarray, "h w c"], error: Float[np.ndarray, "h w c"]) -> Noise | None:
@@ -149,7 +148,7 @@ def exposures_of(files: Sequence[Path]) -> tuple[Float[np.ndarray, " photographs
             f"{silent} of {count(len(files), 'photograph')} state no exposure (EXIF): all are taken to be equal."
         ]
     ratio = stated.max() / stated.min()
-    if ratio < 1.0 + ALIKE:
+    if ratio < 1.0 + SLIGHT:
         return equal, []
     return stated / stated[0], [
         f"exposures differ by a factor of up to {ratio:.3g} by the files' EXIF, which is used; exif=False (--no-exif) "
@@ -162,6 +161,6 @@ def by_light(lights: Sequence[Hashable], exposures: Float[np.ndarray, " photogra
     under: dict[Hashable, list[int]] = {}
     for i, light in enumerate(lights):
         under.setdefault(light, []).append(i)
-    differ = [np.ptp(exposures[group]) > ALIKE * exposures[group].max() for group in under.values()]
+    differ = [np.ptp(exposures[group]) > SLIGHT * exposures[group].max() for group in under.values()]
     views = [[group] if apart else [[i] for i in group] for group, apart in zip(under.values(), differ, strict=True)]
     return sorted(itertools.chain.from_iterable(views))

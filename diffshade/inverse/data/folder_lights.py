@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.thresholds import SMALL
 from ...io.files import replacing
 from ...io.images import without_alpha, write_image
 from ...model.attenuation import RadialAttenuation
@@ -16,7 +17,6 @@ from ...model.lights import DirectionalLight, PointLight
 from .folders import Listing
 from .light_lists import UNIT, as_lp, lines_of, numbers_in, unit_vectors
 
-DIM = 0.1  # a photograph darker than this fraction of a file's range would lose precision in 16 bits
 WRITTEN = (
     "filenames.txt",
     "light_directions.txt",
@@ -187,7 +187,7 @@ def clear_folder(folder: Path) -> None:
 def write_photograph(folder: Path, stem: str, image: Float[np.ndarray, "h w c"]) -> str:
     """Write a linear photograph in 16 bits, or as .npy if it exceeds 1 or would lose precision; return its name."""
     image = without_alpha(image)  # the mask says what alpha does
-    fits = bool(np.isfinite(image).all() and image.min() >= 0.0 and DIM <= image.max() <= 1.0)
+    fits = bool(np.isfinite(image).all() and image.min() >= 0.0 and SMALL <= image.max() <= 1.0)
     name = f"{stem}.{'png' if fits else 'npy'}"
     write_image(folder / name, image, srgb=False, **({"bits": 16} if fits else {}))
     return name

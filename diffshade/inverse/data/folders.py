@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ...core.words import count, listing
+from ...core.words import MAX_NAMED, count, listing
 from ...io.image_formats import FORMATS
 from ...io.parsing import read_text
 from ...io.raw_files import SUFFIXES as RAW_SUFFIXES
@@ -28,7 +28,6 @@ SUFFIXES = tuple(FORMATS)
 NORMALS = ("normal_gt.npy", "Normal_gt.mat", "normal.txt")
 OTHERS = ("mask", "normal")  # in the names of images that are no photographs
 ALIKE = 0.75  # share of the images named alike, digits apart, from which others are left out
-SHOWN = 3  # names in a note
 
 
 class Listing(NamedTuple):
@@ -189,7 +188,7 @@ def _read_by_order(lights: LightList, names: Sequence[str]) -> str:
 def _left_out(names: list[str], why: str) -> tuple[str, ...]:
     if not names:
         return ()
-    shown = listing(names) if len(names) <= SHOWN else f"{count(len(names), 'image')}, such as {names[0]},"
+    shown = listing(names) if len(names) <= MAX_NAMED else f"{count(len(names), 'image')}, such as {names[0]},"
     return (f"{shown} {'is' if len(names) == 1 else 'are'} left out: {why}.",)
 
 

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ...core.thresholds import SLIGHT
 from ...core.words import count
 from ...io.parsing import read_text, short
 
-UNIT = 0.02  # by which a length may differ from 1: that of numbers of two decimals does
+UNIT = 2 * SLIGHT  # by which a length may differ from 1: that of numbers of two decimals does
 COMMENTS = ("#", "//", ";", "%")
 NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE)
 EITHER = re.compile(r"(?<![\d.])\d+,\d+(?![\d.])", re.ASCII)  # two whole numbers, or one with a decimal comma

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from ...core.thresholds import MINOR, NEGLIGIBLE
 from ...io.images import without_alpha
 
-DECADES = 3.0  # below the brightest, beyond which all is equally dark
-LEAST, MOST = 0.002, 0.95  # share of the picture
+LEAST = 0.002  # share of the picture
 
 
 def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
@@ -34,13 +34,13 @@ def find_mask(images: Iterable[Any]) -> Bool[np.ndarray, "h w"]:
     """
     brightest = functools.reduce(_brighter, (_grey(image) for image in images))  # one at a time
     top = float(np.quantile(brightest, 0.99))
-    level = 1.0 + np.log10(np.clip(brightest / max(top, 1e-30), 10.0**-DECADES, 1.0)) / DECADES
+    level = 1.0 - np.log(np.clip(brightest / max(top, 1e-30), NEGLIGIBLE, 1.0)) / np.log(NEGLIGIBLE)
     _, bright = cv2.threshold((255.0 * level).astype(np.uint8), 0, 1, cv2.THRESH_OTSU)
     inside = ndimage.binary_opening(bright, np.ones((3, 3)))
     labels, regions = ndimage.label(inside)  # pyright: ignore[reportGeneralTypeIssues]
     largest = labels == 1 + np.bincount(labels.ravel())[1:].argmax() if regions else inside
     mask = np.asarray(ndimage.binary_fill_holes(largest))
-    if not LEAST < mask.mean() < MOST:
+    if not LEAST < mask.mean() < 1.0 - MINOR:
         raise ValueError(
             f"no object was found before a darker background: the brightest region has {mask.mean():.1%} of the "
             "pixels. Draw a mask that is white on the object, and give it with --mask."

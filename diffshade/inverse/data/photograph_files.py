@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...core.words import count, listing
+from ...core.words import MAX_NAMED, count, listing
 from ...io.images import ReadAs, load_image, read_as
 from ...io.lazy_images import open_image
-
-SHOWN = 3  # names in a note
 
 
 @dataclass(frozen=True)
@@ -149,6 +147,6 @@ def _verb(verb: str, n: int) -> str:
 
 
 def _named(files: Sequence[Path]) -> str:
-    if len(files) <= SHOWN:
+    if len(files) <= MAX_NAMED:
         return listing([file.name for file in files])
     return f"{count(len(files), 'photograph')}, such as {files[0].name},"

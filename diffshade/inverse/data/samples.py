@@ -12,13 +12,14 @@ from jaxtyping import Bool, Float, Int, Int8
 from scipy import ndimage
 
 from ...core.masks import Mask
-from ...io.lazy_images import LazyImage
+from ...core.thresholds import SMALL
+from ...io.lazy_images import TILE, LazyImage
 from ...model.rendering import select, silhouette
 from ...model.scenes import Scene, check_positions, check_shapes
 from .views import Image, View, camera_key, colours, has_alpha, has_mask
 
-RUN = 1 << 16  # pixels that are ordered by their brightness at a time
-JUST_BELOW = 0.9  # of the largest value: so far down values are compared with it
+JUST_BELOW = 1.0 - SMALL  # of the largest value: so far down values are compared with it
+
 MIN_LEVELS, MIN_PILE = 3, 12  # different values there, and samples of the largest, that are enough to compare
 PILED = 4.0  # times as many samples of the largest value as of any below it, where a sensor clipped
 MIN_PIXELS = 256  # of a view, if it has as many, among those of a part
@@ -105,8 +106,8 @@ def share_of(samples: Samples, count: int) -> Samples:
     if count >= n:
         return samples
     parts = []
-    for start in range(0, n, RUN):
-        run = samples.pixels[start : start + RUN]
+    for start in range(0, n, TILE):
+        run = samples.pixels[start : start + TILE]
         few = (start + len(run)) * count // n - start * count // n
         order = np.argsort(samples.values(run).mean(-1), kind="stable")
         parts.append(np.sort(run[order[((np.arange(few) + 0.5) * len(run) / max(few, 1)).astype(int)]]))
@@ -171,9 +172,9 @@ def top_of_view(view: View) -> float:
 
 
 def _pieces(samples: Samples) -> Iterator[Float[np.ndarray, "m c"]]:
-    """Yield the samples, `RUN` pixels at a time."""
-    for start in range(0, len(samples.pixels), RUN):
-        yield samples.values(samples.pixels[start : start + RUN])
+    """Yield the samples, `TILE` pixels at a time."""
+    for start in range(0, len(samples.pixels), TILE):
+        yield samples.values(samples.pixels[start : start + TILE])
 
 
 def _extremes(samples: Samples) -> tuple[float, float, int, int]:

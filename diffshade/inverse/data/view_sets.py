@@ -150,14 +150,17 @@ class ViewSet:
                 left_out += int(np.abs(ends).sum())
                 found = found.at(found.pixels[~ends.any(-1)])
             samples.append(found.at(shown.setdefault((camera, blake2b(found.pixels.data).digest()), found.pixels)))
-        whole = sum(len(s.pixels) for s in samples)
-        if whole > at_most:
-            samples = [share_of(s, max(int(len(s.pixels) * at_most / whole), MIN_PIXELS)) for s in samples]
-        beyond = whole - sum(len(s.pixels) for s in samples)
-        counts = Counts(left_out=left_out, repeats=tuple(repeats.items()), beyond_memory=beyond)
-        found = dataclasses.replace(self, clipped=clipped, counts=counts).with_samples(samples)
+        counts = Counts(left_out=left_out, repeats=tuple(repeats.items()))
+        whole = dataclasses.replace(self, samples=tuple(samples), clipped=clipped, counts=counts)
+        found = whole.part(at_most)
+        beyond = sum(whole.pixels) - found.counts.pixels
         _check_enough(found, unknowns)
-        return found
+        return dataclasses.replace(found, counts=dataclasses.replace(found.counts, beyond_memory=beyond))
+
+    def part(self, at_most: float) -> ViewSet:
+        """Return the views with so many pixels at most in all, of which each has its share, and some at least."""
+        share = min(at_most / max(sum(self.pixels), 1), 1.0)
+        return self.with_samples([share_of(s, max(int(len(s.pixels) * share), MIN_PIXELS)) for s in self.samples])
 
     def with_samples(self, samples: Sequence[Samples]) -> ViewSet:
         """Return the views with other samples, counted anew."""

@@ -33,7 +33,7 @@ LOSSES = {
     "huber": Rho(
         lambda s: jnp.where(s <= HUBER**2, s, 2.0 * HUBER * _root(s, HUBER) - HUBER**2),
         lambda s: jnp.where(s <= HUBER**2, 1.0, HUBER / _root(s, HUBER)),
-        lambda s: jnp.where(s <= HUBER**2, 0.0, -0.5 * HUBER / _root(s, HUBER) ** 3),
+        lambda s: jnp.where(s <= HUBER**2, 0.0, -HUBER / (2.0 * jnp.maximum(s, HUBER**2) * _root(s, HUBER))),
     ),
     "cauchy": Rho(
         lambda s: CAUCHY**2 * jnp.log1p(s / CAUCHY**2),
@@ -44,7 +44,7 @@ LOSSES = {
     "geman-mcclure": Rho(
         lambda s: s / (1.0 + s / GEMAN_MCCLURE**2),
         lambda s: 1.0 / (1.0 + s / GEMAN_MCCLURE**2) ** 2,
-        lambda s: -2.0 / GEMAN_MCCLURE**2 / (1.0 + s / GEMAN_MCCLURE**2) ** 3,
+        lambda s: -2.0 / GEMAN_MCCLURE**2 / (1.0 + s / GEMAN_MCCLURE**2) ** 2 / (1.0 + s / GEMAN_MCCLURE**2),
     ),
 }
 NOT_CONVEX = ("cauchy", "geman-mcclure")

@@ -29,16 +29,20 @@ from .interface import AbstractForwardModel, Pixels, Setting
 from .losses import Likelihood
 from .rounding import no_rounding
 
+
 # The mean of a function over a Gaussian of width 1, exact for polynomials of degree 7: places and weights. u = r^2 / 2
 # has the density e^-u, so two rings are at the nodes of Gauss and Laguerre, with eight places on each for the angle.
 # Seven places, exact for degree 5, made k_s of a highlight of two pixels' width 1.5 % too small.
-HALF_SQUARES, SHARES = np.polynomial.laguerre.laggauss(2)
-EIGHTHS = (np.arange(8) + np.array([[0.0], [0.5]])) * np.pi / 4.0
-RADII = np.sqrt(2.0 * HALF_SQUARES)[:, None]
-AROUND = np.stack(
-    [of.ravel() for of in (RADII * np.cos(EIGHTHS), RADII * np.sin(EIGHTHS), np.repeat(SHARES[:, None] / 8.0, 8, 1))],
-    -1,
-)
+def _around() -> Float[np.ndarray, "16 3"]:
+    half_squares, shares = np.polynomial.laguerre.laggauss(2)
+    places = 8
+    angle = (np.arange(places) + np.array([[0.0], [0.5]])) * 2.0 * np.pi / places
+    radius = np.sqrt(2.0 * half_squares)[:, None]
+    of_place = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel(), np.repeat(shares, places) / places
+    return np.stack(of_place, -1)
+
+
+AROUND = _around()
 
 
 class RenderedModel(AbstractForwardModel):

@@ -29,14 +29,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
+from ...core.thresholds import SLIGHT
 from ...io.encodings import srgb_encode
+from ..data.samples import MIN_LEVELS
 
 HARMONICS = 12  # terms of the sawtooth; they have 95 % of its variance
 MOST_NOISE = 0.6  # steps; with more noise, rounding is just a part of it
 BITS = (8, 10, 12, 14, 16)
-FEWEST = 3  # different values that are needed to find steps
 CHANCE = 1e-9  # largest probability that values without steps come so near to them
-TOLERANCE = 0.02  # steps: the largest distance of a value from its step; float32 holds 65,535 steps to .004
 CURVES = (False, np.asarray), (True, srgb_encode)
 FINEST = 2.0**-17  # smallest step over the largest value: finer ones are those of floats
 
@@ -111,9 +111,9 @@ def find_steps(values: Float[np.ndarray, " n"], levels: float = 0.0) -> tuple[fl
     counts = np.array([levels, *(2.0**bits - 1.0 for bits in BITS)])
     for srgb, curve in CURVES:
         counted = counts[:, None] * curve(few)
-        whole = np.abs(counted - np.rint(counted)).max(1) < TOLERANCE
+        whole = np.abs(counted - np.rint(counted)).max(1) < SLIGHT
         for count in counts[whole & (counts > 0)].tolist():
-            if _on_steps(curve(different) * count, least=1 if count == levels else FEWEST):
+            if _on_steps(curve(different) * count, least=1 if count == levels else MIN_LEVELS):
                 return 1.0 / count, srgb
     for srgb, curve in CURVES:
         if step := _common_step(curve(different)):
@@ -127,12 +127,12 @@ def find_rounding(values: Sequence[Float[np.ndarray, " _"]], levels: Sequence[fl
     return Rounding(step, srgb, np.zeros(()))
 
 
-def _on_steps(values: Float[np.ndarray, " n"], *, least: int = FEWEST) -> bool:
+def _on_steps(values: Float[np.ndarray, " n"], *, least: int = MIN_LEVELS) -> bool:
     """Return whether values counted in steps are whole numbers, too many and too exactly for chance."""
-    values = values[np.abs(values) > TOLERANCE]
+    values = values[np.abs(values) > SLIGHT]
     off = _furthest(values)
     chance = max(2.0 * off, 1e-12) ** min(len(values), 20)
-    return off < TOLERANCE and len(values) >= least and chance < CHANCE
+    return off < SLIGHT and len(values) >= least and chance < CHANCE
 
 
 def _furthest(values: Float[np.ndarray, " n"]) -> float:
@@ -144,7 +144,7 @@ def _common_step(values: Float[np.ndarray, " n"]) -> float:
     largest = np.abs(values).max()
     values = values[np.diff(values, prepend=-np.inf) > 1e-3 * FINEST * largest]  # equal but for their last digits
     gaps = np.diff(values)
-    if len(gaps) < 4 * FEWEST or gaps.min() < FINEST * largest:
+    if len(gaps) < 4 * MIN_LEVELS or gaps.min() < FINEST * largest:
         return 0.0
     counts = gaps / gaps.min()
     if not _on_steps(counts):

@@ -18,7 +18,7 @@ from ..data.samples import MIN_PIXELS, Samples
 T = TypeVar("T")
 BLOCK = 2048  # places, of a blurred pixel several; what a block needs stays in a core's cache
 LARGE = 8  # blocks: a view of more has a little of one of them padded at most
-MANY = 1 << 14  # pixels of all views: passes over more are worth compiling for their own size of block
+MANY = LARGE * BLOCK  # pixels of all views: passes over more are worth compiling for their own size of block
 CACHE_LINE = 64  # bytes
 OF_PART = 8  # blocks in each of the two chunks of a part of the pixels
 SEVERAL = 16 * OF_PART  # the most blocks that are cut as a part of them is

@@ -13,10 +13,9 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ...core import fields
+from ...core.thresholds import TINY
 from ..forward.gram import Point
 from .elimination import Symmetric
-
-TINY = 1e-12  # relative; keeps a matrix of unknowns that change nothing regular
 
 
 class BoxNewton(optx.AbstractDescent):

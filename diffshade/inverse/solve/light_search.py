@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
+from ...core.thresholds import FAR_MORE, SMALL
 from ...model.scenes import Scene
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Point
@@ -30,8 +31,6 @@ from .start_search import SHORT, End, follow, turned
 ANYWHERE = np.deg2rad(45.0)  # error of a light of which none is stated
 NARROW = 0.5  # error of a light, over the width of a highlight, beyond which it may lie beside the photograph's
 RINGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # degrees about a light at which it is tried
-COSTLY = 2.0  # cost of a sample of a light's views, over the lights' median, from which it is tried elsewhere
-CLEARLY = 0.9  # of its cost, below which a light moves
 
 Theta = Float[np.ndarray, " p"]
 Lights = Sequence[Sequence[int]]
@@ -94,7 +93,7 @@ def at_better_places(
     shows = np.array([(shown == of[0]).any(1) for of in lights])
     here = shows @ np.asarray(end.views.cost) + _known(theta, lights, task)
     each = here / np.maximum(shows @ samples, 1.0)
-    costly = np.flatnonzero(each > COSTLY * np.median(each)).tolist()
+    costly = np.flatnonzero(each > FAR_MORE * np.median(each)).tolist()
     if not costly:
         return None
     tried = np.tile(theta, (1 + 6 * len(RINGS), 1))
@@ -105,7 +104,7 @@ def at_better_places(
     some = [chunk for chunk in chunks if np.isin(np.asarray(chunk.view), theirs).any()]
     costs = np.array([_costs(of, shows, lights, task, some) for of in tried])
     best, found = costs.argmin(0).tolist(), theta.copy()
-    better = [i for i in costly if costs[best[i], i] < CLEARLY * here[i]]
+    better = [i for i in costly if costs[best[i], i] < (1.0 - SMALL) * here[i]]
     for i in better:
         found[lights[i]] = tried[best[i], lights[i]]
     return found if better else None

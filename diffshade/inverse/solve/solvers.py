@@ -15,12 +15,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...core import fields
 from ...core.backend import PLAINLY, UNFUSED, jit_quickly
+from ...core.thresholds import MAX_STEPS, TINY
 from ...parallel.threads import on_all_cores
 from ..forward.gram import Gram, Point
 from ..forward.interface import AbstractForwardModel
 from ..pixels.blocks import Block, total
 from ..unknowns.visibility import Arrow
-from .descent import TINY, BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
+from .descent import BoxNewton, GainRatio, GramLevenbergMarquardt, State, box_step
 from .elimination import Arrowhead, Dense, nothing
 
 PATIENCE = 6  # steps, rejected ones too
@@ -195,8 +196,6 @@ def minimum_in_jax(
     squares: Array,
     *,
     projects: bool,
-    max_steps: int,
-    rtol: Any = 1e-14,
 ) -> tuple[Point, Array]:
     """Return the point at the minimum and whether the solver converged, as one pure JAX function.
 
@@ -204,10 +203,10 @@ def minimum_in_jax(
     """
     found = optx.minimise(
         lambda theta, _: _cost(theta, evaluate_at(theta)),
-        _solver(box, squares, projects=projects, rtol=rtol),
+        _solver(box, squares, projects=projects, rtol=1e-14),
         theta,
         has_aux=True,
-        max_steps=max_steps,
+        max_steps=MAX_STEPS,
         throw=False,
     )
     return found.aux, found.result == optx.RESULTS.successful

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Bool
 from scipy import special
 
+from ...core.thresholds import FEW
 from ...core.words import listing
 from .evidence import Evidence
 from .uncertainty import Vector
 
 FALSE_ALARMS = 0.02  # the fraction of fits with independent noise whose clusters are reported to disagree
-FEW = 12  # a jackknife over fewer patches is rough
 LEAST_FREEDOM = 1.99  # least degrees of freedom of a jackknife: with fewer, it rests on one or two patches
 
 

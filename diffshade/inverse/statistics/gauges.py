@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...core.words import Note, listing
+from ...core.thresholds import NEGLIGIBLE
+from ...core.words import MAX_NAMED, Note, listing
 from ..unknowns.places import Place
 from ..unknowns.unknown import Unknown, free_places
 
-MANY = 4  # lights or views whose numbers of one name are named together
-ALIKE = 1e-3  # relative; that changes may differ and still be one factor, or one motion
 OF_ATTENUATION = ("attenuation", "amplitude")  # roles
 SCALED = ("k_a", "k_d", "k_s")
 
@@ -105,7 +104,7 @@ def listed(names: Sequence[str], unknowns: Sequence[Unknown]) -> str:
         owner, fields = kinds.get(name, ("", ()))
         of = sorted(at[other].item or 0 for other, kind in kinds.items() if kind == (owner, fields))
         what = ".".join(map(str, fields))
-        if owner not in ("lights", "views") or len(of) < MANY:
+        if owner not in ("lights", "views") or len(of) <= MAX_NAMED:
             found[name] = None
         elif of == [*range(of[0], of[-1] + 1)]:
             found[f"the {what} of {owner} {of[0]} to {of[-1]}"] = None
@@ -125,7 +124,7 @@ def _gauge(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> tu
     if not reflections:
         signs = np.abs(signs)  # light and attenuation grow together
     factors = signs * direction[involved] / np.where(values[involved] == 0, np.inf, values[involved])
-    alike = np.all(np.abs(factors - factors[0]) <= ALIKE * np.abs(factors[0])) and factors[0] != 0
+    alike = np.all(np.abs(factors - factors[0]) <= NEGLIGIBLE * np.abs(factors[0])) and factors[0] != 0
     if motion := _motion(direction, unknowns, values):
         return listed(names, unknowns), f"{motion} leaves every pixel unchanged", ""
     if not alike or (reflections and lights and attenuation):
@@ -156,9 +155,9 @@ def _motion(direction: Vector, unknowns: Sequence[Unknown], values: Vector) -> s
         return ""
     A, d = np.array(rows), np.array(changes)
     (s, *t), *_ = np.linalg.lstsq(A, d, rcond=None)
-    if np.linalg.norm(A @ [s, *t] - d) > ALIKE * np.linalg.norm(d):
+    if np.linalg.norm(A @ [s, *t] - d) > NEGLIGIBLE * np.linalg.norm(d):
         return ""
-    if abs(s) * np.linalg.norm(A[:, 0]) <= ALIKE * np.linalg.norm(d):
+    if abs(s) * np.linalg.norm(A[:, 0]) <= NEGLIGIBLE * np.linalg.norm(d):
         return "" if moved else "moving them together by one vector"
     brighter = " and the intensities with the square of that" if moved else ""
     return f"scaling all places and sizes about one point{brighter}"

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...core.thresholds import NEGLIGIBLE
 from ...core.words import Note, listing
 from ..unknowns.unknown import Unknown, free_places, logarithms
 from .gauges import of_attenuation, quantities, sentence
 from .uncertainty import SINGULAR, Matrix, Vector, regular_inverse, scaled
 
-ILL = 1e-3  # smallest singular value of the scaled J below which unknowns are hardly separated
 VAGUE = 0.3  # error relative to the value, above which a number says little
 VAGUE_LOG = 0.5  # standard error of a logarithm
 ONE_TOO_MANY = "The images can do with one highlight fewer. Leave it out, or add a photograph in which both show."
@@ -65,10 +65,10 @@ def weak_directions(H: Matrix) -> list[Int[np.ndarray, " n"]]:
     at least a tenth of the largest component.
     """
     A, lengths = scaled(H)
-    if regular_inverse(A, ILL**2) is not None:
+    if regular_inverse(A, NEGLIGIBLE**2) is not None:
         return []
     w, V = np.linalg.eigh(A)
-    weak = (w >= SINGULAR**2 * w.max(initial=0.0)) & (w < ILL**2 * w.max(initial=0.0))
+    weak = (w >= SINGULAR**2 * w.max(initial=0.0)) & (w < NEGLIGIBLE**2 * w.max(initial=0.0))
     shares = np.abs(V[:, weak]) * (lengths > 0)[:, None]
     return [np.flatnonzero(share > 0.1 * share.max()) for share in shares.T]
 

@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-SINGULAR = 1e-6  # smallest singular value of J, columns of unit length, below which unknowns are not determined
+from ...core.thresholds import SINGLE
+
+SINGULAR = SINGLE  # smallest singular value of J, columns of unit length, below which unknowns are not determined
 
 Vector = Float[np.ndarray, " p"]
 Matrix = Float[np.ndarray, "p p"]

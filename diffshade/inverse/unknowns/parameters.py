@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ...core.fields import Parameter, as_exponent, as_vector, check_kind, is_over_pixels, parameter_of
+from ...core.thresholds import SINGLE
 from ...model.flaps import LIMITS
 from ...model.fresnel import Dielectric
 from ...model.gbuffers import GBuffer
@@ -23,8 +24,6 @@ from .places import Known, Place, everything
 from .ranges import check_directions, check_names_an_unknown, prior_of, range_of
 from .slots import value_in
 from .unknown import Named, Product, Unknown
-
-MIN_INTENSITY = 1e-6  # over that of the scene: an intensity whose logarithm is solved for stays above 0
 
 
 def find_unknowns(
@@ -169,7 +168,7 @@ def _unknown(
             )
         # the mean of intensities with relative errors would pull the scale of all to their low side, that of their
         # logarithms does not
-        of, lower = dataclasses.replace(of, logarithmic=True), max(lower, MIN_INTENSITY * start)
+        of, lower = dataclasses.replace(of, logarithmic=True), max(lower, SINGLE * start)  # its logarithm is finite
         prior = (float(np.log(start)), error)
     start = float(np.clip(start, lower, upper))
     if error is not None and prior is None:

@@ -14,12 +14,12 @@ import scipy
 from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
+from ...core.thresholds import FEW
 from ...model.scenes import Scene
 from ..data.views import View, lights_on
 from .places import Place
 from .unknown import Unknown
 
-FEWEST_BLOCKS = 8  # with fewer, the dense solution is as fast
 NARROW = 0.25  # an unknown that at most this fraction of the views can show belongs to a block
 
 
@@ -117,7 +117,7 @@ def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     """Return the unknowns as border and blocks, such as those of each light; None where that would save nothing."""
     shows = views_that_show(scene, views, unknowns)
     p, narrow = len(unknowns), np.flatnonzero(shows.mean(1) <= NARROW)
-    if len(narrow) < FEWEST_BLOCKS:
+    if len(narrow) < FEW:
         return None
     rows, columns = np.nonzero(shows[narrow])
     linked = scipy.sparse.coo_array(
@@ -126,7 +126,7 @@ def arrow_of(scene: Scene, views: Sequence[View], unknowns: Sequence[Unknown]) -
     _, label = scipy.sparse.csgraph.connected_components(linked, directed=False)
     found = [narrow[label[: len(narrow)] == of] for of in np.unique(label[: len(narrow)])]
     largest = max(map(len, found), default=0)
-    if len(found) < FEWEST_BLOCKS or (p - len(narrow)) + largest > p / 2:
+    if len(found) < FEW or (p - len(narrow)) + largest > p / 2:
         return None
     blocks = np.full((len(found), largest), p)
     for row, of in zip(blocks, found, strict=True):

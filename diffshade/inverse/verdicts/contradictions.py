@@ -8,15 +8,13 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...core.progress import ReportProgress, silent
+from ...core.robust_scale import GAUSS_95, OUTLIER
+from ...core.thresholds import ROUNDING
 from ...core.words import Note, listing
 from ..result import Fit
 from ..statistics.identifiability import null_directions
 from ..statistics.uncertainty import Matrix, Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
-
-PULL = 4.0  # standard deviations between a prior and the images' own value that make a contradiction
-CORRUPTS = 2.0  # a value that such a prior moves by this many errors is not determined
-ALONE = 1e-9  # the share of a value's information that the images must give before they can contradict its prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ def pulls(total: Matrix, theta: Vector, mean: Vector, width: Vector, sigma: floa
     C = inverse(total)
     weight = np.where(np.isnan(width), 0.0, (sigma / np.where(np.isnan(width), 1.0, width)) ** 2)
     left = 1.0 - weight * np.diag(C)  # the images' share of the information (Sherman and Morrison 1950)
-    tells = ~np.isnan(width) & (left > ALONE)
+    tells = ~np.isnan(width) & (left > ROUNDING)
     safe = np.where(tells, left, 1.0)
     without = np.where(tells, mean + (theta - mean) / safe, np.nan)
     errors = np.where(tells, np.sqrt(variance * np.diag(C) / safe), np.nan)
@@ -58,7 +56,7 @@ def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     variance = evidence.sigma2 * fit.clusters.inflation()[free]
     sigma = float(fit.likelihood.sigma)
     of_images = pulls(total, theta, priors[:, 0], priors[:, 1], sigma, variance)
-    against = np.nan_to_num(np.abs(of_images.pull)) > PULL
+    against = np.nan_to_num(np.abs(of_images.pull)) > OUTLIER
     if not against.any():
         return fit
     weight = np.where(against, (sigma / np.where(against, priors[:, 1], 1.0)) ** 2, 0.0)
@@ -67,7 +65,7 @@ def check_priors(fit: Fit, _: ReportProgress = silent) -> Fit:
     moved[free] = inverse(total - np.diag(weight)) @ (weight * offset) / slope
     zero, directions = null_directions(total - np.diag(weight))
     moved[free[zero | directions.any(0)]] = np.inf  # without these priors nothing is known of it
-    corrupted = fit.determined & (np.abs(moved) > CORRUPTS * fit.errors)
+    corrupted = fit.determined & (np.abs(moved) > GAUSS_95 * fit.errors)
     notes = [_said(fit, free[here], of_images, here, moved, corrupted) for here in _by_quantity(fit, free, against)]
     return replace(fit, determined=fit.determined & ~corrupted, notes=(*notes, *fit.notes))
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.progress import ReportProgress
+from ...core.thresholds import MOST
 from ...core.words import Note, listing
 from ...model.scenes import Scene
 from ..result import Fit
@@ -22,8 +23,6 @@ from ..unknowns.places import Place
 from ..unknowns.unknown import free_places, values_at
 
 PAIRS = 16  # of fits, each to lights moved one way and the opposite way
-LARGE = 0.5  # share of an error's square that makes a value one of those that depend on the lights
-SHIFTED = 1.0  # errors of independent noise by which a mean change is named
 
 
 def widen_by_lights(fit: Fit, report_progress: ReportProgress, *, errors: Mapping[Place, float]) -> Fit:
@@ -72,10 +71,10 @@ def _notes(fit: Fit, from_lights: np.ndarray, shift: np.ndarray) -> list[Note]:
     def named(which: np.ndarray) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for name, here in zip(quantities, which & fit.determined, strict=True) if here))
 
-    large = named(from_lights**2 > LARGE * np.maximum(fit.errors, from_lights) ** 2)
+    large = named(from_lights**2 > MOST * np.maximum(fit.errors, from_lights) ** 2)
     most = f": most of those of {listing(large)}" if large else ""
     found = [Note(f"the errors hold the stated errors of the lights, which are not fitted{most}.", "lights", large)]
-    if moved := named(np.abs(shift) > SHIFTED * np.maximum(fit.plain_errors, 0.5 * from_lights)):
+    if moved := named(np.abs(shift) > np.maximum(fit.plain_errors, 0.5 * from_lights)):
         found.append(
             Note(
                 f"lights that are off by their stated errors change {listing(moved)} to one side, and may have done so "

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from ...core.masks import Mask
 from ...core.progress import ReportProgress, silent
-from ...core.robust_scale import robust_scale
+from ...core.robust_scale import OUTLIER, robust_scale
+from ...core.thresholds import CLEARLY, MINOR, MOST, SMALL
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
@@ -24,15 +25,10 @@ from ..data.recording import developed
 from ..data.views import View, camera_key, colours, has_mask
 from ..result import Fit
 
-BEYOND_NOISE = 1.5  # outlines are compared only if the residuals exceed this many times the noise
 ROWS = 48  # most rows of an object from which the noise of a photograph is estimated
 FAR = 3.0  # pixels: the least distance of background pixels from the outline
 BACKGROUND = 64  # the fewest background pixels
-DARK = 5.0  # a pixel within this many standard deviations of the background's level looks like background
-UNIFORM = 0.1  # the largest variation of the background, over the object's brightness
 BLACK = 0.2  # the largest level of the background, over the object's brightness
-ALIKE = 0.98  # the least share of background pixels at that level
-MOST = 0.5  # the least share of the outline, or of an edge, along which it must be seen that it is wrong
 STEP = 0.15  # the least brightness of the object right behind that background, over its usual brightness
 OUTSIDE = 0.55  # the least brightness outside the outline, over that just inside: at a blurred edge it is a half
 THIN = 0.75  # pixels: the outline is right if the border is narrower
@@ -91,7 +87,7 @@ def _brightness(view: View) -> Float[np.ndarray, "h w"]:
 def _unlike_noise(fit: Fit, views: Sequence[View], inside: Mask) -> bool:
     """Whether the residuals exceed the noise, which is known or estimated."""
     noise = 1.0 if fit.views[0].noise is not None else noise_of(views, inside)
-    return fit.rmse > BEYOND_NOISE * noise
+    return fit.rmse > CLEARLY * noise
 
 
 def noise_of(views: Sequence[View], inside: Mask) -> float:
@@ -128,10 +124,10 @@ def compare(inside: Mask, brightness: Float[np.ndarray, "h w"]) -> WrongOutline 
     level = float(np.median(brightness[far]))
     scatter = robust_scale(brightness[far] - level)
     light = bright - level
-    alike = np.abs(brightness[far] - level) <= max(DARK * scatter, UNIFORM * light)
-    if not light > 0 or level > BLACK * bright or scatter > UNIFORM * light or alike.mean() < ALIKE:
+    alike = np.abs(brightness[far] - level) <= max(OUTLIER * scatter, SMALL * light)
+    if not light > 0 or level > BLACK * bright or scatter > SMALL * light or alike.mean() < (1.0 - MINOR):
         return None
-    dark = brightness <= level + max(DARK * scatter, 1e-3 * light)
+    dark = brightness <= level + max(OUTLIER * scatter, 1e-3 * light)
     above = brightness - level
     return _too_large(inside, depth, dark, above, light) or _too_small(inside, depth, outside, above)
 

@@ -11,6 +11,8 @@ import scipy
 from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
+from ...core.robust_scale import RARE
+from ...core.thresholds import ROUNDING, SMALL
 from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
@@ -18,23 +20,15 @@ from ...model.scenes import Scene
 from ..data.view_sets import Masks
 from ..data.views import View, lights_on
 from ..forward.gram import Point
-from ..laid_out import LaidOut
-from ..own_views import OwnViews, blocks
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..statistics.clusters import Clusters
-from ..statistics.identifiability import relative_errors, vague
+from ..statistics.identifiability import VAGUE, relative_errors, vague
 from ..statistics.uncertainty import Vector, inverse
 from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
-MOVED = 0.3  # the change that counts: relative to the value, or in a logarithm
-ERRORS = 3.0
-CLEARLY = 1.5  # by how much a rise by an unknown's own views must differ from the one that counts
-OTHERS = 0.25  # of such a rise, the most that other views may add, which count to second order alone
-SURELY = 0.1  # of the rise that counts: less than that of a quadratic cost would not come near it
-ROUNDING = 1e-10  # residuals below this fraction of the images' sum of squares are rounding
 SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
 
 
@@ -154,7 +148,7 @@ def moves(fit: Fit, again: Iterable[FitWithout]) -> tuple[Vector, Bool[np.ndarra
     distance, far = np.zeros(len(fit.values)), np.zeros(len(fit.values), bool)
     for r in again:
         distance = np.maximum(distance, np.where(r.moved, np.abs(r.fit.values - fit.values), 0.0))
-        far |= r.moved & (how_far(fit, r.fit.values) > MOVED)
+        far |= r.moved & (how_far(fit, r.fit.values) > VAGUE)
     return distance, far
 
 
@@ -184,7 +178,7 @@ def moved(fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks) -> B
     known = again.evidence.regular & fit.evidence.regular
     expected = _expected_rises(fit, again)
     suspects = np.flatnonzero(
-        known & ((far > MOVED) | (distance > ERRORS * errors)) & (expected > SURELY * ERRORS**2 * rises)
+        known & ((far > VAGUE) | (distance > RARE * errors)) & (expected > SMALL * RARE**2 * rises)
     )
     found = np.zeros(len(known), bool)
     if not len(suspects):
@@ -199,45 +193,9 @@ def moved(fit: Fit, errors: Vector, rises: Vector, again: Fit, keep: Masks) -> B
     if again.evidence.waves is not None:  # to a highlight that is masked, rounding is as good as light
         rises = np.maximum(rises, again.clusters.rises().max())
     best = lowest({}, there, laid.theta)
-    alone = _contradicted_by_own_views(fit, laid, best, suspects.tolist(), there, ERRORS**2 * rises)
     for j in suspects.tolist():
-        if j in alone:
-            found[j] = alone[j]
-            continue
         end = lowest({j: float(laid.theta[j])}, laid.theta, there)
-        found[j] = 2.0 * float(end.total.cost - best.total.cost) > ERRORS**2 * rises[j]
-    return found
-
-
-def _contradicted_by_own_views(
-    fit: Fit,
-    laid: LaidOut,
-    best: Point,
-    suspects: Sequence[int],
-    there: Vector,
-    least: Vector,
-) -> dict[int, bool]:
-    """Return whether the views that show an unknown contradict its old value, where they say so clearly.
-
-    All other views count to second order, so that the time for each unknown does not grow with the views.
-
-    Args:
-        fit: The fit.
-        laid: Its problem, with the pixels that are kept.
-        best: Its minimum.
-        suspects: The unknowns to be held at their old values.
-        there: Where a refit ended.
-        least: By how much twice the cost must rise for each unknown.
-    """
-    found: dict[int, bool] = {}
-    for members in blocks(laid, suspects):
-        own = OwnViews(fit, laid, best, members)
-        for j in members:
-            begins, exact = (laid.theta, there), 1e-3 * float(least[j])
-            rise, of_others = 2.0 * np.array(min(own.rise(j, float(laid.theta[j]), begin, exact) for begin in begins))
-            unclear = least[j] / CLEARLY < rise < CLEARLY * least[j]
-            if not unclear and of_others <= OTHERS * max(rise, float(least[j])):
-                found[j] = bool(rise > least[j])
+        found[j] = 2.0 * float(end.total.cost - best.total.cost) > RARE**2 * rises[j]
     return found
 
 

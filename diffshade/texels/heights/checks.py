@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float
 from ...core.arrays import float64_of
 from ...core.fields import check, check_kind, refuse_traced
 from ...core.masks import as_mask
+from ...core.thresholds import DEGREE
 from ...model.cameras import AbstractCamera
-from .differences import MIN_FACING, TexelRays, facing, rays_of
+from .differences import TexelRays, facing, rays_of
 
 MAX_AWAY = 0.2  # share of the known normals that may face away from the camera: more are in another frame
 MAX_ERROR = 40.0  # degrees; a normal with a larger error is not known
@@ -63,7 +64,7 @@ def checked(normals: Any, camera: Any, mask: Any, errors: Any) -> Given:
     rays = rays_of(camera)
     toward = rays.toward / np.linalg.norm(rays.toward, axis=-1, keepdims=True)
     normals = np.where(known[..., None], normals / np.where(known, length, 1.0)[..., None], toward)
-    away = known & (facing(normals, rays) < MIN_FACING)
+    away = known & (facing(normals, rays) < DEGREE)
     if away.sum() > MAX_AWAY * known.sum():
         row, column = np.argwhere(away)[0]
         raise ValueError(

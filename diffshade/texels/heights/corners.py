@@ -17,11 +17,12 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
+from ...core.thresholds import SMALL
 from .differences import rays_of
 from .facets import Facets, refined
 from .map import HeightMap
 
-HOLD = 0.1  # weight of a pixel's height beside its plane
+HOLD = SMALL  # weight of a pixel's height beside its plane
 
 
 class Corners(NamedTuple):

@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.robust_scale import robust_scale
-from .differences import MAX_STEEPNESS, Differences
+from ...core.thresholds import SMALL
+from .differences import Differences
 
 
 class PyramidLevel(NamedTuple):
@@ -43,9 +44,9 @@ class PyramidLevel(NamedTuple):
         """
         variances = [
             np.where(
-                pair.steepness > MAX_STEEPNESS,
+                pair.steepness > SMALL,
                 np.inf,
-                ((1.0 + tail * np.minimum(pair.steepness, MAX_STEEPNESS)) * pair.deviation) ** 2,
+                ((1.0 + tail * np.minimum(pair.steepness, SMALL)) * pair.deviation) ** 2,
             )
             for pair in (across, down)
         ]

@@ -19,12 +19,10 @@ import scipy.ndimage
 from jaxtyping import Bool, Float
 
 from ...core.backend import in_float64
+from ...core.robust_scale import RARE
+from ...core.thresholds import DEGREE
 from ...model.cameras import AbstractCamera
-
-MIN_FACING = np.sin(np.deg2rad(1.0))  # normals that face the camera less, 89 degrees from it, do not count
-MAX_STEEPNESS = 0.1  # steepness above which a difference's distribution has nothing of a normal one
-WINDOW = 5  # texels: side of the window in which normals are smoothed for their weights
-CREASE = 3.0  # a change of the normals' turning counts as a crease above so many of its standard errors
+from ..robust.neighbours import MISFIT_SIDE
 
 
 class TexelRays(NamedTuple):
@@ -163,7 +161,7 @@ def differences(
                 np.where(pair[..., None], typical.lever, 0.0),
                 share,
                 np.where(pair, crease, 0.0),
-                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, MIN_FACING), np.inf),
+                np.where(shows, np.sqrt(noise) / np.maximum(typical.cosine, DEGREE), np.inf),
             )
         )
     return both[0], both[1]
@@ -190,7 +188,7 @@ def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Cho
             step, cosine = rays.step[1 - axis], _dot(mean, rays.toward)
             value = -_dot(mean, step) / cosine
             lever = -(step + value[..., None] * rays.toward) / cosine[..., None]
-            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * MIN_FACING, cosine)
+            return _Chord(value, lever, value / cosine**2, cosine > 0.5 * DEGREE, cosine)
         here, there = _pair(axis)
         r_p, r_q = rays.toward[here], rays.toward[there]
         front_p, front_q = _dot(mean, r_p), _dot(mean, r_q)
@@ -199,7 +197,7 @@ def _chord(mean: Float[np.ndarray, "g v 3"], rays: TexelRays, axis: int) -> _Cho
         lever = r_q / front_q[..., None] - r_p / front_p[..., None]
         bend = 0.5 * (square_p / front_p**2 - square_q / front_q**2)
         cosine = np.minimum(front_p / np.sqrt(square_p), front_q / np.sqrt(square_q))
-        return _Chord(value, lever, bend, cosine > 0.5 * MIN_FACING, cosine)
+        return _Chord(value, lever, bend, cosine > 0.5 * DEGREE, cosine)
 
 
 def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "h w 3"]:
@@ -208,9 +206,9 @@ def smoothed(normals: Float[np.ndarray, "h w 3"], inside: Bool[np.ndarray, "h w"
     mask = inside.astype(float)
 
     def mean(image: np.ndarray) -> np.ndarray:
-        return scipy.ndimage.uniform_filter(image * mask, WINDOW, mode="constant")
+        return scipy.ndimage.uniform_filter(image * mask, MISFIT_SIDE, mode="constant")
 
-    count = np.maximum(mean(np.ones_like(mask)), 0.5 / WINDOW**2)
+    count = np.maximum(mean(np.ones_like(mask)), 0.5 / MISFIT_SIDE**2)
     y, x = mean(row) / count, mean(column) / count
     # the window's moments about its own middle, with a ridge for windows without extent
     ridge = 1e-3
@@ -244,7 +242,7 @@ def _crease(
     noise = 2.0 * (sigma[first] ** 2 + 4.0 * sigma[middle] ** 2 + sigma[last] ** 2)
     whole = inside[first] & inside[middle] & inside[last]
     square = np.zeros(inside.shape)
-    square[middle] = np.where(whole & (second > CREASE**2 * noise), second, 0.0)
+    square[middle] = np.where(whole & (second > RARE**2 * noise), second, 0.0)
     return np.sqrt(np.minimum(square[here], square[there]) / 12.0)
 
 

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import OUTLIER
-from ..linear_systems import RIDGE
+from ...core.thresholds import TINY
 from .curl import PyramidLevel
 from .regions import connected
 from .system import HeightGrid, HeightSystem
@@ -68,7 +68,7 @@ def discontinuities(
     cut = square > OUTLIER**2
     for _ in range(3):
         cut = _in_lines(grid, cut)  # a single pair must show again that it is a jump, now that it is not left out
-        system = HeightSystem(grid, base * np.where(cut, RIDGE, 1.0))
+        system = HeightSystem(grid, base * np.where(cut, TINY, 1.0))
         u = system.solve(differences, u, tolerance=1e-5)
         square = np.where(testable, (grid.step(u) - differences) ** 2 * base, 0.0)
         cut = _followed(grid, square > OUTLIER**2, square > BESIDE**2)

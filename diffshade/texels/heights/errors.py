@@ -8,13 +8,13 @@ import scipy.stats
 from jaxtyping import Float, Int
 
 from ...core.progress import ReportProgress
+from ...core.thresholds import SLIGHT
 from .differences import Differences
 from .system import HeightSystem
 from .unknown import FilledNormals
 
 DRAWS = 24
 SMOOTHING = 1.0  # texels: deviation of the window over which the draws' variance is averaged
-ACCURACY = 1e-2  # of a draw's heights
 
 
 def standard_errors(
@@ -39,7 +39,7 @@ def standard_errors(
         noise = normals.noise(grid, random)
         mean = share * noise[grid.start] + (1.0 - share) * noise[grid.end]
         change = np.einsum("ei,ei->e", lever, mean) + crease * random.standard_normal(crease.size)
-        total += less_mean(system.solve(change, tolerance=ACCURACY), part) ** 2
+        total += less_mean(system.solve(change, tolerance=SLIGHT), part) ** 2
     logarithm = np.log(np.maximum(total / DRAWS, 1e-300))
     weight = scipy.ndimage.gaussian_filter(grid.inside.astype(float), SMOOTHING)[grid.inside]
     smooth = scipy.ndimage.gaussian_filter(grid.image(logarithm), SMOOTHING)[grid.inside] / weight

@@ -25,10 +25,12 @@ import scipy.stats
 from jaxtyping import Bool, Float, Int
 from scipy.sparse.linalg import LinearOperator, cg
 
+from ...core.thresholds import SLIGHT
 from ...inverse.forward.losses import HUBER
 
+HOLD = SLIGHT  # weight of the distances that the search begins with
+
 # Chosen with three real objects and balls in view, with exact normals and with two degrees of noise.
-HOLD = 0.01  # weight of the distances that the search begins with
 MIN_TAU, MAX_TAU = 0.5, 4.0
 TWIST_QUANTILE = 0.75  # of the pixels, by which the twist of a surface is measured: it is small but along edges
 STEPS, SOLVES = 4, 12  # of reweighting; of conjugate gradients, each: only corners near one another still have to move

@@ -9,20 +9,20 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
 
 from ...core.progress import ReportProgress, showing
+from ...core.thresholds import FEW, SINGLE, TINY
 from ...core.words import Note, count
 from ...model.cameras import AbstractCamera
 from .checks import MAX_ERROR, Given, checked
 from .curl import PyramidLevel, levels, noise_scale
 from .differences import differences
-from .discontinuities import MIN_CURL, RIDGE, discontinuities
+from .discontinuities import MIN_CURL, discontinuities
 from .errors import less_mean, standard_errors
-from .map import MIN_TEXELS, HeightMap
+from .map import HeightMap
 from .parts import cut_weak_joints, labels
 from .regions import connected
 from .system import HeightGrid, HeightSystem
 from .unknown import FilledNormals, fill
 
-MIN_SIGMA = 1e-6  # radians: what normals without noise have
 FIRST_SIGMA = 0.02  # radians: where the estimate of errors that are not given begins
 ROUNDS = 5
 MAX_RATIO = 1.2  # errors grow by what the curl says where it is larger than they say by more than this
@@ -97,10 +97,10 @@ def _integrated(given: Given, camera: AbstractCamera, report_progress: ReportPro
     report_progress("heights")
     cut = cut | broken
     part = labels(grid, cut)
-    system = HeightSystem(grid, np.where(cut, RIDGE, 1.0) / variance)
+    system = HeightSystem(grid, np.where(cut, TINY, 1.0) / variance)
     u = less_mean(system.solve(d, u), part)
     deviation = standard_errors(system, across, down, filled, part, report_progress)
-    deviation = np.where(np.bincount(part)[part] < MIN_TEXELS, np.inf, deviation)
+    deviation = np.where(np.bincount(part)[part] < FEW, np.inf, deviation)
     return _as_map(given, camera, grid, filled.normal, u, deviation, part, cut, _notes(given, grid, part, jump, scale))
 
 
@@ -121,7 +121,7 @@ def _with_errors(given: Given, inside: Bool[np.ndarray, "h w"]) -> tuple[FilledN
         change = _scale(given, factor * sigma, known)
         if factor == 1.0 and given.sigma is not None and change <= MAX_RATIO:
             break
-        factor = max(factor * change, MIN_SIGMA / FIRST_SIGMA)
+        factor = max(factor * change, SINGLE / FIRST_SIGMA)
         if abs(change - 1.0) < 0.01:
             break
     filled = fill(given.normal, factor * sigma, inside, known)
@@ -141,7 +141,7 @@ def _notes(given: Given, grid: HeightGrid, part: np.ndarray, jump: np.ndarray, s
 def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note]:
     """Say which texels hang together, and where the height jumps."""
     sizes = np.bincount(part)
-    large = sizes[sizes >= MIN_TEXELS]
+    large = sizes[sizes >= FEW]
     what = "heights" if given.rays.parallel else "scales"
     if len(large) > 1:
         yield Note(
@@ -149,9 +149,9 @@ def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note
             "no normals join them, or too few do beside a jump. Each has a mean of its own.",
             "parts",
         )
-    if (few := int(sizes[sizes < MIN_TEXELS].sum())) > 0:
+    if (few := int(sizes[sizes < FEW].sum())) > 0:
         yield Note(
-            f"{count(few, 'texel')} in parts of fewer than {MIN_TEXELS} fit no neighbours: their errors are infinite.",
+            f"{count(few, 'texel')} in parts of fewer than {FEW} fit no neighbours: their errors are infinite.",
             "single texels",
         )
     if jump.any():
@@ -165,7 +165,7 @@ def _on_parts(given: Given, part: np.ndarray, jump: np.ndarray) -> Iterator[Note
 def _on_errors(given: Given, scale: float) -> Iterator[Note]:
     """Say what the curl of the normals says of their errors."""
     if given.sigma is None:
-        degrees = np.rad2deg(max(scale, MIN_SIGMA)) * np.sqrt(2.0)
+        degrees = np.rad2deg(max(scale, SINGLE)) * np.sqrt(2.0)
         yield Note(
             f"no errors were given: {degrees:.2g} degrees, the same everywhere, follow from the curl of the "
             "normals, which does not show errors that neighbours share.",

@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.tables import as_text
+from ...core.thresholds import FEW
 from ...core.words import Note, count
 from ...io.images import write_image
 from ...model.cameras import AbstractCamera
 from ...model.gbuffers import GBuffer
 from ..map_files import map_folder, write_about, write_numbers
 from .differences import distance_to_target, rays_of
-
-MIN_TEXELS = 10  # texels that a part needs for its errors to mean something
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class HeightMap:
         errors: Standard errors of the heights in that gauge, so of the difference from the part's mean (perspective:
             the relative error of the depth, times the depth); 1.96 of them hold the truth 95 % of the time. They follow
             from the errors of the normals, independent from texel to texel, given the jumps that were found. Infinite
-            in parts of fewer than 10 texels and where no normal is known; 0 outside.
+            in parts of fewer than 8 texels and where no normal is known; 0 outside.
         part: Part of each texel, from 0, the largest first; -1 outside. The heights of different parts relative to
             each other are not determined.
         jump_right: Whether the surface is interrupted between this texel and the next one to the right.
@@ -130,7 +129,7 @@ class HeightMap:
         """Return the number of texels and parts, the range of heights, their errors, and the notes."""
         low, high = self._range()
         finite = self.errors[self.mask & np.isfinite(self.errors)]
-        parts = int((np.bincount(self.part[self.mask]) >= MIN_TEXELS).sum())
+        parts = int((np.bincount(self.part[self.mask]) >= FEW).sum())
         error = f"{np.median(finite):.2g}" if finite.size else "infinite"
         return as_text(
             f"heights of {int(self.mask.sum()):,} texels in {count(parts, 'part')}, "

@@ -13,13 +13,12 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from .discontinuities import MIN_PAIRS, OUTLIER, RIDGE
+from ...core.thresholds import FAR_MORE, TINY
+from .discontinuities import MIN_PAIRS, OUTLIER
 from .regions import connected, spread, widened
 from .system import HeightGrid, HeightSystem
 
 REACHES = (1, 2, 4, 8)  # texels: gaps of up to twice as many, between cuts or a cut and the border, are looked at
-MIN_RATIO = 2.0  # a joint needs so many times the pairs of any other offset,
-MIN_MORE = 5  # and so many more
 MIN_TEXELS = 50  # texels of a piece; the texels of smaller ones belong to the nearest larger one
 
 
@@ -60,7 +59,7 @@ def cut_weak_joints(
         # a joint draws both sides to each other: only without it the jumps are what the normals say
         apart = cut.copy()
         apart[np.concatenate(doubtful)] = True
-        u = HeightSystem(grid, np.where(apart, RIDGE, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
+        u = HeightSystem(grid, np.where(apart, TINY, 1.0) / deviations**2).solve(differences, u, tolerance=1e-4)
         jump = np.where(piece[grid.start] < piece[grid.end], 1.0, -1.0) * (grid.step(u) - differences)
         weak = [seam for seam in doubtful if not _determined(jump[seam], deviations[seam])]
         if weak:
@@ -135,4 +134,4 @@ def _determined(jump: Float[np.ndarray, " pairs"], deviation: Float[np.ndarray, 
 
     best = int(np.argmax(number := agreeing(jump, width)))
     others = np.abs(jump - jump[best]) >= width + width[best]
-    return bool(number[best] > MIN_RATIO * agreeing(jump[others], width[others]).max(initial=0) + MIN_MORE)
+    return bool(number[best] > FAR_MORE * agreeing(jump[others], width[others]).max(initial=0) + MIN_PAIRS)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from ..linear_systems import RIDGE
+from ...core.thresholds import TINY
 
 
 class HeightGrid(NamedTuple):
@@ -122,7 +122,7 @@ def laplacian(grid: HeightGrid, weights: Float[np.ndarray, " edges"]) -> scipy.s
     own = np.arange(size, dtype=np.int32)
     rows = np.concatenate([grid.start, grid.end, own])
     columns = np.concatenate([grid.end, grid.start, own])
-    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + RIDGE), 1.0)])
+    values = np.concatenate([-weights, -weights, np.where(diagonal > 0, diagonal * (1.0 + TINY), 1.0)])
     return scipy.sparse.coo_array((values, (rows, columns)), (size, size)).tocsr()
 
 

@@ -11,7 +11,6 @@ from .regions import connected, distance
 from .system import HeightGrid, laplacian
 
 MAX_SIGMA = 1.0  # radians: the error of a normal of which nothing is known
-COMMON_SHARE = 0.5  # share of the variance that the normals of a region of unknown ones have in common
 
 
 class FilledNormals(NamedTuple):
@@ -28,7 +27,7 @@ class FilledNormals(NamedTuple):
         region = self.region[grid.inside]
         own = random.standard_normal((grid.size, 3))
         common = random.standard_normal((int(region.max(initial=0)) + 1, 3))[region]
-        mixed = np.sqrt(1.0 - COMMON_SHARE) * own + np.sqrt(COMMON_SHARE) * common
+        mixed = np.sqrt(0.5) * (own + common)  # half of the variance of a region is in common
         return self.sigma[grid.inside][:, None] * np.where((region > 0)[:, None], mixed, own)
 
 

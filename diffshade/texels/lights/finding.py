@@ -15,12 +15,13 @@ from ...core.arrays import float64_of
 from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import showing
+from ...core.thresholds import MOST
 from ...inverse.data.recording import developed
 from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
-from ..fitting import MAX_COPLANAR, MEMORY
+from ..fitting import MEMORY
 from ..robust.run import RobustRun
 from ..run import TexelRun
 from ..tile_runner import TileRunner
@@ -93,7 +94,7 @@ def find_lights(
                 begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
             placed = _with(scene, used, begin, middle)
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
-            if error is not None and each.lights().coplanar > MAX_COPLANAR:
+            if error is not None and each.lights().coplanar > MOST:
                 raise ValueError(
                     "the lights lie in one plane with the object, which leaves its normals, and so the lights, open. "
                     "Add photographs under lights out of the plane."

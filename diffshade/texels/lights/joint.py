@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...core.fields import Array
+from ...core.thresholds import NEGLIGIBLE, ROUNDING, SINGLE
 from ...inverse.solve.elimination import eliminate
 from ..blocks import TexelBlock
 from ..lighting import LightingSetup
@@ -30,10 +31,10 @@ from ..robust.observations import BlockObservations, observe
 from ..robust.robust_descent import DescentState, around
 from ..tiles import SQUARE
 
-CURVATURE = 1e-6  # added to that of every number of a texel of level 1
-HELD = 1e9  # curvature of a k_s that is 0, which then stays
+TILT = NEGLIGIBLE  # radians, over which derivatives in single precision are taken
+
+HELD = 1.0 / ROUNDING  # curvature of a k_s that is 0, which then stays
 BLOCK = SQUARE**2  # texels
-TILT = 1e-3  # radians, over which derivatives in single precision are taken
 
 
 class Responses(NamedTuple):
@@ -84,7 +85,7 @@ def _responses(
         y = jnp.where(observed.counts, one.y * (one.level / observed.level)[None], 0.0)
         by_light.append((shown(one) - y - value + jnp.where(observed.counts, observed.y, 0.0)) / TILT)
     ridge = weighing.ridge
-    known = jnp.full_like(ridge, CURVATURE)
+    known = jnp.full_like(ridge, SINGLE)
     held = jnp.where(state.k_s <= 0.0, HELD, 0.0)
     nothing = jnp.zeros_like(ridge)
     return Responses(

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import least_squares
 
+from ...core.thresholds import MINOR, MOST
 from ...inverse.data.views import View
 from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
@@ -28,9 +29,7 @@ from ..tiles import TexelTile
 from .joint import TILT, LightEquations, Responses, light_equations, responses
 
 ROUNDS = 20
-MAX_STEP = 0.05  # of the error of a light: the step below which the rounds end
 LONGEST_STEP = np.deg2rad(5.0), 0.3  # step of a direction, and of the logarithm of an intensity
-COHERENT = 0.5  # share of a texel's misfit by which a light may be off: many texels lie in one shadow
 LOOSE = np.deg2rad(10.0), 0.1  # how far a light may be from the stated one while its texels are fitted
 MIN_GAIN_ERROR = 0.02  # relative, of stated intensities where a map is found: what a model leaves out is as much
 
@@ -119,9 +118,9 @@ def refine(
         maps = _scale(lights) if exact else _maps(lamps.directions, tangents)
         step = _step(equations, lamps, stated, tangents, free)
         covariance = _covariance(equations, maps, free)
-        covariance += np.diag(free * (COHERENT * float(model.relative_misfit)) ** 2)
+        covariance += np.diag(free * (MOST * float(model.relative_misfit)) ** 2)
         own = step.ravel()[free] @ (N := _complement(maps[free])) @ N.T
-        settled = bool((np.abs(own) < MAX_STEP * np.sqrt(np.diag(covariance)[free])).all())
+        settled = bool((np.abs(own) < MINOR * np.sqrt(np.diag(covariance)[free])).all())
         if settled or k + 1 == ROUNDS:
             break
         lamps = _moved(lamps, step, tangents)

@@ -22,6 +22,7 @@ from ...core.fields import as_float64
 from ...core.progress import ReportProgress, showing, silent
 from ...core.robust_scale import jackknife_error, robust_scale
 from ...core.tables import as_text, with_error
+from ...core.thresholds import MINOR
 from ...core.words import Note
 from ...inverse.data.sensors import Sensor, linear_level
 from ...inverse.data.views import View
@@ -40,8 +41,6 @@ from .finding import FREE
 
 GAMMAS = np.geomspace(0.45, 3.2, 9)  # gammas that are tried first
 GROUPS = 4  # of the views, left out in turn
-SHADOW = 0.05  # of a texel's brightest view, below which it is in shadow
-MIN_RATIO = 1.15  # of misfits, within the range, below which they do not determine the gamma
 
 Misfit = Callable[[float], float]
 
@@ -168,7 +167,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
     every gamma; of linear samples, a large gamma would make that of the dark ones small.
     """
     f, y = (tile.target.mean(1) for tile in (sample, linear))
-    believed = np.asarray(found.weight > 0.0) & (f > SHADOW * f.max(0))
+    believed = np.asarray(found.weight > 0.0) & (f > MINOR * f.max(0))
     level = np.where(believed, f, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     of_level = np.where(believed, y, 0.0).sum(0) / np.maximum(believed.sum(0), 1)
     slope = f / np.maximum(gamma * y, 1e-12) * of_level / np.maximum(level, 1e-12)
@@ -179,7 +178,7 @@ def misfit_in_file(sample: TexelTile, linear: TexelTile, found: Fitted, gamma: f
 def scatter_of_logarithms(sample: TexelTile) -> float:
     """Return the typical scatter, over the views, of the logarithm of what a texel shows."""
     y = sample.target.mean(1)
-    lit = sample.counts & (y > SHADOW * y.max(0))
+    lit = sample.counts & (y > MINOR * y.max(0))
     logarithm = np.where(lit, np.log(np.where(lit, y, 1.0)), np.nan)
     return float(np.nanmedian(np.nanstd(logarithm[:, lit.sum(0) > 1], 0)))
 

@@ -21,15 +21,14 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ...core.robust_scale import robust_scale
+from ...core.thresholds import MINOR, NEGLIGIBLE
 from ...inverse.data.views import View, is_grey
 from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
-from ..robust.learning import MIN_LEVEL
 from ..tiles import TexelTile, ViewReader
 
 MIN_RANK, MAX_RANK = 0.3, 0.9  # ranks of a texel's observations between which lie neither shadows nor highlights
 ROUNDS = 60
-MIN_EIGENVALUE = 1e-3  # eigenvalue, relative to the largest, of what must be positive
 STARTS = 8  # turns about the camera's axis
 BAND, MAX_ROWS, MAX_SLOPES = 64, 512, 100_000  # rows read at once, rows and slopes in all
 SIGMA = 2.0  # pixels: standard deviation of what takes the noise off slopes
@@ -151,7 +150,7 @@ def bright_texels(
 ) -> tuple[Float[np.ndarray, "views _"], Bool[np.ndarray, "views _"]]:
     """Return the texels that show something: of a black one only the noise would be left."""
     level = np.where(counts, y, 0.0).sum(0) / np.maximum(counts.sum(0), 1)
-    bright = level > MIN_LEVEL * np.median(level)
+    bright = level > MINOR * np.median(level)
     return y[:, bright], counts[:, bright]
 
 
@@ -198,7 +197,7 @@ def of_lengths(s: Float[np.ndarray, "views 3"]) -> Float[np.ndarray, "3 3"]:
     for value, (i, j) in zip(q, pairs, strict=True):
         Q[i, j] = Q[j, i] = value
     values, axes = np.linalg.eigh(Q)
-    return np.sqrt(np.maximum(values, MIN_EIGENVALUE * values.max()))[:, None] * axes.T
+    return np.sqrt(np.maximum(values, NEGLIGIBLE * values.max()))[:, None] * axes.T
 
 
 def turned_to_surface(A: Float[np.ndarray, "3 3"], surface: PseudoNormals) -> Float[np.ndarray, "3 3"]:

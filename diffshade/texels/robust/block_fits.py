@@ -11,25 +11,24 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
+from ...core.robust_scale import OUTLIER
+from ...core.thresholds import TINY
 from ...model.vectors import Vec3, dot
 from ..between_lights import BetweenLights
 from ..blocks import TexelBlock
 from ..geometry import lighting_geometry
 from ..light_directions import out_of_plane, scatter
 from ..lighting import LightingSetup
-from ..linear_systems import RIDGE, inverse_diagonal, solve
+from ..linear_systems import inverse_diagonal, solve
 from ..photometric_stereo import mean_light
 from ..prediction import KnownCoefficients
 from .candidates import lowest_minima, weighted_coefficients
 from .highlight_shape import HighlightShape
-from .learning import ObjectModel
+from .learning import RIDGE, ObjectModel
 from .observations import BlockObservations, Lights, observe, reflectances
 from .robust_descent import DescentState, Local, Weighing, around, begin, descend, lowest, system
 
-FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from those of the lowest costs
-REWEIGHTINGS = 3
-MAX_RESIDUAL = 4.0  # scales of the loss beyond which a residual is doubted
-CURVATURE = 1e-4  # added to the curvature of every unknown, relative to a texel of level 1
+FEW_STEPS, MORE_STEPS, FEW_STARTS = 3, 5, 2  # steps from every start, then from the best
 
 
 class Normals(NamedTuple):
@@ -115,7 +114,7 @@ def _with_spread(
     weighing = model.weighing(observed.level)
     here = around(observed, model.shape, weighing, state)
     A = system(observed, model.shape, weighing, state).A
-    A = [[a + (CURVATURE if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(A)]
+    A = [[a + (RIDGE if i == j else 0.0) for j, a in enumerate(row)] for i, row in enumerate(A)]
     freedom = jnp.maximum(jnp.sum(here.weight, 0) - 4.0, 1.0)
     variance = jnp.sum(here.weight * here.residual**2, 0) / freedom
     tilt_a, tilt_b, k_d, _ = (variance * c for c in inverse_diagonal(A))
@@ -252,7 +251,7 @@ def coefficients_of(
     here = around(observed, model.shape, weighing, state)
     ridge = weighing.ridge * weighing.scale**2
     _, _, D, S = here.J
-    for _ in range(REWEIGHTINGS):
+    for _ in range(FEW_STEPS):
         k_d, k_s = weighted_coefficients(here.weight, D, S, observed.y, ridge)
         state = eqx.tree_at(lambda s: (s.k_d, s.k_s), state, (k_d, k_s))
         here = around(observed, model.shape, weighing, state)
@@ -261,7 +260,7 @@ def coefficients_of(
     _, k_s = jax.vmap(lambda y: weighted_coefficients(here.weight, D, S, y, ridge), 1)(shown)
     k_s = jnp.minimum(k_s, jnp.asarray(brightest, k_s.dtype))
     matte = jnp.sum(bright * (shown - k_s[None] * S[:, None]), 0)
-    k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + RIDGE)
+    k_d = jnp.maximum(matte, 0.0) / (jnp.sum(bright * D[:, None], 0) + TINY)
     beyond = shown - k_d[None] * D[:, None] - k_s[None] * S[:, None]
     at_least = jnp.maximum(beyond, 0.0)  # of what was clipped; nothing was shown outside a mask
     beyond = jnp.where(observed.counts[:, None], beyond, at_least)
@@ -272,7 +271,7 @@ def coefficients_of(
             setup.noise, block.observed.target.astype(float)
         )
     residual = jnp.sqrt(jnp.sum(squared, (0, 1)) / samples)
-    doubted = observed.counts & (jnp.abs(here.residual) > MAX_RESIDUAL * weighing.scale[None])
+    doubted = observed.counts & (jnp.abs(here.residual) > OUTLIER * weighing.scale[None])
     if between is not None:
         beyond = between.beyond(beyond, _under(between.toward, observed.lights, model.shape, state.n, k_d, k_s))
     kept = None if taken is None else jnp.einsum("pv,vcn->cpn", jnp.asarray(taken, jnp.float32), beyond)

@@ -17,12 +17,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.fields import Array
-from ..maps import NORMAL_95, SHARES
+from ...core.thresholds import INTERVALS, MOST, SINGLE
+from ..maps import NORMAL_95
 from .learning import MIN_SAMPLES
 
-MIN_REACHED = 0.5  # share of the views of each part that must reach a texel, for the parts to say something of it
 TRUST_IN_GAUSSIAN = 0.15  # in the logarithm of its ratio, NORMAL_95: the rarest errors of a sample are rough
-MIN_RATIO = 1e-6  # of a difference to a spread; one of 0 has no logarithm
 FEW_VIEWS = 24  # views from which halves are fitted; below, thirds are left out
 
 
@@ -78,7 +77,7 @@ def calibrated(
     """
     difference, reached, first = np.asarray(difference), np.asarray(reached), division.first
     known = (spread > 0.0) & np.isfinite(spread) & np.isfinite(difference).all(0)
-    usable = known & (reached >= MIN_REACHED).all(0)
+    usable = known & (reached >= MOST).all(0)
     if usable.sum() < MIN_SAMPLES:
         usable = known
     if usable.sum() < MIN_SAMPLES:
@@ -86,7 +85,7 @@ def calibrated(
     # leaving out the share f changes a mean by sqrt(f / (1 - f)) of its own error
     ratio = np.sqrt(first - 1.0) * difference[:, usable] / spread[usable]
     error = ratio.max(0) if first == 2 else np.sqrt((ratio**2).mean(0))
-    typical = np.exp(np.log(np.maximum(ratio[:first], MIN_RATIO)).mean(0))
-    usual, wide = np.quantile(typical, SHARES)
+    typical = np.exp(np.log(np.maximum(ratio[:first], SINGLE)).mean(0))
+    usual, wide = np.quantile(typical, INTERVALS)
     times_95 = NORMAL_95**TRUST_IN_GAUSSIAN * (wide / usual) ** (1.0 - TRUST_IN_GAUSSIAN)
-    return Spreads(float(np.quantile(error, SHARES[0])), float(times_95))
+    return Spreads(float(np.quantile(error, INTERVALS[0])), float(times_95))

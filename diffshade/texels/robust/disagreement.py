@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...core.thresholds import MOST
 from ...core.words import MAX_NAMED, Note, count
 from .learning import MIN_SAMPLES
 
 CELLS = 8  # cells along each side of the image
-MAX_DOUBTED = 0.5  # share of doubted observations of a cell, above which it disagrees; others there have half at most
 WHOLE_PHOTOGRAPH = 3.0, 0.1  # a photograph disagrees beyond this multiple of the median share, and this much more
 
 
@@ -47,8 +47,8 @@ def disagreements(doubts: Float[np.ndarray, "views cells 2"]) -> list[Disagreeme
     share = np.where(number >= MIN_SAMPLES, doubted / np.maximum(number, 1.0), np.nan)
     for cell in np.flatnonzero((~np.isnan(share)).sum(0) >= 2):
         ordinary = np.nanmedian(share[:, cell])
-        for v in np.flatnonzero(share[:, cell] > MAX_DOUBTED):
-            if int(v) not in named and ordinary < MAX_DOUBTED / 2.0:
+        for v in np.flatnonzero(share[:, cell] > MOST):
+            if int(v) not in named and ordinary < MOST / 2.0:
                 found.append(Disagreement(int(v), int(cell), float(share[v, cell])))
     return sorted(found, key=lambda one: -one.share)
 

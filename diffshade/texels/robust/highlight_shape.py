@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.fields import Array
+from ...core.thresholds import SLIGHT
 from ...core.words import Note
 from ...model.lobes import AbstractReflectance, Phong
 
 EXPONENTS = tuple(4.0 * 2.0**j for j in range(9))
 FIRST = 4  # index of the exponent, 64, that learning begins with
-MIN_WEIGHT = 0.01  # a smaller share of the highlight is left out
 
 
 class HighlightShape(eqx.Module):
@@ -68,7 +68,7 @@ def first_shape() -> HighlightShape:
 
 def shape_of(weight: Float[np.ndarray, " powers"]) -> HighlightShape:
     """Return the shape of these weights, small ones left out."""
-    kept = np.where(weight < MIN_WEIGHT * weight.sum(), 0.0, weight)
+    kept = np.where(weight < SLIGHT * weight.sum(), 0.0, weight)
     return HighlightShape((kept / kept.sum()).astype(np.float32))
 
 

@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 from ...core.fields import Array
 from ...core.robust_scale import MAD
+from ...core.thresholds import MINOR, MOST, SMALL
 from ..status import ROUNDING
 from .highlight_shape import EXPONENTS, HighlightShape, first_shape, shape_of
 from .observations import BlockObservations
@@ -25,10 +26,7 @@ from .robust_descent import DescentState, Weighing, around
 SHARPNESS = 0.65  # scale of the loss, in typical residuals: the outliers of real objects are many
 FIRST_MISFIT = 0.04  # typical residual that learning begins with, relative to the level of a texel
 MIN_SAMPLES = 30  # observations, or texels, from which a median or a quantile is taken
-MIN_HIGHLIGHT = 0.5  # S from which a view shows a highlight
-BRIGHT_PERCENT = 90.0
-MIN_LEVEL = 0.05  # of the bright texels' level: a texel below it shows no more than a black background
-RIDGE = 1e-4  # of the weights of the shape, relative to their mean curvature
+RIDGE = 1e-4  # added to curvatures: of a texel of level 1, and of the weights of the shape relative to their mean
 
 
 class ObjectModel(eqx.Module):
@@ -99,8 +97,8 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
     lit = np.abs(texels.residual[believed & texels.lit])
     relative = max(MAD * float(np.median(lit)) if len(lit) else 0.0, ROUNDING)
     S = np.tensordot(np.asarray(model.shape.weight), texels.powers, 1)
-    seen = (texels.k_s * texels.level)[S.max(0) > MIN_HIGHLIGHT]
-    brightest = max(float(np.percentile(seen, BRIGHT_PERCENT)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
+    seen = (texels.k_s * texels.level)[S.max(0) > MOST]
+    brightest = max(float(np.quantile(seen, 1.0 - SMALL)), 1e-6) if len(seen) > MIN_SAMPLES else np.inf
     shape = _next_shape(model, texels, eliminated=4 if to_the_end else 3)
     numbers = relative, absolute, absolute / typical_level(np.asarray(texels.level)), brightest
     return ObjectModel(shape, *(np.asarray(number, np.float32) for number in numbers), loss=model.loss)
@@ -108,7 +106,8 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
 
 def typical_level(level: Float[np.ndarray, " texels"]) -> float:
     """Return the median level of the texels that show anything, so that a black background does not count."""
-    return float(np.median(level[level >= MIN_LEVEL * np.percentile(level, BRIGHT_PERCENT)]))
+    # what is darker shows no more than a black background
+    return float(np.median(level[level >= MINOR * np.quantile(level, 1.0 - SMALL)]))
 
 
 def _next_shape(model: ObjectModel, texels: Fitted, eliminated: int) -> HighlightShape:

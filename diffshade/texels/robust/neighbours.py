@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.fields import Array
+from ...core.thresholds import SLIGHT
+
+SOFT = SLIGHT  # distance below which neighbours pull no harder: that of normals half a degree apart
 
 MEDIAN_SIDE = 3  # side of the square whose geometric median replaces a normal: the fewest that outvote an outlier
 SCATTER_SIDE = 11  # side of the square over which normals scatter
 MISFIT_SIDE = 5  # side of the square over which misfits are averaged
 MARGIN = SCATTER_SIDE // 2  # rows of its neighbours that a band needs for results like the whole image's
 ITERATIONS = 10
-SOFT = 1e-2  # distance below which neighbours pull no harder: that of normals half a degree apart
 
 
 class NeighbourGrid(NamedTuple):

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from ...core.fields import Array
 from ...inverse.forward.losses import LOSSES
 from ...model.vectors import Vec3, normalize, tangents_of
-from ..descent import FIRST_DAMPING
+from ..descent import FAR
 from ..linear_systems import solve
 from .candidates import weighted_coefficients
 from .highlight_shape import HighlightShape
@@ -75,7 +75,7 @@ def descend(
 ) -> DescentState:
     """Return the states after some steps, of which each texel takes those that lower its cost."""
     now = system(observed, shape, weighing, start)
-    damping = jnp.full(start.k_d.shape, FIRST_DAMPING, start.k_d.dtype)
+    damping = jnp.full(start.k_d.shape, FAR, start.k_d.dtype)
     state = DescentState(start.n, start.k_d, start.k_s, now.cost)
 
     def step(_: Array, carry: tuple[DescentState, list[list[Array]], list[Array], Array]) -> tuple:

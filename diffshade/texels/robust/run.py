@@ -11,16 +11,16 @@ import numpy as np
 from jaxtyping import Float, Float16, Int
 
 from ...core.fields import Array
+from ...core.thresholds import DEGREE
 from ...model.lobes import Blinn
 from ..between_lights import BetweenLights, from_leaves, learned_between
 from ..blocks import TexelBlock
 from ..checks import check_anything_left
-from ..light_directions import COPLANAR
 from ..lighting import LightingSetup
 from ..map_arrays import MapArrays
 from ..maps import SharedHighlight, TexelMaps
 from ..prediction import KnownCoefficients
-from ..status import DETERMINED, MIN_LIT_WITH_NORMAL, SHADOWED, UNDETERMINED
+from ..status import DETERMINED, MIN_LIT_WITH_NORMAL, ROUNDING, SHADOWED, UNDETERMINED
 from ..tile_runner import TileRunner
 from ..tiles import SQUARE, TexelTile
 from ..unexplained import NOISES, Interpolation, Smoothing, Unexplained, interpolation_of, most_parts, smoothing_of
@@ -44,8 +44,6 @@ FIRST_ROUNDS, ROUNDS = 4, 5  # with each lobe on a part of the sample, then with
 # Share of Blinn's misfit below which the scene's lobe is kept. Real highlights follow the half vector (Ngan, Durand and
 # Matusik 2005).
 MAX_MISFIT_RATIO = 0.85
-MIN_LEVEL = 1e-4  # of the brightest reflectance: a texel that shows less on average shows nothing
-MAX_TURN = np.pi / 2  # largest turn of a normal
 
 
 class _Scratch(NamedTuple):
@@ -253,7 +251,7 @@ class RobustRun(TexelWork):
         def around(each: Float[Array, " n"]) -> Float[np.ndarray, " m"]:
             return mean_around(grid.image(each[:, None])[..., 0], grid.mask)[grid.row, grid.column][own]
 
-        misfit, brighter = np.sqrt(around(np.minimum(found.spread[0], MAX_TURN) ** 2)), around(found.brighter)
+        misfit, brighter = np.sqrt(around(np.minimum(found.spread[0], np.pi / 2) ** 2)), around(found.brighter)
         scatter = np.ones(len(own))
         if self.neighbours:
             scatter = scatter_of(alone, grid.mask)[grid.row, grid.column][own]
@@ -261,13 +259,13 @@ class RobustRun(TexelWork):
         flat[part.pixels] = SpreadColumns(
             misfit * brighter,
             scatter,
-            np.minimum(found.by_bounce[own], MAX_TURN) * brighter,
+            np.minimum(found.by_bounce[own], np.pi / 2) * brighter,
             np.asarray(found.spread[1, own]),
             np.asarray(found.spread[2, own]),
             np.asarray(found.by_lights[own]),
         ).stacked()
         lit, plane = found.lit[own], found.plane[own]
-        unknown = (plane < COPLANAR) | (k.level < MIN_LEVEL * shared.brightest)
+        unknown = (plane < DEGREE) | (k.level < ROUNDING * shared.brightest)
         flat[part.pixels[unknown | (lit < MIN_LIT_WITH_NORMAL)]] = np.inf
         status = np.where(unknown, UNDETERMINED, DETERMINED)
         status = np.where(lit < MIN_LIT_WITH_NORMAL, SHADOWED, status).astype(np.uint8)

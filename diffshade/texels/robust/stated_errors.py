@@ -15,19 +15,18 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...core.thresholds import MINOR, SMALL
 from ..blocks import TexelBlock
 from ..map_arrays import MapArrays
 from ..maps import ANGLE_68
 from ..status import DETERMINED, MAX_NORMAL_ERROR, NO_HIGHLIGHT, OUTSIDE, UNDETERMINED
-from ..tiles import TexelTile
+from ..tiles import LEARNING_SAMPLE, TexelTile
 from .block_fits import Turned, turned
 from .calibration import Division, Spreads, calibrated, division_of
 from .learning import ObjectModel
 from .texel_work import Shared, TexelWork
 
-CALIBRATION_SAMPLE = 1024  # texels that are fitted to parts of the lights
-MIN_EXPONENT_ERROR = 0.1  # of n_s, relative
-MIN_SHARE = 0.05  # of the grey error that a channel has at least
+CALIBRATION_SAMPLE = LEARNING_SAMPLE // 2  # texels that are fitted to parts of the lights
 
 
 class SpreadColumns(NamedTuple):
@@ -108,7 +107,7 @@ def _write_errors(
             value = values[name][rows]
             grey = value.mean(-1, keepdims=True)
             share = np.where(grey > 0.0, value / np.where(grey > 0.0, grey, 1.0), 1.0)  # errs as it reflects
-            errors[name] = own[..., None] * held[name].errors * np.maximum(share, MIN_SHARE)
+            errors[name] = own[..., None] * held[name].errors * np.maximum(share, MINOR)
     pixels = np.arange(rows.start * status.shape[1], rows.stop * status.shape[1])
     exponent = exponents[work.region_of(pixels)].reshape(status.shape)
     relative = np.where(np.isinf(here.misfit), np.inf, exponent)
@@ -133,4 +132,4 @@ def _exponent_error(work: TexelWork, sample: TexelTile, model: ObjectModel, divi
         of_part = eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & part[:, None])
         other = work.refined(model, of_part, rounds=2)
         changes.append(abs(np.log(other.shape.exponent / model.shape.exponent)))
-    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * max(changes)), MIN_EXPONENT_ERROR))
+    return float(np.hypot(np.expm1(np.sqrt(division.first - 1.0) * max(changes)), SMALL))

@@ -14,7 +14,7 @@ from ..blocks import TexelBlock
 from ..lighting import LightingSetup
 from ..prediction import KnownCoefficients
 from ..tile_runner import TileRunner
-from ..tiles import SQUARE, TexelPart, TexelTile
+from ..tiles import MIN_BLOCK, SQUARE, TexelPart, TexelTile
 from ..unexplained import Interpolation
 from .block_fits import lights_toward, lowest_state
 from .learning import Fitted, ObjectModel, first_model, fitted, learned
@@ -22,7 +22,6 @@ from .observations import observe
 
 T = TypeVar("T")
 BLOCK = 1024  # texels in one call of a compiled program: their sums over the candidates stay in a core's cache
-MIN_BLOCK = 64  # with lamps nearby a block is a square of the image, of which a sample has a few texels
 REFINING_ROUNDS = 3  # after which the shape of a highlight changes by a few percent
 FEW_EVERY = 3  # one texel of so many is enough to compare lobes and to refine a shape
 FEWEST_OF_REGION = 64  # texels of a sample from which a region learns a highlight of its own
