@@ -21,5 +21,6 @@ FAR_MORE = 2.0  # a ratio from which one stands out among many
 INTERVALS = (0.68, 1.0 - MINOR)  # the share of the time that an error, and an interval, holds the true value
 MAX_STEPS = 200  # of an iteration that ends by itself: one that takes more has failed
 FEW = 8  # observations: fewer tell little of how all of them scatter
+BLACK = 0.2  # of an object's brightness: a background as dark shows nothing
 GREY_LEVEL = 1.0 / 255.0  # the step of a file of 8 bits: less is not seen
 DEGREE = np.deg2rad(1.0)  # how well directions are known, of lamps and of normals

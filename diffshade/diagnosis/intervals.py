@@ -20,7 +20,7 @@ from ..inverse.unknowns.unknown import coordinate_slopes
 ACCURATE = NEGLIGIBLE  # largest error of a minimisation, as a fraction of the rise for one error
 CLOSE = SLIGHT  # relative tolerance of the number of errors at an end
 EVALUATIONS = 16
-FAR = 1e6  # errors; beyond this an interval has no end
+FAR = 1.0 / SINGLE  # errors; beyond this an interval has no end
 
 
 class LikelihoodProfile:

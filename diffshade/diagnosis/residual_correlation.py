@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.masks import Mask
-from ..inverse.misfit.noise_tests import CERTAIN_ERRORS
+from ..core.robust_scale import OUTLIER
 
 Residuals = Float[np.ndarray, "h w c"]
 
@@ -26,7 +26,7 @@ class ResidualCorrelation:
     @property
     def least(self) -> float:
         """A lower limit of the share; 0 if it is consistent with 0."""
-        return self.share * (1.0 - CERTAIN_ERRORS / self.errors) if self.errors > CERTAIN_ERRORS else 0.0
+        return self.share * (1.0 - OUTLIER / self.errors) if self.errors > OUTLIER else 0.0
 
 
 def neighbour_correlation(found: Sequence[Residuals], counted: Sequence[Mask], lag: int = 1) -> ResidualCorrelation:

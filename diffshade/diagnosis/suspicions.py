@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.backend import in_float64
 from ..core.masks import Mask
+from ..core.thresholds import MAX_STEPS, NEGLIGIBLE, ROUNDING
 from ..inverse.misfit.changes import Move
 from ..inverse.misfit.directions import amount_alone, changes_of
 from ..inverse.misfit.explained import explained
@@ -18,12 +19,9 @@ from ..inverse.misfit.linearised import Linearised, linearise
 from ..inverse.misfit.set_up import Corrected, SetUp
 from ..inverse.result import Fit
 from ..inverse.verdicts.outlines import said, wrong_outline
-from ..inverse.verdicts.stability import ROUNDING
 from ..parallel.threads import ONE_BLAS_THREAD
 
 MAX_ROUNDS = 12
-MAX_STEPS = 8  # of a fault's amount
-MIN_DECREASE = 1e-3  # relative decrease of the cost below which the amount has been found
 MIN_REGION = 0.25  # of what the best other fault explains: a region that explains more is where it is
 
 
@@ -117,7 +115,7 @@ def corrected_for(at: Linearised, found: Found) -> Found | None:
         if less <= 0.0:
             break
         state, at = then, linearise(at.set_up, then)
-        if less < MIN_DECREASE:
+        if less < NEGLIGIBLE:
             break
     if state is before:
         return None

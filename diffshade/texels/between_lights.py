@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.fields import Array
-from ..core.thresholds import MINOR, SLIGHT
+from ..core.thresholds import FEW, MINOR, SLIGHT
 from ..inverse.data.relightable import dome
 from .robust.learning import typical_level
 from .unexplained import Interpolation, Smoothing
@@ -41,7 +41,6 @@ NEAREST = 4  # views that are shown to the network one by one
 CANDIDATES = 2 * NEAREST
 SPACING = 0.35  # between new lights, relative to that between the views' lights
 MIN_APART = 0.45  # of the same, from a new light to the views': nearer ones are interpolated as well
-GROUPS = 8  # a view is left out alone, and with the others of one of so many groups
 GROUPINGS = 2  # in so many ways
 HIDDEN = 64  # units of the network's one layer
 STEPS, BATCH, RATE, DECAY = 4000, 2048, 2e-2, 0.03
@@ -198,7 +197,7 @@ def _once(toward: Float[np.ndarray, "views 3"]) -> Bool[np.ndarray, " views"]:
 def _left_out(views: int) -> list[Int[np.ndarray, " out"]]:
     """Return the views that are left out together: each alone, then groups drawn at random."""
     rng = np.random.default_rng(0)
-    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), GROUPS)]
+    groups = [np.sort(out) for _ in range(GROUPINGS) for out in np.array_split(rng.permutation(views), FEW)]
     return [*np.arange(views)[:, None], *groups]
 
 

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..core.thresholds import NEGLIGIBLE
+from ..core.thresholds import NEGLIGIBLE, SLIGHT
 from ..inverse.data.views import View
 from ..model.lobes import EXPONENT_RANGE
 from ..model.scenes import Scene
@@ -32,7 +32,7 @@ from .tiles import LEARNING_SAMPLE, TexelPart, TexelTile
 FIRST_STEPS, MORE_STEPS = 8, 60  # steps at most for all texels, and for the few that have not converged then
 NOISE_SAMPLE = 2 * LEARNING_SAMPLE  # texels from which the scale of a robust loss is found
 TYPICAL_SAMPLE = 256  # texels from which the distribution of the lights and the typical residual are found
-SCALE_ROUNDS, SCALE_TOLERANCE = 4, 0.01  # of the scale of a robust loss, and the relative change that ends them
+SCALE_ROUNDS = 4  # of the scale of a robust loss, unless it settles before
 
 
 class Exponents(NamedTuple):
@@ -194,7 +194,7 @@ class TexelRun:
         for _ in range(SCALE_ROUNDS):
             sizes = self._residual_sizes(sample, options, sigma)
             new = float(np.median(sizes)) if len(sizes) else 1.0
-            if abs(new - sigma) <= SCALE_TOLERANCE * new:
+            if abs(new - sigma) <= SLIGHT * new:
                 break
             sigma, options = max(new, np.finfo(float).eps), self.options._replace(loss="huber")
         return sigma

@@ -247,7 +247,7 @@ def test_a_fault_of_all_views_is_named_with_its_size_and_the_errors_contain_what
     rho2 = (row**2 + column**2) / (2 * 12**2)
     dim = [image * (1 - 0.3 * rho2[..., None]) for image in clean_images()]
     fit = standard_fit(noisy(dim, 0.003, 0))
-    (note,) = [note for note in fit.notes if note.kind == "misfit"]
+    (note,) = [note for note in fit.notes if note.kind == "cause"]
     assert note.names == ("vignetting",)
     assert float(note.split(" by about ")[1].split("%")[0]) == pytest.approx(30, abs=5)
     assert "Divide them by" in note

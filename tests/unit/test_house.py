@@ -82,7 +82,7 @@ ONLY_IN = {
 
 MAX_LINES = 400  # of a module
 MAX_LINES_OF_A_FUNCTION = 60
-MAX_CONSTANTS, MAX_NUMBERS = 390, 764  # tuned, with a name; and within functions, where they must not hide
+MAX_CONSTANTS, MAX_NUMBERS = 350, 765  # tuned, with a name; and within functions, where they must not hide
 
 PUBLIC = {name: getattr(ds, name) for name in dir(ds)}
 

@@ -8,6 +8,7 @@ from scipy import ndimage, special
 
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
+from ...core.thresholds import BLACK, CLEARLY, MINOR
 from ...io.lazy_images import LazyImage
 from ..data.recording import record
 from ..data.views import colours, has_mask
@@ -15,9 +16,6 @@ from ..result import Fit
 
 FAR = 4  # pixels: the least distance from the outline at which a pixel shows the background alone
 MAX_PIXELS = 512  # of a view, so that noise common to neighbours does not count too often
-NOT_DARK = 0.2  # of the object's brightness: what is brighter beside it is no black level
-CUT_OFF = 0.05  # of the samples that are exactly 0: more were cut off there, whatever the black level is
-UNIFORM = 1.5  # noises of the object: what scatters more beside it is a thing, no black level
 
 
 def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
@@ -38,19 +36,19 @@ def beside(fit: Fit) -> Float[np.ndarray, " m"] | None:
             np.asarray(fit.scene.background, np.float64), (*view.camera.shape, len(fit.scene.background))
         )
         seen = np.asarray(colours(view))[row, column]
-        if not seen.size or np.mean(seen == 0.0) > CUT_OFF:
+        if not seen.size or np.mean(seen == 0.0) > MINOR:
             continue
         found.append((seen - record(flat, view)[row, column]).ravel())
         brightness.append(float(samples.values(samples.pixels[:: max(len(samples.pixels) // 256, 1)]).mean()))
     if not found:
         return None
     shown = np.concatenate(found)
-    if abs(level := float(np.median(shown))) > NOT_DARK * np.mean(brightness):
+    if abs(level := float(np.median(shown))) > BLACK * np.mean(brightness):
         return None
     noise = (
         fit.rmse if fit.views[0].noise is None else fit.rmse * np.sqrt(float(fit.views[0].noise.variance(np.zeros(()))))
     )
-    return shown if robust_scale(shown - level) <= UNIFORM * noise else None
+    return shown if robust_scale(shown - level) <= CLEARLY * noise else None
 
 
 def _far_from(inside: Mask) -> Int[np.ndarray, " n"]:

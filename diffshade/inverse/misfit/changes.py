@@ -11,19 +11,19 @@ from numpy.polynomial import legendre
 from scipy import special
 from scipy.spatial.transform import Rotation
 
+from ...core.robust_scale import OUTLIER
 from ...model.surfaces import Sphere
+from ..data.samples import MIN_PILE
 from ..data.views import View, channels, lights_on
 from ..result import Fit
 from ..statistics.uncertainty import Vector, over
 from ..unknowns.places import Place
 from .linearised import BLUR_SIGMAS, Linearised
 
-MAX_SPHERES = 4  # with more spheres, their places are not tested
+MAX_ALONE = 4  # spheres of a scene, and lights of a view: of so many each is looked at alone
 SMOOTH_DEGREE = 7  # of the changes that have no name: a wave is half as long as the object
 SMOOTH_OF_ONE_DEGREE = 3  # of those of one view
 MAX_SINGLE_VIEWS = 24  # of more views, changes and shifts of one view are not tested
-MIN_ZEROS = 12  # samples of exactly 0 in a view, the smallest: its noise was cut off there
-MAX_NOISES = 4.0  # of a sample above 0: a darker one can be cut off
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def places(fit: Fit) -> list[Place]:
 def of_spheres(part: str, fit: Fit) -> list[Place]:
     """Return the places of a part of all spheres."""
     items = [(i, item) for i, item in enumerate(fit.scene.objects) if isinstance(item.surface, Sphere)]
-    few = items if len(items) <= MAX_SPHERES else []
+    few = items if len(items) <= MAX_ALONE else []
     return [Place("objects", i, ("surface", part), name=item.name) for i, item in few]
 
 
@@ -166,13 +166,13 @@ def of_floor(at: Linearised) -> Iterator[Case]:
     """Yield what dark samples gain on average where their noise is cut off at 0."""
     zeros = [samples.zeros for samples in at.fit.solved.problem.data.samples]
     told = [view.floor is not None for view in at.fit.views]
-    cut = np.array([n > MIN_ZEROS and not here for n, here in zip(zeros, told, strict=True)])
+    cut = np.array([n > MIN_PILE and not here for n, here in zip(zeros, told, strict=True)])
     if cut.any():
         sigma = at.fit.rmse if at.fit.views[0].noise is None else np.sqrt(np.median(over(at.weight)))
-        true = np.linspace(-MAX_NOISES, MAX_NOISES, 1024)
+        true = np.linspace(-OUTLIER, OUTLIER, 1024)
         seen = true * special.ndtr(true) + np.exp(-0.5 * true**2) / np.sqrt(2.0 * np.pi)  # the mean of max(0, x)
         level = np.maximum(at.predicted / sigma, seen[0])
-        above = np.where(level < MAX_NOISES, level - np.interp(level, seen, true), 0.0)
+        above = np.where(level < OUTLIER, level - np.interp(level, seen, true), 0.0)
         yield Case(0, sigma * (above * cut[at.set_up.view])[None], known=True)
 
 

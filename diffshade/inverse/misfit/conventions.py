@@ -14,22 +14,20 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...core.thresholds import CLEARLY, SLIGHT, SMALL
 from ...core.words import listing
 from ...model.scenes import Scene
-from ..data.samples import MIN_PIXELS, share_of
 from ..data.view_sets import ViewSet
+from ..pixels.blocks import BLOCK
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..unknowns.places import Place
 from ..unknowns.unknown import free_places
 
-PIXELS = 1 << 11  # of all views together, on which a convention is tried
-GROSS = 0.01  # of the photographs' squares: a tenth of their brightness, which a light a few degrees off does not leave
-MUCH_WORSE, MAX_WORST = 10.0, 4  # times the median mean square: such views, so many at most, may be swapped
+MUCH_WORSE = 1.0 / SMALL  # times the median mean square: such views may be swapped
 MIN_VIEWS = 4  # with fewer, several conventions can fit alike
 HEALED = 0.25  # of the squares that the scene as given leaves, below which a convention is believed
-CLEARLY = 0.8  # of those that the next best leaves
 
 Convention = tuple[str, Scene, ViewSet]  # what it is in words, and the scene and views in it
 
@@ -44,8 +42,8 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
         fit: The fit.
         squares: The mean square of the residuals of each view.
     """
-    gross = fit.evidence.spread[1] > GROSS * fit.squares
-    worst = sorted(squares, key=lambda i: -squares[i])[:MAX_WORST]
+    gross = fit.evidence.spread[1] > SLIGHT * fit.squares
+    worst = sorted(squares, key=lambda i: -squares[i])[:MIN_VIEWS]
     worst = [i for i in worst if squares[i] > MUCH_WORSE * np.median([*squares.values()])]
     if not gross and len(worst) < 2:
         return None
@@ -53,14 +51,12 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
     placed = any(owner == "lights" and name in ("direction", "position") for owner, name in free)
     if len(fit.views) < MIN_VIEWS or placed:
         return None
-    whole = fit.solved.problem.data
-    part = PIXELS / whole.counts.pixels
-    data = whole.with_samples([share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS)) for s in whole.samples])
+    data = fit.solved.problem.data.part(BLOCK)
     given = _cost(fit, fit.scene, data)
     conventions = itertools.chain(_conventions(fit.scene, data) if gross else (), _swapped(fit.scene, data, worst))
     tried = [(_cost(fit, scene, of), words) for words, scene, of in conventions]
     (best, words), *others = sorted(tried) or [(np.inf, "")]
-    if best > HEALED * given or (others and best > CLEARLY * others[0][0]):
+    if best > HEALED * given or (others and CLEARLY * best > others[0][0]):
         return None
     left = np.sqrt(best / given)
     return f"{words}: they fit with {left:.0%} of the RMSE so. Nothing is determined until it is corrected."

@@ -8,21 +8,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ...core.thresholds import CLEARLY, MOST
 from ...io.encodings import srgb_decode, srgb_encode
 from ...model.scenes import Scene
-from ..data.samples import MIN_PIXELS, Samples, SensorRange, share_of
+from ..data.samples import Samples, SensorRange
 from ..forward.losses import LOSSES
+from ..pixels.blocks import MANY
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
-from .conventions import CLEARLY
 from .found import Found
 from .regional import MIN_AGREEMENT
-from .set_up import PIXELS
-
-MIN_EXPLAINED = 0.5  # of what a gamma explains
 
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -59,11 +57,11 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tup
     after = sorted(after, key=lambda one: one[0][:, 0].sum())
     if after[0][1] != "encoding":  # which is by far the commoner cause
         curve = next(one for one in after if one[1] == "encoding")
-        after = [curve] if after[0][0][:, 0].sum() > CLEARLY * curve[0][:, 0].sum() else after
+        after = [curve] if CLEARLY * after[0][0][:, 0].sum() > curve[0][:, 0].sum() else after
     best, kind, sentence = after[0]
     share = 1.0 - best[:, 0].sum() / before[:, 0].sum()
     agreed = np.mean((best < before)[before[:, 0] > 0, 0])
-    if agreed < MIN_AGREEMENT or share <= MIN_EXPLAINED * by_gamma:
+    if agreed < MIN_AGREEMENT or share <= MOST * by_gamma:
         return None
     rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.3g}" for of in (best, before)]
     return kind, sentence.format(rmse=" instead of ".join(rmse))
@@ -71,9 +69,8 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tup
 
 def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
     """Return a fit with the scene and views that are found where the images go through a curve."""
-    data, loss = fit.solved.problem.data, fit.likelihood.loss
-    part = PIXELS / data.counts.pixels
-    samples = [_through(curve, share_of(s, max(int(len(s.pixels) * part), MIN_PIXELS))) for s in data.samples]
+    data, loss = fit.solved.problem.data.part(MANY), fit.likelihood.loss
+    samples = [_through(curve, s) for s in data.samples]
     start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
     views = tuple(dataclasses.replace(view, noise=None) for view in fit.views)
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped

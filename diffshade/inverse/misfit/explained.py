@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...core.thresholds import MOST, SMALL
+from ..pixels.blocks import BLOCK
 from ..result import Fit
 from ..statistics.uncertainty import Vector, inverse
 from ..unknowns.unknown import coordinate_slopes, values_at
@@ -21,12 +23,7 @@ from .relevance import FaultEvidence, Relevance, relevance
 from .set_up import SetUp
 
 MAX_VIEWS = 64  # that are looked at, so that memory holds what each of them may have
-PIXELS = 1 << 12  # of all views together, on which a fit's own residuals are explained
-MOST = 0.5  # of what all faults together explain: one with a name that alone explains more is named
-NEARLY = 0.9  # of what the best of these explains: another that explains more may be the cause as well
-MINOR = 0.1  # of what all explain: what explains less beside the others is not named
-MOVED_ERRORS = 1.0  # of independent noise: a fault that moves no value so far is not named, unless it is gross
-GROSS_SHARE = 0.2  # of the residuals' squares
+PIXELS = 2 * BLOCK  # of all views together, on which a fit's own residuals are explained
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,11 +191,11 @@ def _named(
         unfit = small or one.fault.unnamed or one.fault.beside or one.case.known
         alone += [] if unfit else [(k, amount, gain)]
     best = max((gain for *_, gain in alone), default=0.0)
-    alone = [one for one in alone if one[2] > NEARLY * best]
+    alone = [one for one in alone if one[2] > (1.0 - SMALL) * best]
     also = [
         (k, amount, gain)
         for k, amount, gain in rest
-        if k not in [k for k, *_ in alone] and gain > MINOR * whole and candidates[k].is_plausible(amount)
+        if k not in [k for k, *_ in alone] and gain > SMALL * whole and candidates[k].is_plausible(amount)
     ]
     found = [*first, *alone, *sorted(also, key=lambda one: -one[2])]
     return found or [max(rest, key=lambda one: one[2])]
@@ -234,6 +231,4 @@ def _like_gamma(look: _Look) -> tuple[Found, ...]:
 def _matters(found: Found) -> bool:
     """Whether a fault moves a value that the fit determines, or is gross."""
     fit = found.given
-    return found.share > GROSS_SHARE or bool(
-        np.any(fit.determined & (np.abs(found.moves) > MOVED_ERRORS * fit.plain_errors))
-    )
+    return found.share > 2.0 * SMALL or bool(np.any(fit.determined & (np.abs(found.moves) > fit.plain_errors)))

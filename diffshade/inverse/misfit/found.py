@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...core.robust_scale import GAUSS_95
 from ...core.words import listing
 from ...model.scenes import Scene
 from ..result import Fit
@@ -17,8 +18,6 @@ from ..unknowns.places import Place
 from .changes import Case
 from .linearised import Linearised
 from .set_up import Corrected, MasksOf, SetUp
-
-AFFECTED_ERRORS = 2.0  # errors by which a fault moves a value that then depends on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +101,8 @@ class Found:
 
     @property
     def affected(self) -> Bool[np.ndarray, " p"]:
-        """The values that it moves by more than `AFFECTED_ERRORS`."""
-        return self.given.determined & (np.abs(self.moves) > AFFECTED_ERRORS * self.given.plain_errors)
+        """The values that it moves by more than `GAUSS_95`."""
+        return self.given.determined & (np.abs(self.moves) > GAUSS_95 * self.given.plain_errors)
 
     @property
     def words(self) -> tuple[str, str]:

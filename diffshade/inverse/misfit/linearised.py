@@ -30,7 +30,6 @@ from ..statistics.uncertainty import Matrix, Vector
 from .set_up import Corrected, SetUp
 
 BLUR_SIGMAS = (0.6, 1.2, 2.4)  # pixels: the tested standard deviations of a blur
-CHROMA_FACTORS = (2, 4)  # by which a picture of colours is smaller: of JPEG files, and where these also round it
 LUMA = (0.299, 0.587, 0.114)  # of red, green and blue (ITU-R BT.601)
 
 
@@ -103,7 +102,7 @@ def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "
     shown = np.clip(picture, 0.0, 1.0)
     encoded = srgb_encode(shown)
     luma = encoded @ LUMA if picture.shape[2] == len(LUMA) else encoded[..., 0]
-    for factor, c in itertools.product(CHROMA_FACTORS, (0, 2)):
+    for factor, c in itertools.product((2, 4), (0, 2)):  # half the size, and less where the file rounds it, too
         plane = Image.fromarray((encoded[..., min(c, picture.shape[2] - 1)] - luma).astype(np.float32))
         lost = np.asarray(plane.reduce(factor).resize(plane.size, Image.Resampling.BILINEAR)) - np.asarray(plane)
         change = np.zeros(3)

@@ -28,9 +28,8 @@ from ..pixels.blocks import Block
 from ..pixels.blocks import chunks as in_chunks
 
 FALSE_ALARM = 1e-4  # the significance level of all these tests together, and of each test of a fault
-CERTAIN_ERRORS = 3.9  # standard errors of a normal number at that level
 CELLS, SIZES = 16, 3  # cells along each side of the object, which are joined to 8 and to 4
-BINS = 16  # of equally many pixels, by brightness
+BINS = CELLS  # of equally many pixels, by brightness
 
 
 class Footprint:

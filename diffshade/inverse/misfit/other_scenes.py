@@ -11,6 +11,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from ...core.thresholds import SINGLE, SLIGHT
 from ...model.attenuation import RadialAttenuation
 from ...model.bands import widened
 from ...model.fresnel import NoFresnel
@@ -29,10 +30,8 @@ from .changes import Case
 from .linearised import Linearised
 from .regions import center_of
 
-MIN_EXPONENT = 1.0  # of a second highlight: with less it looks diffuse
 EXPONENT_FACTORS = (1 / 16, 1 / 4, 4.0, 16.0)  # tested n_s of a second highlight, over the first's
-STEP = 0.01  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
-ALIKE = 1e-6  # of the light: a change below this is rounding
+STEP = SLIGHT  # relative, of lamps' distances and a sphere's axes: small beside their curvature, large beside rounding
 
 
 def of_lobe(at: Linearised) -> Iterator[Case]:
@@ -71,7 +70,7 @@ def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], An
     changed = _drawn(at, with_lamps(at.fit, change)) - at.predicted
     weighted = at.weight * at.light
     changed = changed - at.light * (weighted @ changed / (weighted @ at.light))
-    if np.abs(changed).max() > ALIKE * np.abs(at.light).max():
+    if np.abs(changed).max() > SINGLE * np.abs(at.light).max():
         yield Case(which, changed[None] / amount)
 
 
@@ -130,7 +129,7 @@ def _stretched(scene: Scene, view: View) -> Iterator[Scene]:
     for S in (np.zeros((3, 3)), *(STEP * stretch(amount) for amount in np.eye(5))):
         along = np.sum(n * (arm @ S), -1) / facing
         turned = n + (along[..., None] * ray - arm @ S) / float(sphere.radius) - n @ S
-        turned = turned / np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), ALIKE)
+        turned = turned / np.maximum(np.linalg.norm(turned, axis=-1, keepdims=True), SINGLE)
         surface = GBuffer(np.where(mask[..., None], turned, 0.0), p, mask)
         yield eqx.tree_at(lambda s: s.objects[0].surface, scene, surface)
 
@@ -160,7 +159,7 @@ def _with_second_highlight(factor: float, bands: int, m: Material) -> Material |
     """Return a material with a second highlight as strong as the first, of n_s by a factor."""
     if m.highlights or not isinstance(m.lobe, AbstractPowerLobe) or not isinstance(m.fresnel, NoFresnel):
         return None
-    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), MIN_EXPONENT), m.lobe)
+    second = Highlight(m.k_s, np.maximum(factor * np.asarray(m.n_s, np.float64), 1.0), m.lobe)
     return replace(m, highlights=(widened(second, bands),))  # of one band its colour was made RGB
 
 

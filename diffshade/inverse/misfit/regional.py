@@ -7,16 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...core.masks import Mask
+from ...core.robust_scale import OUTLIER
+from ...core.thresholds import MOST, SLIGHT, SMALL
 from ...core.words import listing
-from .noise_tests import CERTAIN_ERRORS
+from .changes import MAX_ALONE
 from .regions import MeanPrediction, Shadow, cast_shadows, measure_rim, predicted, see
 from .set_up import Corrected, MasksOf, SetUp
 
-MIN_SHARE = 0.1  # the least fraction of the cost of its views that a region explains
-MIN_RIM_EXCESS = 0.02  # the least excess of a rim over the mean brightness
+MIN_RIM_EXCESS = 2.0 * SLIGHT  # the least excess of a rim over the mean brightness
 MIN_AGREEMENT = 0.75  # fraction of the views that must agree on a fault of all views
-PROMISING_PART = 0.5  # fraction of the thresholds of size and significance from which a refit is tried
-MAX_LIGHTS_APART = 4  # up to so many lights in a view, the shadow of each is searched for
 
 
 def shadows(set_up: SetUp, state: Corrected) -> MasksOf:
@@ -27,7 +26,7 @@ def shadows(set_up: SetUp, state: Corrected) -> MasksOf:
 
 def in_shadow(set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf) -> MasksOf:
     """Return the shadows of the views of whose cost they explain enough."""
-    return {i: mask for i, mask in masks.items() if before.share(after, [i]) > MIN_SHARE}
+    return {i: mask for i, mask in masks.items() if before.share(after, [i]) > SMALL}
 
 
 def where_shadows_are(set_up: SetUp, end: Corrected, masks: MasksOf) -> tuple[str, MasksOf]:
@@ -37,7 +36,7 @@ def where_shadows_are(set_up: SetUp, end: Corrected, masks: MasksOf) -> tuple[st
         found = [s for s in shadows_of(set_up, end, i, None) if (s.mask & mask).any()]
         regions[i] = union(found) if found else mask
         lights = [f"lights.{j}" for j in dict.fromkeys(j for s in found for j in s.lights)]
-        source = f" under {listing(lights)}" if lights and len(lights) <= MAX_LIGHTS_APART else ""
+        source = f" under {listing(lights)}" if lights and len(lights) <= MAX_ALONE else ""
         shown = max((s.shown for s in found), default=0.0)
         row, column = (round(float(x.mean())) for x in np.nonzero(regions[i]))
         places.append(
@@ -51,7 +50,7 @@ def where_shadows_are(set_up: SetUp, end: Corrected, masks: MasksOf) -> tuple[st
 def bright_rims(set_up: SetUp, state: Corrected) -> MasksOf:
     """Return the rims if they seem brighter than predicted."""
     rim = measure_rim(_see_rims(set_up, state, state))
-    if rim is None or rim.excess <= 0 or rim.errors < PROMISING_PART * CERTAIN_ERRORS:
+    if rim is None or rim.excess <= 0 or rim.errors < MOST * OUTLIER:
         return {}
     return {i: mask for i, (mask, _) in enumerate(set_up.rims) if mask.any()}
 
@@ -59,12 +58,7 @@ def bright_rims(set_up: SetUp, state: Corrected) -> MasksOf:
 def at_bright_rims(set_up: SetUp, before: Corrected, after: Corrected, masks: MasksOf) -> MasksOf:
     """Return the rims if they are brighter than what is fitted without them predicts."""
     rim = measure_rim(_see_rims(set_up, after, before))
-    sure = (
-        rim is not None
-        and rim.relative > MIN_RIM_EXCESS
-        and rim.errors > CERTAIN_ERRORS
-        and rim.positive >= MIN_AGREEMENT
-    )
+    sure = rim is not None and rim.relative > MIN_RIM_EXCESS and rim.errors > OUTLIER and rim.positive >= MIN_AGREEMENT
     return masks if sure else {}
 
 
@@ -81,7 +75,7 @@ def shadows_of(set_up: SetUp, state: Corrected, i: int, excluded: Mask | None) -
     lit, seen = set_up.lit[i], see(state.fit, state.fit.views[i], set_up.samples[i], excluded)
     if not seen.counts.any():
         return []
-    off: list[tuple[int, ...]] = [(j,) for j in lit] if len(lit) <= MAX_LIGHTS_APART else []
+    off: list[tuple[int, ...]] = [(j,) for j in lit] if len(lit) <= MAX_ALONE else []
     off += [lit] if len(lit) != 1 else []
     view = state.fit.views[i]
     return cast_shadows(seen, {js: predicted(state.fit, view, [k for k in lit if k not in js]) for js in off})

@@ -12,13 +12,14 @@ from scipy import ndimage
 
 from ...core.masks import Mask
 from ...core.robust_scale import robust_scale
+from ...core.thresholds import SMALL
 from ...model.cameras import AbstractCamera, Projection
 from ...model.rendering import render, visible_points
 from ...model.scenes import Object
 from ...model.surfaces import Sphere
 from ...model.vectors import Vec3, dot
 from ..data.recording import record
-from ..data.samples import Samples
+from ..data.samples import MIN_PILE, Samples
 from ..data.views import View
 from ..result import Fit
 
@@ -27,9 +28,7 @@ Picture = Float[np.ndarray, "h w"]
 DARK_SHARE = 0.4  # a pixel is dark if it shows less than this fraction of a light's contribution
 SHADED_SHARE = 0.25  # the most that the median pixel of a cast shadow shows of a light's contribution
 CLEAR_SIGMAS = 6.0  # standard deviations of the residuals: the least contribution for a shadow
-BRIGHT_SHARE = 0.1  # the least contribution for a shadow, over the light's brightest one
-MIN_SHADOW_SHARE = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least MIN_SHADOW_PIXELS
-MIN_SHADOW_PIXELS = 12
+MIN_SHADOW_SHARE = 0.003  # the smallest shadow as a fraction of a view's pixels, but at least MIN_PILE
 GRAZING_COSINE = 0.35  # n.v below which a pixel belongs to the rim
 SECTORS = 8  # number of sectors of a rim, whose excesses are compared
 
@@ -108,12 +107,12 @@ def cast_shadows(seen: MeanPrediction, unlit: Mapping[tuple[int, ...], Picture])
         unlit: The prediction without some lights, for each set of lights to test.
     """
     found = []
-    least = max(MIN_SHADOW_PIXELS, MIN_SHADOW_SHARE * seen.counts.sum())
+    least = max(MIN_PILE, MIN_SHADOW_SHARE * seen.counts.sum())
     for lights, without in unlit.items():
         part = np.where(seen.counts, seen.predicted - without, 0.0)
         if not part.any():  # these lights reach no pixel that counts
             continue
-        clear = part > max(CLEAR_SIGMAS * seen.noise, BRIGHT_SHARE * float(np.quantile(part[seen.counts], 0.95)))
+        clear = part > max(CLEAR_SIGMAS * seen.noise, SMALL * float(np.quantile(part[seen.counts], 0.95)))
         shown = np.where(clear, (seen.photograph - without) / np.where(clear, part, 1.0), 1.0)
         dark = np.abs(shown) < DARK_SHARE if len(unlit) > 1 else shown < DARK_SHARE
         labels, count = ndimage.label(dark)  # pyright: ignore[reportGeneralTypeIssues]

@@ -13,14 +13,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import special
 
+from ...core.thresholds import MAX_STEPS, SINGLE, SLIGHT
 from ..statistics.uncertainty import Matrix, Vector
 from .noise_tests import FALSE_ALARM
 
-ITERATIONS = 60  # of the variances, at most
-SETTLED = 0.02  # change of the logarithms of the variances that matter below which they have settled
 MAX_DIRECTIONS = 200  # at a time: the work grows with their cube
 ROUNDS = 3  # in which groups that show only beside others come back
-SEEN = 1e-6  # eigenvalue of a group's information over its largest, below which a part of it cannot be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,7 @@ def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Releva
     sizes = np.bincount(own, minlength=int(active.sum()))
     sigma2, variance = of.squares / of.freedom, np.full(len(sizes), 0.01 * of.squares)
     mean, covariance = np.zeros(len(use)), np.zeros((len(use), len(use)))
-    for _ in range(ITERATIONS if len(use) else 0):
+    for _ in range(MAX_STEPS if len(use) else 0):
         root = np.sqrt(variance[own])
         C = np.linalg.inv(np.eye(len(use)) + root[:, None] * A / sigma2 * root)
         covariance = root[:, None] * C * root
@@ -91,7 +89,7 @@ def _posterior(of: FaultEvidence, active: Bool[np.ndarray, " groups"]) -> Releva
         told = np.maximum(sizes - np.bincount(own, np.diag(C), len(sizes)), 1e-12)  # of the numbers of each group
         before, variance = variance, np.maximum(np.bincount(own, mean**2, len(sizes)) / told, 1e-14 * of.squares)
         sigma2 = max((of.squares - 2.0 * mean @ s + mean @ A @ mean) / max(of.freedom - told.sum(), 1.0), 1e-300)
-        if np.all(np.abs(np.log(variance / before)) < SETTLED):
+        if np.all(np.abs(np.log(variance / before)) < SLIGHT):
             break
     whole, spread, gain = np.zeros(len(of.score)), np.zeros(of.information.shape), np.zeros(len(active))
     whole[use], spread[np.ix_(use, use)] = mean, covariance
@@ -116,7 +114,7 @@ def _p_value(of: FaultEvidence, found: Relevance, group: int) -> float:
     explained: Matrix = of.information[np.ix_(own, others)] @ C / found.sigma2
     score: Vector = of.score[own] - explained @ of.score[others]
     w, V = np.linalg.eigh(of.information[np.ix_(own, own)] - explained @ of.information[np.ix_(others, own)])
-    told = w > SEEN * max(float(np.diag(of.information)[own].max()), 1e-300)
+    told = w > SINGLE * max(float(np.diag(of.information)[own].max()), 1e-300)
     if not told.any():
         return 1.0
     chi2 = np.sum((V.T @ score)[told] ** 2 / w[told]) / found.sigma2

@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.masks import Mask
+from ...core.thresholds import SINGLE
 from ..data.view_sets import Masks
-from ..pixels.blocks import Block
+from ..pixels.blocks import MANY, Block
 from ..result import Fit
 from ..solve.solvers import NEAR
 from ..statistics.uncertainty import Vector
@@ -23,9 +24,6 @@ from ..unknowns.unknown import values_at
 from ..unknowns.visibility import shown_unknowns
 from .beside import beside
 from .regions import center_of, rims
-
-PIXELS = 1 << 14  # number of pixels, in all views together, on which faults are judged
-RTOL = 1e-6  # of the cost: where the minimisations of refits stop
 
 MasksOf = Mapping[int, Mask]  # of some views, by their indices
 
@@ -55,7 +53,7 @@ class Corrected:
 class SetUp:
     """A fit and the minima with some of its faults corrected. Runs in float64; one program serves all minima."""
 
-    def __init__(self, fit: Fit, numbers: Iterable[Place], pixels: int = PIXELS):
+    def __init__(self, fit: Fit, numbers: Iterable[Place], pixels: int = MANY):
         """Lay the fit out on so many of its pixels; `numbers` are the places of what faults move."""
         data = fit.solved.problem.data
         self.fit, self.samples, self.lit = fit, data.samples, data.lit
@@ -116,7 +114,7 @@ class SetUp:
     def minimise(self, theta: Vector, excluded: Masks, amounts: Mapping[tuple[str, int], Vector]) -> Corrected:
         """Return the minimum over the fit's own unknowns from theta, which has the values of all other numbers."""
         held = {j: float(theta[j]) for j in range(self.own, len(theta))}
-        end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=RTOL, damping=NEAR)
+        end = self.laid.minimise(held, theta, self.chunks(excluded), rtol=SINGLE, damping=NEAR)
         costs = np.array(end.point.views.cost) * self._inflation(excluded)
         return Corrected(end.theta, self.drawn(end.theta), costs, excluded, amounts)
 

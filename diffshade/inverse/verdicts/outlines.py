@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ...core.masks import Mask
 from ...core.progress import ReportProgress, silent
 from ...core.robust_scale import OUTLIER, robust_scale
-from ...core.thresholds import CLEARLY, MINOR, MOST, SMALL
+from ...core.thresholds import BLACK, CLEARLY, MINOR, MOST, SMALL
 from ...core.words import Note
 from ...io.lazy_images import LazyImage
 from ...model.gbuffers import GBuffer
@@ -28,7 +28,6 @@ from ..result import Fit
 ROWS = 48  # most rows of an object from which the noise of a photograph is estimated
 FAR = 3.0  # pixels: the least distance of background pixels from the outline
 BACKGROUND = 64  # the fewest background pixels
-BLACK = 0.2  # the largest level of the background, over the object's brightness
 STEP = 0.15  # the least brightness of the object right behind that background, over its usual brightness
 OUTSIDE = 0.55  # the least brightness outside the outline, over that just inside: at a blurred edge it is a half
 THIN = 0.75  # pixels: the outline is right if the border is narrower

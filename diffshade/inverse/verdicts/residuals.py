@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from ...core.progress import ReportProgress
-from ...core.words import Note, listing
+from ...core.thresholds import ROUNDING
+from ...core.words import MAX_NAMED, Note, listing
+from ..data.samples import MIN_PILE
 from ..misfit.beside import beside, p_of_level
-from ..misfit.changes import MIN_ZEROS
 from ..misfit.conventions import other_convention
 from ..misfit.encodings import better_than_gamma
 from ..misfit.explained import Explained, explain
@@ -19,9 +20,6 @@ from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
 from ..result import Fit
 from ..statistics.identifiability import some_channels, vague
-from .stability import ROUNDING
-
-MAX_NAMED = 2  # faults that the note names
 
 
 def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Whiteness) -> Fit:
@@ -39,7 +37,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     if exact or outside or fit.evidence.waves is not None:
         return fit
     is_noise, shown = residuals.p_value > FALSE_ALARM, beside(fit)
-    dark = any(samples.zeros >= MIN_ZEROS for samples in fit.solved.problem.data.samples)
+    dark = any(samples.zeros >= MIN_PILE for samples in fit.solved.problem.data.samples)
     if is_noise and not dark and (shown is None or p_of_level(shown) > FALSE_ALARM):
         return fit
     report_progress("what the residuals show")

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.progress import ReportProgress
 from ...core.robust_scale import RARE
-from ...core.thresholds import ROUNDING, SMALL
+from ...core.thresholds import ROUNDING, SLIGHT, SMALL
 from ...core.words import Note
 from ...model.materials import Material
 from ...model.rendering import render
@@ -29,7 +29,7 @@ from ..statistics.uncertainty import Vector, inverse
 from ..summary import summarise
 from ..unknowns.unknown import coordinate_slopes, coordinates, logarithms
 
-SEEN = 0.02  # the highlight is where it has more than this fraction of its largest brightness in the view
+SEEN = 2.0 * SLIGHT  # the highlight is where it has more than this fraction of its largest brightness in the view
 
 
 @dataclass(frozen=True, eq=False)

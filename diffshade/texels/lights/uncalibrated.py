@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ...core.robust_scale import robust_scale
-from ...core.thresholds import MINOR, NEGLIGIBLE
+from ...core.thresholds import MINOR, NEGLIGIBLE, SLIGHT
 from ...inverse.data.views import View, is_grey
 from ...inverse.forward.losses import CAUCHY
 from ...model.scenes import Scene
@@ -33,7 +33,7 @@ STARTS = 8  # turns about the camera's axis
 BAND, MAX_ROWS, MAX_SLOPES = 64, 512, 100_000  # rows read at once, rows and slopes in all
 SIGMA = 2.0  # pixels: standard deviation of what takes the noise off slopes
 REWEIGHTINGS = 5
-MAX_CURL = 0.02  # of unit normals, a pixel: a larger one is an edge
+MAX_CURL = 2.0 * SLIGHT  # of unit normals, a pixel: a larger one is an edge
 
 
 class PseudoNormals(NamedTuple):
