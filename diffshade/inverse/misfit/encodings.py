@@ -1,9 +1,10 @@
-"""Encodings: whether photographs that were read as linear fit much better as sRGB, or the other way round."""
+"""Encodings: what a gamma stands for, by refits: sRGB read as linear or the other way round, or other lamps."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from ..pixels.blocks import MANY
 from ..problem import fit_problem
 from ..result import Fit
 from ..solving import solve
+from ..statistics.uncertainty import Vector
 from ..unknowns.slots import put_back
 from ..unknowns.unknown import values_at
 from .found import Found
@@ -25,11 +27,21 @@ from .regional import MIN_AGREEMENT
 Curve = Callable[[np.ndarray], np.ndarray]
 
 
-def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tuple[str, str] | None:
-    """Return the kind and a sentence of what a gamma stands for, if a refit believes it. Runs in float64.
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """What a gamma stands for, by a fit with it corrected."""
 
-    It is the other encoding of the images, or another fault, whichever explains more: more than half of what a gamma
-    does, in most views.
+    kind: str
+    sentence: str
+    values: Vector | None
+    """The fit's numbers with the images' encoding corrected; None of other lamps, whose strength is not known."""
+
+
+def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Mended | None:
+    """Return what a gamma stands for, if a refit believes it. Runs in float64.
+
+    It is the other encoding of the images, or another fault if that explains clearly more, and more than half of what a
+    gamma does, in most views.
 
     Args:
         fit: The fit.
@@ -37,34 +49,46 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> tup
         others: Faults that can be mistaken for a gamma.
     """
     before = _misfits(fit, _linear)
-    after = [
-        (
-            _misfits(_refitted(fit, fit.scene, to), back),
+
+    def tried(kind: str, what: str, remedy: str, again: Fit, curve: Curve) -> tuple[np.ndarray, Mended]:
+        after = _misfits(again, curve)
+        rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.3g}" for of in (after, before)]
+        values = None if curve is _linear else again.values
+        return after, Mended(kind, f"{what} with RMSE {' instead of '.join(rmse)}. {remedy}", values)
+
+    curves = [
+        tried(
             "encoding",
-            f"the images seem to be {what}, they fit with RMSE {{rmse}}. Read them with "
-            f"ds.read_image(path, srgb={to is srgb_decode}).",
+            f"the images seem to be {what}, they fit",
+            f"Read them with ds.read_image(path, srgb={to is srgb_decode}).",
+            _refitted(fit, fit.scene, to),
+            back,
         )
         for to, back, what in (
             (srgb_decode, srgb_encode, "sRGB-encoded, but were read as linear: decoded"),
             (srgb_encode, srgb_decode, "linear, but were decoded from sRGB: encoded again"),
         )
     ]
-    for found in others:
-        assert found.fault.mended is not None
-        what, remedy = found.words
-        again = _misfits(_refitted(fit, found.fault.mended(found), _linear), _linear)
-        after.append((again, found.fault.kind, f"{what}: so they fit with RMSE {{rmse}}. {remedy}"))
-    after = sorted(after, key=lambda one: one[0][:, 0].sum())
-    if after[0][1] != "encoding":  # which is by far the commoner cause
-        curve = next(one for one in after if one[1] == "encoding")
-        after = [curve] if CLEARLY * after[0][0][:, 0].sum() > curve[0][:, 0].sum() else after
-    best, kind, sentence = after[0]
-    share = 1.0 - best[:, 0].sum() / before[:, 0].sum()
-    agreed = np.mean((best < before)[before[:, 0] > 0, 0])
-    if agreed < MIN_AGREEMENT or share <= MOST * by_gamma:
-        return None
-    rmse = [f"{np.sqrt(of[:, 1].sum() / before[:, 2].sum()):.3g}" for of in (best, before)]
-    return kind, sentence.format(rmse=" instead of ".join(rmse))
+    scenes = [
+        tried(
+            found.fault.kind,
+            f"{what}: so they fit",
+            remedy,
+            _refitted(fit, found.fault.mended(found), _linear),
+            _linear,
+        )
+        for found in others
+        if found.fault.mended is not None
+        for what, remedy in [found.words]
+    ]
+    curve, *other = (min(of, key=_cost) for of in (curves, scenes) if of)
+    best = other[0] if other and CLEARLY * _cost(other[0]) < _cost(curve) else curve
+    share, agreed = 1.0 - _cost(best) / before[:, 0].sum(), np.mean((best[0] < before)[before[:, 0] > 0, 0])
+    return best[1] if agreed >= MIN_AGREEMENT and share > MOST * by_gamma else None
+
+
+def _cost(tried: tuple[np.ndarray, Mended]) -> float:
+    return float(tried[0][:, 0].sum())
 
 
 def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
@@ -76,8 +100,9 @@ def _refitted(fit: Fit, scene: Scene, curve: Curve) -> Fit:
     clipped = "hinge" if fit.clipped == "tobit" else fit.clipped
     data = dataclasses.replace(data.with_samples(samples), views=views, clipped=clipped)
     _, end = solve(fit_problem(scene, data, start, loss))
-    drawn, seen = put_back(scene, fit.views, start, values_at(end.theta, start))
-    return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen))
+    values = values_at(end.theta, start)
+    drawn, seen = put_back(scene, fit.views, start, values)
+    return dataclasses.replace(fit, solved=fit.solved.drawn_as(drawn, seen), values=values)
 
 
 def _linear(image: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from ...core.words import MAX_NAMED, Note, listing
 from ..data.samples import MIN_PILE
 from ..misfit.beside import beside, p_of_level
 from ..misfit.conventions import other_convention
-from ..misfit.encodings import better_than_gamma
+from ..misfit.encodings import Mended, better_than_gamma
 from ..misfit.explained import Explained, explain
 from ..misfit.found import Found
 from ..misfit.noise_tests import FALSE_ALARM, Whiteness
@@ -49,21 +49,25 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     seen = explain(fit, residuals.squares)
     if is_noise and not seen.found:
         return fit
+    gamma = next((f.share for f in seen.found if f.fault.kind == "gamma"), None)
+    better = None if gamma is None else better_than_gamma(fit, gamma, seen.like_gamma)
     correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
     errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
+    if better is not None and better.values is not None:
+        errors = np.maximum(errors, np.abs(better.values - fit.values))
     lost = vague(fit.unknowns, fit.values, errors, fit.scales)[0] & fit.determined
-    notes = (*fit.notes, *_notes(fit, seen, lost, is_noise=is_noise))
+    notes = (*fit.notes, *_notes(fit, seen, better, lost, is_noise=is_noise))
     return replace(fit, errors=errors, determined=fit.determined & ~lost, notes=notes)
 
 
-def _notes(fit: Fit, seen: Explained, lost: Bool[np.ndarray, " p"], *, is_noise: bool) -> list[Note]:
+def _notes(
+    fit: Fit, seen: Explained, better: Mended | None, lost: Bool[np.ndarray, " p"], *, is_noise: bool
+) -> list[Note]:
     """Say what the residuals show, how sure that is, and what to do."""
     named = [f for f in seen.found if not f.fault.unnamed][:MAX_NAMED]
     kinds, is_known = tuple(f.fault.kind for f in seen.found), bool(named) and not seen.found[0].fault.unnamed
-    gamma = next((f.share for f in named if f.fault.kind == "gamma"), None)
-    better = None if gamma is None else better_than_gamma(fit, gamma, seen.like_gamma)
-    if better:
-        why, kinds, is_known = f"{better[1]} The errors allow for this.", (better[0],), True
+    if better is not None:
+        why, kinds, is_known = f"{better.sentence} The errors allow for this.", (better.kind,), True
     elif is_known:
         why = f"{_sentences(named)} The errors allow for this."
     elif not seen.found:
