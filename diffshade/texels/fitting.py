@@ -19,18 +19,22 @@ from ..core.backend import check_backend, in_float64
 from ..core.fields import as_float64
 from ..core.progress import showing
 from ..core.thresholds import MOST
+from ..core.words import Note
 from ..inverse.data.recording import developed
 from ..inverse.data.views import View, lights_on
 from ..inverse.fitting import check_scale
+from ..inverse.unknowns.light_priors import middle_of
 from ..io.scene_files import scene_document
 from ..model.scenes import Scene
 from ..parallel.run_folders import fingerprint
 from .checks import UnsuitedLights, check_anything_left, checked, checked_light_error
+from .conventions import other_light_convention
 from .light_directions import note_on_normals
 from .maps import FORMAT, TexelMaps
 from .robust.choice import own_exponents_predict_better
 from .robust.run import RobustRun
 from .run import TexelRun
+from .status import DETERMINED, NO_HIGHLIGHT, UNDETERMINED
 from .tile_runner import TileRunner
 from .tiles import LEARNING_SAMPLE
 
@@ -135,9 +139,13 @@ def fit_texels(
         tiles = TileRunner(scene, views, problem, report_progress, out=out, memory=memory, mesh=mesh)
         with contextlib.closing(tiles):
             maps = _fit(scene, views, free, loss, region_of, tiles, neighbours=neighbours, light_error=light_error)
-    if sensor is None or not one_sensor:
+    if sensor is not None and one_sensor:
+        maps = dataclasses.replace(maps, sensor=sensor)
+    if any(isinstance(note, Note) and note.kind == "cause" for note in maps.notes):
+        known = (maps.status == DETERMINED) | (maps.status == NO_HIGHLIGHT)
+        maps = dataclasses.replace(maps, status=np.where(known, UNDETERMINED, maps.status).astype(np.uint8))
+    elif maps.sensor is None:
         return maps
-    maps = dataclasses.replace(maps, sensor=sensor)
     if out is not None:
         maps.describe(Path(out))
     return maps
@@ -159,8 +167,8 @@ def _fit(
     if "normal" not in free:
         return each.maps(None, ())
     lights = each.lights()
-    note = note_on_normals(lights)
-    notes = () if note is None else (note,)
+    other = other_light_convention(scene, views, tiles.reader.sample(LEARNING_SAMPLE), middle_of(scene))
+    notes = tuple(note for note in (note_on_normals(lights), other) if note is not None)
     for text in notes:
         _LOGGER.warning(text)  # before the work begins
     unsuited = lights.narrow or lights.coplanar > MOST or _lacks_a_channel(scene, views)

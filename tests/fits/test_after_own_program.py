@@ -6,6 +6,7 @@ All functions, and grad and vmap too: tests/studies/test_own_programs.py.
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import synthetic
 
 import diffshade as ds
@@ -19,6 +20,7 @@ def made() -> tuple[ds.Scene, list[ds.View]]:
     return scene, synthetic.one_light_each(synthetic.noisy(synthetic.photographs(scene, camera), 0.002, 0), camera)
 
 
+@pytest.mark.thorough
 def test_a_fit_gives_the_same_after_a_users_own_program():
     scene, views = made()
     known = [scene, views[0].camera]

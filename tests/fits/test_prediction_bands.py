@@ -46,7 +46,8 @@ def fit_texels(views):
     return ds.fit_texels(problem()[0], views, free=("k_d",))
 
 
-@pytest.mark.parametrize("fitting", [pytest.param(fit, marks=pytest.mark.thorough), fit_texels])
+@pytest.mark.thorough
+@pytest.mark.parametrize("fitting", [fit, fit_texels])
 def test_bands_hold_photographs_that_were_left_out(fitting):
     views = problem()[1]
     bands = ds.fit_bands(fitting, views[:16], groups=4)

@@ -8,7 +8,7 @@ import pytest
 from synthetic import CAMERA, MATERIAL, forget, noisy, one_light_each, photographs, point_lights, standard_scene
 
 import diffshade as ds
-from diffshade.inverse.misfit.conventions import _axes_in_words, _orders
+from diffshade.inverse.misfit.conventions import axes_in_words, orders
 
 FREE = ("k_a", "k_d", "k_s", "n_s")
 IMAGES = noisy(photographs(standard_scene()), 0.005, 0)
@@ -57,7 +57,7 @@ def test_other_axes_are_named(axes, words):
     ],
     ids=["reversed", "late", "early", "two swapped"],
 )
-def test_other_orders_are_named(order, words):
+def test_otherorders_are_named(order, words):
     assert words in said(fitted(order=order))
 
 
@@ -70,16 +70,16 @@ def test_a_right_set_up_is_in_no_other_convention():
 
 
 def test_orders_are_those_of_lists_that_were_sorted_as_text_or_shifted():
-    orders = dict(_orders(12))
-    assert len(orders) == 5
-    as_text = next(order for words, order in orders.items() if "the lights by number" in words)
+    found = dict(orders(12))
+    assert len(found) == 5
+    as_text = next(order for words, order in found.items() if "the lights by number" in words)
     assert as_text[:5] == [0, 1, 10, 11, 2]
-    back = next(order for words, order in orders.items() if "the photographs by number" in words)
+    back = next(order for words, order in found.items() if "the photographs by number" in words)
     assert [back[k] for k in as_text] == [*range(12)]
-    assert len(dict(_orders(8))) == 3  # as text they are sorted alike
+    assert len(dict(orders(8))) == 3  # as text they are sorted alike
 
 
 def test_axes_are_said_in_words():
-    assert _axes_in_words(np.diag([1.0, -1.0, -1.0])).endswith("with y and z negated")
-    assert _axes_in_words(np.eye(3)[[0, 2, 1]]).endswith("with y and z swapped")
-    assert _axes_in_words(np.eye(3)[[1, 2, 0]]).endswith("with x, y and z in the order yzx")
+    assert axes_in_words(np.diag([1.0, -1.0, -1.0])).endswith("with y and z negated")
+    assert axes_in_words(np.eye(3)[[0, 2, 1]]).endswith("with y and z swapped")
+    assert axes_in_words(np.eye(3)[[1, 2, 0]]).endswith("with x, y and z in the order yzx")

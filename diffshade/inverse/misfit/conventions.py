@@ -74,9 +74,9 @@ def _conventions(scene: Scene, data: ViewSet) -> Iterator[Convention]:
         for signs in itertools.product((1.0, -1.0), repeat=3):
             axes = np.array(signs)[:, None] * np.eye(3)[list(order)]
             if (axes != np.eye(3)).any():
-                yield _axes_in_words(axes), _turned(scene, axes), data
+                yield axes_in_words(axes), _turned(scene, axes), data
     one_each = all(len(of) == 1 for of in data.lit) and len({*data.lit}) == len(data.lit)
-    for words, order in _orders(len(data.lit)) if one_each else ():
+    for words, order in orders(len(data.lit)) if one_each else ():
         yield words, scene, _lit_by(data, order)
 
 
@@ -102,7 +102,8 @@ def _turned(scene: Scene, axes: Float[np.ndarray, "3 3"]) -> Scene:
     return eqx.tree_at(lambda of: [place.value_in(of, ()) for place in places], scene, moved)
 
 
-def _axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
+def axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
+    """Return the sentence on lights in axes that are swapped or negated."""
     order, names = np.abs(axes).argmax(1), "xyz"
     moved = [names[k] for k in range(3) if order[k] != k]
     negated = [names[k] for k in range(3) if axes[k, order[k]] < 0]
@@ -111,7 +112,7 @@ def _axes_in_words(axes: Float[np.ndarray, "3 3"]) -> str:
     return f"the lights seem to be described in other axes than the photographs, with {' and '.join(parts)}"
 
 
-def _orders(n: int) -> Iterator[tuple[str, list[int]]]:
+def orders(n: int) -> Iterator[tuple[str, list[int]]]:
     """Yield the usual wrong orders of n lights, one for each photograph."""
     as_text = sorted(range(n), key=str)
     back = np.argsort(as_text).tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -16,11 +17,13 @@ from ...core.backend import check_backend, in_float64
 from ...core.fields import as_float64
 from ...core.progress import showing
 from ...core.thresholds import MOST
+from ...core.words import Note
 from ...inverse.data.recording import developed
 from ...inverse.data.views import View, lights_on
 from ...inverse.unknowns.light_priors import middle_of
 from ...model.scenes import Scene
 from ..checks import check_anything_left, checked
+from ..conventions import other_light_convention
 from ..fitting import MEMORY
 from ..robust.run import RobustRun
 from ..run import TexelRun
@@ -89,8 +92,10 @@ def find_lights(
         with contextlib.closing(tiles):
             sample = tiles.reader.sample(LEARNING_SAMPLE)
             check_anything_left(np.ones(len(sample.pixels)))
-            begin = given
-            if error is None:
+            begin, other = given, None
+            if error is not None:
+                other = other_light_convention(scene, views, sample, middle)
+            else:
                 begin = LightEstimates(find_uncalibrated(scene, views, tiles.reader, sample, index), given.gain)
             placed = _with(scene, used, begin, middle)
             each = TexelRun(placed, views, FREE, "cauchy", None, tiles)
@@ -106,7 +111,8 @@ def find_lights(
             found = refine(
                 lambda lamps: _with(scene, used, lamps, middle), views, run, sample, index, stated, report_progress
             )
-        return _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
+        result = _result(scene, found, used, light_of, given, stated, middle, known=error is not None)
+        return result if other is None else _unknown(result, other)
 
 
 def _result(
@@ -156,6 +162,12 @@ def _result(
         found.settled,
         tuple(notes),
     )
+
+
+def _unknown(result: FoundLights, other: Note) -> FoundLights:
+    """Return lights whose errors are not known, since they are described otherwise than the photographs."""
+    nothing = np.full_like(result.errors, np.inf)
+    return replace(result, errors=nothing, own_errors=nothing, notes=(other, *result.notes))
 
 
 def _light_of(scene: Scene, views: Sequence[View]) -> Int[np.ndarray, " views"]:

@@ -1,0 +1,83 @@
+"""Lights in other axes or orders than the photographs, where normals are unknown, are named; right ones are not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from slightly_wrong import EYE, FOV, SIDE, ball
+from wrong_photographs import towards
+
+import diffshade as ds
+from diffshade.inverse.misfit.conventions import orders
+from diffshade.texels.conventions import other_light_convention
+from diffshade.texels.tiles import TexelTile
+
+COUNT = 20
+CAMERA = ds.Camera(eye=tuple(EYE), fov=FOV, shape=(SIDE, SIDE))
+AXES = {
+    "x negated": np.diag([-1.0, 1.0, 1.0]),
+    "y negated": np.diag([1.0, -1.0, 1.0]),
+    "z negated": np.diag([1.0, 1.0, -1.0]),
+    "x and y negated": np.diag([-1.0, -1.0, 1.0]),
+    "x and y swapped": np.eye(3)[[1, 0, 2]],
+    "y and z swapped": np.eye(3)[[0, 2, 1]],
+}
+
+
+def photographed(seed: int, k_s: float, textured: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+    """The directions to the lights, and the photographs of a ball."""
+    random = np.random.default_rng(seed)
+    l = towards(COUNT, random)
+    of: dict[str, Any] = {"k_a": np.full(3, 0.02), "k_d": random.uniform(0.2, 0.6, 3), "k_s": k_s, "n_s": 30.0}
+    pattern = random.uniform(0.2, 1.0, (SIDE, SIDE, 1)) if textured else 1.0
+    return l, [ball(of, at) * pattern + 0.005 * random.standard_normal((SIDE, SIDE, 3)) for at in l]
+
+
+def said(l: np.ndarray, images: list[np.ndarray]) -> str | None:
+    """What is said of the lights of these photographs."""
+    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight(-at) for at in l])
+    views = [ds.View(image, CAMERA, lit=(i,)) for i, image in enumerate(images)]
+    pixels = np.flatnonzero(ball({"k_a": 1.0, "k_d": np.zeros(3), "k_s": 0.0, "n_s": 1.0}, l[0]).any(-1))[::2]
+    target = np.stack([image.reshape(-1, 3)[pixels].T for image in images])
+    tile = TexelTile(pixels, np.zeros((len(pixels), 3)), None, target, np.ones((len(l), len(pixels)), bool))
+    return other_light_convention(scene, views, tile, np.zeros(3))
+
+
+@pytest.mark.parametrize(("k_s", "textured"), [(0.0, False), (0.4, False), (0.0, True)])
+def test_right_lights_raise_no_alarm(k_s, textured):
+    assert [said(*photographed(seed, k_s, textured)) for seed in range(10)] == [None] * 10
+
+
+@pytest.mark.parametrize("words", AXES)
+def test_other_axes_are_named(words):
+    l, images = photographed(0, 0.4, False)
+    assert f"with {words}. Nothing is determined" in (said(l @ AXES[words].T, images) or "")
+
+
+@pytest.mark.parametrize("which", range(5))
+def test_another_order_is_named(which):
+    l, images = photographed(1, 0.0, True)
+    _, order = list(orders(COUNT))[which]
+    back = next(words for words, other in orders(COUNT) if [order[k] for k in other] == [*range(COUNT)])
+    assert (said(l[order], images) or "").startswith(back)
+
+
+def test_few_photographs_are_not_judged():
+    l, images = photographed(0, 0.0, False)
+    assert said(l[:7] @ AXES["y negated"].T, images[:7]) is None
+
+
+@pytest.mark.thorough
+def test_nothing_is_determined_of_texels_and_lights_in_other_axes(tmp_path):
+    l, images = photographed(2, 0.3, False)
+    scene = ds.Scene(ds.Object(ds.Sphere()), [ds.DirectionalLight(-at * [1, -1, 1]) for at in l])
+    views = [ds.View(image, CAMERA, lit=(i,)) for i, image in enumerate(images)]
+    maps = ds.fit_texels(scene, views, free=("k_d", "k_s", "n_s", "normal"), out=tmp_path / "maps")
+    for of in (maps, ds.read_maps(tmp_path / "maps")):
+        assert any("with y negated" in note for note in of.notes)
+        assert not of.determined.any()
+    found = ds.find_lights(scene, views, light_error=2.0)
+    assert "with y negated" in found.notes[0]
+    assert np.isinf(found.errors).all()
