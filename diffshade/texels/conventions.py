@@ -60,6 +60,8 @@ def other_light_convention(
     camera = np.array([np.asarray(axis.stack()) for axis in axes(views[0].camera)])
     power = [float(np.mean(np.asarray(getattr(lamp, "intensity", 1.0)))) for lamp in lamps]
     l = np.array(power)[:, None] * np.array(towards) @ camera.T
+    if np.linalg.cond(l) > 1.0 / SMALL:  # nearly in one plane, or along one line
+        return None
     shading = _shading(views, sample)
     given = _squares(l, shading)
     others = [(_squares(l[order], shading), words) for words, order in orders(len(l))]

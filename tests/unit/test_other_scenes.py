@@ -16,7 +16,7 @@ from slightly_wrong import EYE, FOV, SIDE, ball
 
 import diffshade as ds
 from diffshade.inverse.misfit.linearised import _duller
-from diffshade.inverse.misfit.other_scenes import _stretched, falling, farther, stretch, with_lamps
+from diffshade.inverse.misfit.other_scenes import _stretched, falling, farther, of_ellipsoid, stretch, with_lamps
 
 OF: dict[str, Any] = {"k_a": np.array([0.05, 0.04, 0.03]), "k_d": np.array([0.5, 0.3, 0.2]), "k_s": 0.3, "n_s": 20.0}
 TO_LIGHT = np.array([0.4, 0.3, 0.8])
@@ -89,5 +89,29 @@ def test_duller_colours_are_those_of_a_jpeg_file_with_colours_of_half_the_size()
     assert np.sum(both * true) / np.sqrt(np.sum(both**2) * np.sum(true**2)) > 0.9
 
 
-def test_a_grey_picture_has_no_colours():
-    assert not any(of.any() for of in _duller(np.full((8, 8, 1), 0.3)))
+@pytest.mark.parametrize("bands", [1, 5])
+def test_a_picture_of_other_bands_has_no_such_colours(bands):
+    assert not any(of.any() for of in _duller(np.full((8, 8, bands), 0.3)))
+
+
+@untyped
+@pytest.mark.parametrize(
+    "of",
+    [
+        ds.Scene(ds.Object(ds.Sphere(), ds.Material(**OF)), ds.DirectionalLight(-TO_LIGHT), shadows=True),
+        ds.Scene(ds.Object(ds.Sphere(), ds.Material(**OF, k_t=0.5, eta=1.5)), ds.DirectionalLight(-TO_LIGHT)),
+        ds.Scene(ds.Object(ds.Sphere(), ds.Material(k_d=ds.Chequer(0.2, 0.4, 0.1))), ds.DirectionalLight(-TO_LIGHT)),
+        ds.Scene([ds.Object(ds.Sphere(), ds.Material(**OF))] * 2, ds.DirectionalLight(-TO_LIGHT)),
+    ],
+    ids=["shadows", "glass", "pattern", "two"],
+)
+def test_what_no_gbuffer_can_draw_is_not_stretched(of):
+    at: Any = SimpleNamespace(fit=SimpleNamespace(scene=of, views=[VIEW]), drawable=True)
+    assert list(of_ellipsoid(at)) == []
+
+
+@untyped
+def test_a_lamp_where_the_object_is_and_one_whose_light_does_not_arrive_stay():
+    here = ds.PointLight((0.0, 0.0, 0.0))
+    for power in (0, 2):
+        assert falling(power, here, np.zeros(3)) is here

@@ -98,16 +98,22 @@ class Linearised:
 
 
 def _duller(picture: Float[np.ndarray, "h w c"]) -> Iterator[Float[np.ndarray, "h w c"]]:
-    """Yield what a JPEG file changes of red and of blue if it keeps colours smaller than brightness (ITU-T T.871)."""
+    """Yield what a JPEG file changes of red and of blue if it keeps colours smaller than brightness (ITU-T T.871).
+
+    Pictures that are grey, or of other bands than red, green and blue, have no such colours.
+    """
+    coloured = picture.shape[2] == len(LUMA)
     shown = np.clip(picture, 0.0, 1.0)
     encoded = srgb_encode(shown)
-    luma = encoded @ LUMA if picture.shape[2] == len(LUMA) else encoded[..., 0]
     for factor, c in itertools.product((2, 4), (0, 2)):  # half the size, and less where the file rounds it, too
-        plane = Image.fromarray((encoded[..., min(c, picture.shape[2] - 1)] - luma).astype(np.float32))
+        if not coloured:
+            yield np.zeros_like(picture)
+            continue
+        plane = Image.fromarray((encoded[..., c] - encoded @ LUMA).astype(np.float32))
         lost = np.asarray(plane.reduce(factor).resize(plane.size, Image.Resampling.BILINEAR)) - np.asarray(plane)
-        change = np.zeros(3)
+        change = np.zeros(len(LUMA))
         change[[c, 1]] = 1.0, -LUMA[c] / LUMA[1]  # brightness stays
-        yield srgb_decode(encoded + lost[..., None] * change[: picture.shape[2]]) - shown
+        yield srgb_decode(encoded + lost[..., None] * change) - shown
 
 
 def linearise(set_up: SetUp, state: Corrected) -> Linearised:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -65,7 +65,8 @@ def of_distance(at: Linearised) -> Iterator[Case]:
 
 def _of_lamps(at: Linearised, which: int, change: Callable[[Any, np.ndarray], Any], amount: float) -> Iterator[Case]:
     """Yield the change by other lamps, by an amount, but for that of their strength, which the reflections imitate."""
-    if not at.drawable or not any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights):
+    lamps = any(isinstance(light, AbstractLamp) for light in at.fit.scene.lights)
+    if not at.drawable or not lamps or not at.light.any():
         return
     changed = _drawn(at, with_lamps(at.fit, change)) - at.predicted
     weighted = at.weight * at.light
@@ -84,22 +85,34 @@ def with_lamps(fit: Fit, change: Callable[[Any, np.ndarray], Any]) -> Scene:
 def falling(power: int, lamp: Any, center: np.ndarray) -> Any:
     """Return a lamp whose light falls off by a power of the distance, and is what it was at the centre."""
     d = float(np.linalg.norm(np.asarray(lamp.position) - center))
-    constant = 1.0 / float(lamp.attenuation(d))
-    return replace(lamp, attenuation=RadialAttenuation(*(constant / d**power * (np.arange(3) == power))))
+    there = float(lamp.attenuation(d))
+    if not d > 0.0 or not there > 0.0:
+        return lamp
+    law = RadialAttenuation(*((np.arange(3) == power) / (there * d**power)))
+    return eqx.tree_at(lambda of: of.attenuation, lamp, law)
 
 
 def farther(factor: float, lamp: Any, center: np.ndarray) -> Any:
     """Return a lamp that is farther from the centre by a factor, and as strong there."""
     arm = np.asarray(lamp.position) - center
     d = float(np.linalg.norm(arm))
-    power = float(lamp.attenuation(d)) / float(lamp.attenuation(factor * d))
-    return replace(lamp, position=center + factor * arm, intensity=power * np.asarray(lamp.intensity))
+    there, then = float(lamp.attenuation(d)), float(lamp.attenuation(factor * d))
+    if not then > 0.0:
+        return lamp
+    moved = center + factor * arm, there / then * np.asarray(lamp.intensity)
+    return eqx.tree_at(lambda of: (of.position, of.intensity), lamp, moved)
 
 
 def of_ellipsoid(at: Linearised) -> Iterator[Case]:
-    """Yield a sphere, the scene's only object, that is longer along some directions: five amounts of equal volume."""
+    """Yield a sphere, the scene's only object, that is longer along some directions: five amounts of equal volume.
+
+    It is drawn as a G-buffer, which glass, shadows and patterns on the sphere do not allow.
+    """
     (item, *others), scene = at.fit.scene.objects, at.fit.scene
-    if others or not isinstance(item.surface, Sphere) or not at.drawable:
+    patterned = any(isinstance(getattr(item.material, of.name), AbstractPattern) for of in fields(item.material))
+    if others or not isinstance(item.surface, Sphere) or patterned or item.material.k_t is not None or scene.shadows:
+        return
+    if not at.drawable:
         return
     by_view = [[photograph(s, view) for s in _stretched(scene, view)] for view in at.fit.views]
     before, *after = (at.of(pictures) for pictures in zip(*by_view, strict=True))
