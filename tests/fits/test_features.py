@@ -147,7 +147,7 @@ def lights_that_move_and_one_that_does_not():
 
 def own_laws_of_attenuation(*moving: str):
     """Beside the library's, and a light that none attenuates; an amplitude is free."""
-    exponential = ds.PointLight(P[0], 1.5, own_parts.ExponentialAttenuation(0.3))
+    exponential = ds.PointLight(P[0], 1.5, own_parts.HazyAttenuation(0.3))
     power = ds.SpotLight(P[1], -P[1], 2.0, 40.0, 1.0, own_parts.PowerAttenuation(0.5, 1.2), softness=10.0)
     scene = standard_scene(PHONG, [exponential, power, SUN, CLAMPED])
     views = [view(0), view((0, 1, 2), 1), view((1, 3), 2, exposure=0.5)]
@@ -275,7 +275,7 @@ def test_a_clamped_attenuation_is_compared_on_both_sides_of_its_clamp():
 FIVE = standard_scene(PHONG, [ds.PointLight(position, 1.0, ATTENUATION) for position in P[:5]])
 TWO = ds.Scene([ds.Object(ds.Sphere()), ds.Object(ds.Sphere((1, 1, 1), 0.2))], [POINT])
 BALL = standard_scene(PHONG, [POINT, SPOT, SUN])
-OWN = standard_scene(PHONG, [ds.PointLight(P[0], 1.0, own_parts.ExponentialAttenuation()), POINT])
+OWN = standard_scene(PHONG, [ds.PointLight(P[0], 1.0, own_parts.HazyAttenuation()), POINT])
 CHANNELS = ds.Material(0.1, 0.5, 0.3, (10, 20, 30))
 
 

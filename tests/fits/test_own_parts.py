@@ -43,16 +43,16 @@ CAMERA = ds.Camera(eye=(0, 0, 4), fov=32, shape=(24, 24))
 
 
 def own_scene(lobe: Any = None, light: Any = None, k_d: Any = 0.5) -> ds.Scene:
-    material = ds.Material(0.1, k_d, 0.2, 20, lobe=lobe or own_parts.TorranceSparrow(0.3))
-    return ds.Scene(ds.Object(ds.Sphere(), material), light or own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0))
+    material = ds.Material(0.1, k_d, 0.2, 20, lobe=lobe or own_parts.MicroFacets(0.3))
+    return ds.Scene(ds.Object(ds.Sphere(), material), light or own_parts.TubeLight((-1, 2, 3), (2, 2, 3), 2.0))
 
 
 @pytest.fixture(scope="module")
 def fit():
     """The width of an own lobe and an own law of attenuation, under an own lamp and two that have the law."""
-    law = own_parts.ExponentialAttenuation(0.3)
+    law = own_parts.HazyAttenuation(0.3)
     lights = (own_parts.FadingLamp((1, 2, 3)), ds.PointLight((-1, 1, 2), 1.0, law), ds.PointLight((1, -1, 3), 2.0, law))
-    scene = synthetic.standard_scene(ds.Material(0.1, 0.5, 0.2, lobe=own_parts.TorranceSparrow(0.2)), lights)
+    scene = synthetic.standard_scene(ds.Material(0.1, 0.5, 0.2, lobe=own_parts.MicroFacets(0.2)), lights)
     views = synthetic.one_light_each(synthetic.noisy(synthetic.photographs(scene), 0.002, 0))
 
     def unknown(s):
@@ -93,11 +93,11 @@ def test_what_photographs_cannot_tell_of_an_own_law_is_said():
     (note,) = scaled.notes
     assert "cannot separate k_d and k_s from a: scaling all of them together leaves" in note
     assert note.endswith("Fix one, for example a.")
-    far = fit_law(own_parts.ExponentialAttenuation(1e-3), own_parts.ExponentialAttenuation(), ("rho",), (1e3,))
+    far = fit_law(own_parts.HazyAttenuation(1e-3), own_parts.HazyAttenuation(), ("rho",), (1e3,))
     assert not far.determined[far.names.index("rho")]
     assert "rho" in " ".join(far.notes)
     assert "Fix one, for example" in " ".join(far.notes)
-    none = fit_law(own_parts.ExponentialAttenuation(0.0), own_parts.ExponentialAttenuation(), ("rho",))
+    none = fit_law(own_parts.HazyAttenuation(0.0), own_parts.HazyAttenuation(), ("rho",))
     assert none.values[-1] < 1e-3
 
 
@@ -137,7 +137,7 @@ def test_the_page_draws_a_lobe_and_a_law_that_say_how_and_names_what_does_not(fi
     assert "the light of lights.0 and" not in page
     assert "the light of lights.0, lights" not in page
     assert "as <code>render</code> draws it" in page
-    assert "the lobe TorranceSparrow" not in page
+    assert "the lobe MicroFacets" not in page
     assert "if (lobe == 2) return own_0(n, l, v, n_s);" in page
     assert f"float law_0(float d) {{\nreturn exp(-{fit.values[-1]:.9e} * d);\n}}" in page
     assert "if (law == 0) return law_0(d);" in page
@@ -153,7 +153,7 @@ def test_the_page_draws_a_lobe_and_a_law_that_say_how_and_names_what_does_not(fi
 @pytest.mark.parametrize(
     ("path", "lobe"),
     [
-        ("wrap", own_parts.Wrapped()),  # of a scene that has the pattern and the light too
+        ("wrap", own_parts.WrappedDiffuse()),  # of a scene that has the pattern and the light too
         ("radius", None),
         *(pytest.param(path, None, marks=pytest.mark.thorough) for path in ("k_d.turns", "rho", "lobe.m", "start")),
     ],
@@ -161,10 +161,10 @@ def test_the_page_draws_a_lobe_and_a_law_that_say_how_and_names_what_does_not(fi
 def test_they_render_and_differentiate(path, lobe):
     scene = own_scene(lobe, k_d=own_parts.Marble(0.8, 0.2))
     if path == "radius":
-        scene = eqx.tree_at(lambda s: s.objects[0].surface, scene, own_parts.Disc(0.9))
+        scene = eqx.tree_at(lambda s: s.objects[0].surface, scene, own_parts.PlateDisc(0.9))
 
     if path == "rho":
-        absorbed = own_parts.ExponentialAttenuation(0.4)
+        absorbed = own_parts.HazyAttenuation(0.4)
         lamps = (
             ds.PointLight((1, 2, 3), 2.0, absorbed),
             ds.AreaLight((-1, 2, 3), (1, 0, 0), (0, 1, 0), 1.0, samples=2),
@@ -199,13 +199,13 @@ def test_they_render_and_differentiate(path, lobe):
 
 
 def test_a_line_of_one_sample_is_its_middle_and_of_two_shares_its_intensity():
-    one = own_scene(light=own_parts.LineLight((-1, 2, 3), (2, 2, 3), 2.0, samples=1))
+    one = own_scene(light=own_parts.TubeLight((-1, 2, 3), (2, 2, 3), 2.0, samples=1))
     same = own_scene(light=ds.PointLight((0.5, 2, 3), 2.0))
     np.testing.assert_allclose(ds.render(one, CAMERA), ds.render(same, CAMERA), rtol=2e-6, atol=1e-7)
     middle: Any = one.lights[0].bare()
     np.testing.assert_allclose(middle.position, (0.5, 2, 3))
     assert middle.intensity.tolist() == [1, 1, 1]
-    two = own_scene(light=own_parts.LineLight((-1, 2, 3), (3, 2, 3), 2.0, samples=2))
+    two = own_scene(light=own_parts.TubeLight((-1, 2, 3), (3, 2, 3), 2.0, samples=2))
     same = own_scene(light=[ds.PointLight(at, 1.0) for at in ((0, 2, 3), (2, 2, 3))])
     np.testing.assert_allclose(ds.render(two, CAMERA), ds.render(same, CAMERA), rtol=2e-6, atol=1e-7)
 
@@ -220,15 +220,15 @@ def test_a_lamp_by_its_path_alone_is_fitted_as_it_is_rendered():
 
 
 def test_a_scene_file_holds_them(tmp_path):
-    lights = (*own_scene().lights, ds.PointLight((1, 2, 3), attenuation=own_parts.ExponentialAttenuation(0.25)))
+    lights = (*own_scene().lights, ds.PointLight((1, 2, 3), attenuation=own_parts.HazyAttenuation(0.25)))
     scene = own_scene(light=lights, k_d=own_parts.Marble((0.8, 0.7, 0.6), 0.2, 3.0))
     ds.write_scene(tmp_path / "own.toml", scene, camera=CAMERA)
     again = ds.read_scene(tmp_path / "own.toml")
     assert eqx.tree_equal(again, scene)
     text = (tmp_path / "own.toml").read_text(encoding="utf-8")
-    assert 'type = "TorranceSparrow"' in text
-    assert 'type = "ExponentialAttenuation"\nrho = 0.25' in text
-    (tmp_path / "other.toml").write_text(text.replace("TorranceSparrow", "WardOfMine"), encoding="utf-8")
+    assert 'type = "MicroFacets"' in text
+    assert 'type = "HazyAttenuation"\nrho = 0.25' in text
+    (tmp_path / "other.toml").write_text(text.replace("MicroFacets", "WardOfMine"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"WardOfMine.*imported first"):
         ds.read_scene(tmp_path / "other.toml")
 
@@ -236,19 +236,19 @@ def test_a_scene_file_holds_them(tmp_path):
 def test_what_cannot_take_them_says_so(tmp_path):
     scene = own_scene()
     views = [ds.View(np.ones((24, 24, 3)), CAMERA, lit=0)] * 2
-    with pytest.raises(ValueError, match=r"TorranceSparrow.*AbstractPowerLobe"):
+    with pytest.raises(ValueError, match=r"MicroFacets.*AbstractPowerLobe"):
         ds.fit_texels(scene, views)
     with pytest.raises(ValueError, match=r"Marble"):
         ds.write_material(tmp_path / "m.mtl", ds.Material(k_d=own_parts.Marble(1, 0)))
-    with pytest.raises(ValueError, match=r"LineLight"):
-        ds.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.LineLight((0, 0, 1), (1, 0, 1)))
+    with pytest.raises(ValueError, match=r"TubeLight"):
+        ds.write_material(tmp_path / "m.c", ds.Material(), lights=own_parts.TubeLight((0, 0, 1), (1, 0, 1)))
     with pytest.raises(TypeError, match=r"AbstractPowerLobe|PowerLobe"):
-        ds.with_lobe(ds.Material(k_s=0.2), own_parts.TorranceSparrow())  # pyright: ignore[reportArgumentType]
+        ds.with_lobe(ds.Material(k_s=0.2), own_parts.MicroFacets())  # pyright: ignore[reportArgumentType]
     exported = ds.write_material(tmp_path / "m.mtl", scene.objects[0].material)
-    assert "TorranceSparrow" in " ".join(exported.notes)
+    assert "MicroFacets" in " ".join(exported.notes)
     assert exported.rms > 0
     with pytest.raises(ValueError, match=r"m must be between 0.02 and 2"):
-        own_parts.TorranceSparrow(3.0)
+        own_parts.MicroFacets(3.0)
 
 
 def test_what_is_not_of_the_right_form_is_named():
@@ -291,10 +291,10 @@ def test_what_is_not_of_the_right_form_is_named():
 
 @pytest.mark.thorough
 def test_the_command_line_imports_them_where_it_is_told_to(tmp_path):
-    source = FilePath(own_parts.__file__).read_text(encoding="utf-8").replace("TorranceSparrow", "Cook")
+    source = FilePath(own_parts.__file__).read_text(encoding="utf-8").replace("MicroFacets", "Cook")
     (tmp_path / "parts_of_mine.py").write_text(source, encoding="utf-8")
     ds.write_scene(tmp_path / "own.toml", own_scene(), camera=CAMERA)
-    text = (tmp_path / "own.toml").read_text(encoding="utf-8").replace("TorranceSparrow", "Cook")
+    text = (tmp_path / "own.toml").read_text(encoding="utf-8").replace("MicroFacets", "Cook")
     (tmp_path / "own.toml").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "diffshade"]
     asked = [*command, "--import", "parts_of_mine", "render", "own.toml", "-o", "own.png"]

@@ -142,7 +142,7 @@ def test_the_same_lamp_moved_has_the_fits_attenuation_and_not_its_own():
     assert not {"position", "direction"} & set(of)
     spot = ds.SpotLight((0, 0, 8), (0, 0, -1), 1.0, 60.0)
     assert not any(unknowns_of_lamp(fit, spot).values())  # of another kind
-    absorbed = dataclasses.replace(lamp, attenuation=own_parts.ExponentialAttenuation())
+    absorbed = dataclasses.replace(lamp, attenuation=own_parts.HazyAttenuation())
     assert not any(unknowns_of_lamp(fit, absorbed).values())  # of another law
 
 

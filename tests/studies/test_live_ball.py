@@ -41,12 +41,12 @@ OBJECTS = (
         name="dielectric",
     ),
     ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.4, 120, ds.Brushed((1, 0.3, 0.1), 12)), name="brushed"),
-    ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.2, lobe=own_parts.TorranceSparrow(0.2)), name="own"),
+    ds.Object(ds.Sphere(), ds.Material(0.1, 0.3, 0.2, lobe=own_parts.MicroFacets(0.2)), name="own"),
 )
 AROUND = ds.OrthographicCamera(
     (3e3, 1e3, 4e3), height=2.6, shape=(24, 32), local_viewer=False
 )  # far: what float32 could lose
-LAMPS = (*LIGHTS, ds.PointLight((-2, 2, 3), 0.9, own_parts.ExponentialAttenuation(0.3)))
+LAMPS = (*LIGHTS, ds.PointLight((-2, 2, 3), 0.9, own_parts.HazyAttenuation(0.3)))
 VIEWS = (
     ds.View(np.full((24, 24, 3), 0.5), CAMERA, lit=(0, 1, 3, 4)),
     ds.View(np.full((24, 32, 3), 0.5), AROUND, lit=(1, 2), exposure=0.8, black=0.03),

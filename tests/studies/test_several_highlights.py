@@ -86,11 +86,11 @@ def own(case: str) -> tuple[ds.Scene, ds.Scene, tuple[str, ...]]:
     """The truth, what a user says, and what is free."""
     lamps = point_lights()[:3]
     if case == "Torrance and Sparrow":
-        truth = standard_scene(ds.Material(0.1, 0.5, 0.2, lobe=own_parts.TorranceSparrow(0.2)), lamps)
-        told = standard_scene(ds.Material(lobe=own_parts.TorranceSparrow()), lamps)
+        truth = standard_scene(ds.Material(0.1, 0.5, 0.2, lobe=own_parts.MicroFacets(0.2)), lamps)
+        told = standard_scene(ds.Material(lobe=own_parts.MicroFacets()), lamps)
         return truth, told, ("k_a", "k_d", "k_s", "m")
     if case == "a line light":
-        lines = [own_parts.LineLight((x - 1, y, 3), (x + 1, y, 3), (0.9, 0.8, 0.7)) for x, y in ((0, 2), (2, 0))]
+        lines = [own_parts.TubeLight((x - 1, y, 3), (x + 1, y, 3), (0.9, 0.8, 0.7)) for x, y in ((0, 2), (2, 0))]
         truth = standard_scene(ds.Material(0.1, 0.5, 0.3, 20), lines)
         told = eqx.tree_at(lambda s: [light.end for light in s.lights], truth, [light.end + 0.05 for light in lines])
         return truth, told, ("end", "k_d")

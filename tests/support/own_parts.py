@@ -37,7 +37,7 @@ from diffshade.extension import (
 )
 
 
-class TorranceSparrow(AbstractLobe):
+class MicroFacets(AbstractLobe):
     """Beckmann's distribution of facets with Torrance and Sparrow's shadowing (Cook and Torrance 1982)."""
 
     m: Scalar = number(0.3, lower=0.02, upper=2, start=0.3, search=(0.08, 0.15, 0.3, 0.6), logarithmic=True)
@@ -60,7 +60,7 @@ class TorranceSparrow(AbstractLobe):
           return vec3(D * G / n_v);"""
 
 
-class Wrapped(AbstractReflectance):
+class WrappedDiffuse(AbstractReflectance):
     """Diffuse reflection that reaches round the terminator (wrap lighting), without a highlight."""
 
     wrap: Scalar = number(0.5, lower=0, upper=1)
@@ -112,7 +112,7 @@ class Lantern(AbstractLamp):
         return Path(l, length(to_light), 0.5 + 0.5 * l.y)
 
 
-class ExponentialAttenuation(AbstractAttenuation):
+class HazyAttenuation(AbstractAttenuation):
     """A medium that absorbs: e^(-rho d)."""
 
     rho: Scalar = number(0.1, lower=0, start=0.0, role="attenuation")
@@ -134,7 +134,7 @@ class PowerAttenuation(AbstractAttenuation):
         return 1.0 / (self.a * jnp.exp(self.p * jnp.log(d)))
 
 
-class LineLight(AbstractLight):
+class TubeLight(AbstractLight):
     """A tube: point lights along a line, which share its intensity."""
 
     start: Vector = vector(role="position")
@@ -167,7 +167,7 @@ class Marble(AbstractPattern):
         return b + (a - b) * share
 
 
-class Disc(AbstractSurface):
+class PlateDisc(AbstractSurface):
     """A flat disc that faces +z."""
 
     radius: Scalar = number(1.0, lower=0)

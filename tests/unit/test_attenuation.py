@@ -50,7 +50,7 @@ def test_no_derivative_where_it_is_clamped():
     [
         ds.RadialAttenuation(0.5, 0.2, 0.1),
         ds.RadialAttenuation(0.1, 0, 0.1, clamp=True),
-        own_parts.ExponentialAttenuation(0.3),
+        own_parts.HazyAttenuation(0.3),
         own_parts.PowerAttenuation(0.5, 1.5),
     ],
 )
@@ -74,7 +74,7 @@ def test_a_law_declares_its_numbers():
 @pytest.mark.parametrize("d", [0.3, 2.0])
 def test_what_a_live_picture_computes_is_f_rad(d, clamp):
     """GLSL's expression is also Python's."""
-    for law in (ds.RadialAttenuation(0.1, 0.2, 0.3, clamp=clamp), own_parts.ExponentialAttenuation(0.3)):
+    for law in (ds.RadialAttenuation(0.1, 0.2, 0.3, clamp=clamp), own_parts.HazyAttenuation(0.3)):
         expression = law.glsl().strip().removeprefix("return ").removesuffix(";")
         np.testing.assert_allclose(eval(expression, {"d": d, "min": min, "exp": np.exp}), law(d), rtol=1e-6)
 

@@ -276,8 +276,8 @@ def test_opengl_says_what_of_a_light_it_lacks(tmp_path):
     assert "softness of lights[0] is not written" in said
     assert "OpenGL has no flaps: those of lights[0] are not written." in said
     assert "the exponent of lights[0], 200, is written as 128" in said
-    absorbed = ds.PointLight((0, 0, 1), attenuation=own_parts.ExponentialAttenuation(0.2))
-    with pytest.raises(ValueError, match=r"no ExponentialAttenuation, as lights\[0\] has.*fit_falloff"):
+    absorbed = ds.PointLight((0, 0, 1), attenuation=own_parts.HazyAttenuation(0.2))
+    with pytest.raises(ValueError, match=r"no HazyAttenuation, as lights\[0\] has.*fit_falloff"):
         ds.write_material(tmp_path / "b.c", BLINN, lights=absorbed)
     assert not (tmp_path / "b.c").exists()
 
