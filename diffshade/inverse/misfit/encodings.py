@@ -45,7 +45,7 @@ def better_than_gamma(fit: Fit, by_gamma: float, others: Sequence[Found]) -> Men
 
     Args:
         fit: The fit.
-        by_gamma: The fraction of the residuals' squares that a gamma explains, to first order.
+        by_gamma: The fraction of the residuals' squares that a gamma, or what looks like one, explains to first order.
         others: Faults that can be mistaken for a gamma.
     """
     before = _misfits(fit, _linear)

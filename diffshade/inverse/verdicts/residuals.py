@@ -49,7 +49,7 @@ def allow_for_faults(fit: Fit, report_progress: ReportProgress, *, residuals: Wh
     seen = explain(fit, residuals.squares)
     if is_noise and not seen.found:
         return fit
-    gamma = next((f.share for f in seen.found if f.fault.kind == "gamma"), None)
+    gamma = next((f.share for f in seen.found if f.fault.kind == "gamma" or f.fault.mended is not None), None)
     better = None if gamma is None else better_than_gamma(fit, gamma, seen.like_gamma)
     correlated = 1.0 if seen.found else np.sqrt(residuals.correlation)
     errors = np.maximum(fit.errors, np.hypot(correlated * np.maximum(fit.plain_errors, seen.of_noise), seen.errors))
