@@ -24,7 +24,7 @@ NOT_TRUE = {
     (
         "shadow",
         4,
-    ): "of the few numbers that are left, one in twenty is off: what has no name has the errors of smooth light",
+    ): "of the few numbers that are left, one in twenty is off: its edges are no smooth light",
 }
 NOT_NAMED = {
     ("unlisted lamp", 1): "it looks like the lamp a little to the side",
