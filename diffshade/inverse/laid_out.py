@@ -51,11 +51,6 @@ class LaidOut:
         return self.problem.task(self.squares)
 
     @property
-    def priors(self) -> PriorResiduals:
-        """What is known of the unknowns beside the views."""
-        return self.problem.priors(self.squares)
-
-    @property
     def size(self) -> int:
         """Pixels of a block."""
         return self.chunks[0].observed.target.shape[-1]
@@ -86,7 +81,7 @@ class LaidOut:
             lower[list(held)] = upper[list(held)] = list(held.values())
             theta = np.clip(theta, lower, upper)
             box = dataclasses.replace(self.problem.box, lower=jnp.asarray(lower), upper=jnp.asarray(upper))
-            task = Task(self.model, self.priors, box)
+            task = Task(self.model, task.priors, box)
         return minimise(
             theta,
             task,
@@ -97,10 +92,6 @@ class LaidOut:
             damping=damping,
             report_progress=lambda step, cost: report_progress(f"step {step}, cost {cost:.6g}"),
         )
-
-    def lay_out(self, parts: Sequence[Piece], size: int | None = None) -> list[Block]:
-        """Return the chunks of pieces, a block each, weighed at theta; blocks of another size where it is given."""
-        return self.problem.reweigh(self.theta, self.problem.lay_out(parts, size or self.size))
 
     def without(self, masks: Masks) -> list[Block]:
         """Return the chunks with no weight on the masked pixels: the same programs serve."""
@@ -117,12 +108,13 @@ class LaidOut:
 
     def by_view(self) -> list[list[Block]]:
         """Return the chunks of each view apart."""
-        parts = self.problem.pieces(None, self.size)
-        return [self.lay_out([p for p in parts if p.view == view]) for view in range(len(self.problem.data.views))]
+        problem, parts = self.problem, self.problem.pieces(None, self.size)
+        of_views = ([p for p in parts if p.view == view] for view in range(len(problem.data.views)))
+        return [problem.reweigh(self.theta, problem.lay_out(of, self.size)) for of in of_views]
 
     def prior_gram(self, theta: Theta) -> Gram:
         """Return the Gram of the priors and unit vectors, as NumPy arrays."""
-        priors = self.priors
+        priors = self.task.priors
         if not (len(priors.index) or len(priors.units)):
             p = len(theta)
             return Gram(np.zeros(()), np.zeros(p), np.zeros((p, p)))

@@ -181,7 +181,7 @@ def fit_problem(
     else:
         model = RenderedModel(setting, likelihood, steepest(unknowns))
     lower, upper = (coordinates(np.array([getattr(u, end) for u in unknowns]), unknowns) for end in ("lower", "upper"))
-    linear, arrow = np.array([u.is_linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
+    linear, arrow = np.array([u.parameter.linear for u in unknowns]), arrow_of(scene, data.views, unknowns)
     in_border = arrow is not None and linear.any() and linear[arrow.border].sum() == linear.sum()
     box = BoxConstraints(lower, upper, linear, arrow, bool(in_border))
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
@@ -201,14 +201,8 @@ def with_samples_for(
     """Return views with the samples that a fit of these unknowns looks at; see `ViewSet.sampled`."""
     # samples and weights, and what lights do there
     numbers = 2 * len(scene.channels) + 4 * min(max(map(len, data.lit)), MOST_LIGHTS)
-    return data.sampled(
-        scene,
-        clipped,
-        unknowns=len(unknowns),
-        moving=moves_surface(unknowns),
-        at_most=memory / (8 * numbers),
-        forecast=forecast,
-    )
+    at_most, moving = memory / (8 * numbers), moves_surface(unknowns)
+    return data.sampled(scene, clipped, len(unknowns), at_most, moving=moving, forecast=forecast)
 
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:

@@ -14,19 +14,21 @@ import numpy as np
 from ..core.progress import ReportProgress, silent
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import MAX_STEPS, ROUNDING
+from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
+from .data.view_sets import ViewSet
 from .forward.layout import without_clipped
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
 from .pixels.blocks import Block
-from .problem import PART, FitProblem, Theta
+from .problem import PART, FitProblem, Theta, fit_problem
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import at_better_places, from_broad_highlights
 from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
 from .solve.start_search import is_local, search, with_wide_edges
-from .unknowns.unknown import coordinates
+from .unknowns.unknown import coordinates, values_at
 from .unknowns.visibility import places_apart
 
 STALLED = 1e-8  # ... and that several steps together must keep
@@ -59,6 +61,13 @@ def solve(
         laid = dataclasses.replace(laid, chunks=spread)
     end = laid.minimise(damping=damping, report_progress=report_progress)
     return laid, _with_lights_elsewhere(laid, end, report_progress)
+
+
+def solve_again(problem: FitProblem, scene: Scene, data: ViewSet, theta: Theta) -> tuple[LaidOut, Minimum]:
+    """Return another scene or other views fitted anew, by a search from these values."""
+    values = values_at(theta, problem.unknowns).tolist()
+    start = [dataclasses.replace(u, start=v) for u, v in zip(problem.unknowns, values, strict=True)]
+    return solve(fit_problem(scene, data, start, problem.loss))
 
 
 def lay_out_part(problem: FitProblem) -> LaidOut:

@@ -170,7 +170,7 @@ def _evidence(
 
 def _held_by_priors(laid: LaidOut, everything: Matrix, slope: Vector) -> Float[np.ndarray, "m p"]:
     """Return the directions of several unknowns along which no pixel changes, and which their priors hold."""
-    priors = laid.priors
+    priors = laid.task.priors
     if not len(priors.index):
         return np.zeros((0, len(slope)))
     without = np.array(everything)

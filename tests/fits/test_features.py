@@ -235,7 +235,7 @@ def test_the_fast_form_adds_up_what_the_generic_form_does_and_its_linear_unknown
     assert isinstance(generic.model, RenderedModel)
     assert fast.model.shared == fast.model.projects == case.shared
     box = [np.asarray(end) for end in (fast.box.lower, fast.box.upper)]
-    linear = np.array([u.is_linear for u in fast.unknowns])
+    linear = np.array([u.parameter.linear for u in fast.unknowns])
     chunks = fast.chunks()
     held, moved = 0, 0.0
     for seed in range(2):

@@ -19,9 +19,8 @@ from ...core.words import listing
 from ...model.scenes import Scene
 from ..data.view_sets import ViewSet
 from ..pixels.blocks import BLOCK
-from ..problem import fit_problem
 from ..result import Fit
-from ..solving import solve
+from ..solving import solve_again
 from ..unknowns.places import Place
 from ..unknowns.unknown import free_places
 
@@ -63,8 +62,7 @@ def other_convention(fit: Fit, squares: Mapping[int, float]) -> str | None:
 
 
 def _cost(fit: Fit, scene: Scene, data: ViewSet) -> float:
-    start = [dataclasses.replace(u, start=float(v)) for u, v in zip(fit.unknowns, fit.values, strict=True)]
-    _, end = solve(fit_problem(scene, data, start, fit.likelihood.loss))
+    _, end = solve_again(fit.solved.problem, scene, data, fit.solved.theta)
     return float(end.point.total.cost)
 
 
