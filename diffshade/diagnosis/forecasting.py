@@ -16,9 +16,8 @@ from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
 from ..inverse.data.view_sets import ViewSet
 from ..inverse.data.views import Noise, View, has_alpha
-from ..inverse.fitting import check_choices, check_free
+from ..inverse.fitting import check_choices, check_free, new_problem
 from ..inverse.laid_out import lay_out
-from ..inverse.problem import fit_problem, with_samples_for
 from ..inverse.solve.solvers import Minimum, evaluate
 from ..inverse.statistics.uncertainty import Vector
 from ..inverse.summary import summarise
@@ -100,8 +99,7 @@ def forecast(
         )
         check_free(unknowns)
         data = dataclasses.replace(data, views=views)
-        data = with_samples_for(scene, data, unknowns, "hinge", forecast=True)
-        problem = fit_problem(scene, data, unknowns, "squares")
+        problem = new_problem(scene, data, unknowns, "squares", "hinge", forecast=True)
         theta = coordinates(values_in(scene, views, unknowns), unknowns)
         laid = lay_out(problem, theta, problem.sum_of_squares(problem.chunks()))
         fit = summarise(laid, Minimum(evaluate(theta, laid.task, laid.chunks), 0, ""), forecast=True)

@@ -23,7 +23,7 @@ from ..model.scenes import Object, Scene
 from ..parallel.threads import on_all_cores
 from .data.samples import MIN_PIXELS
 from .data.view_sets import ViewSet
-from .forward.features import MOST_LIGHTS, feature_model, features_can_serve
+from .forward.features import feature_model, features_can_serve
 from .forward.interface import AbstractForwardModel
 from .forward.layout import points_of, weigh, with_weights, without_clipped
 from .forward.losses import Likelihood
@@ -187,22 +187,6 @@ def fit_problem(
     size = block_size(data.pixels, len(AROUND) if setting.blurred else 1)
     over_pixels, _ = apart(scene)
     return FitProblem(scene, data, unknowns, loss, model, box, size, over_pixels)
-
-
-def with_samples_for(
-    scene: Scene,
-    data: ViewSet,
-    unknowns: Sequence[Unknown],
-    clipped: str,
-    *,
-    memory: float = np.inf,
-    forecast: bool = False,
-) -> ViewSet:
-    """Return views with the samples that a fit of these unknowns looks at; see `ViewSet.sampled`."""
-    # samples and weights, and what lights do there
-    numbers = 2 * len(scene.channels) + 4 * min(max(map(len, data.lit)), MOST_LIGHTS)
-    at_most, moving = memory / (8 * numbers), moves_surface(unknowns)
-    return data.sampled(scene, clipped, len(unknowns), at_most, moving=moving, forecast=forecast)
 
 
 def moves_surface(unknowns: Sequence[Unknown]) -> bool:

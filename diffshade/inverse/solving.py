@@ -24,6 +24,7 @@ from .forward.sums import residuals
 from .laid_out import LaidOut, lay_out
 from .pixels.blocks import Block
 from .problem import PART, FitProblem, Theta, fit_problem
+from .solve.descent import STALLED
 from .solve.interchangeable import by_rising_exponent
 from .solve.light_search import at_better_places, from_broad_highlights
 from .solve.solvers import FAR, NEAR, STATED, Minimum, minimise
@@ -31,7 +32,6 @@ from .solve.start_search import is_local, search, with_wide_edges
 from .unknowns.unknown import coordinates, values_at
 from .unknowns.visibility import places_apart
 
-STALLED = 1e-8  # ... and that several steps together must keep
 REPEATS = 20  # of the alternation between the scale and the minimum
 
 ELSEWHERE = 4  # times that lights whose views cost much more than others' are tried at other places
