@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from ..core.backend import in_float64
+from ..core.fields import as_float64
 from ..core.tables import as_text, parameters
 from ..inverse.data.recording import photograph
 from ..inverse.data.view_sets import ViewSet
@@ -90,8 +91,7 @@ def forecast(
     check_choices(scene, views, constraints, "squares", "hinge", "search")
     if not isinstance(noise, Noise) and not (isinstance(noise, float | int | np.number) and 0 < noise < np.inf):
         raise ValueError(f"noise must be above 0; got {noise!r}. Give the standard deviation of a sample, or a Noise.")
-    with in_float64((scene, views)) as (scene, views), ONE_BLAS_THREAD:
-        scene = jax.tree.map(lambda leaf: np.asarray(leaf, None if np.asarray(leaf).dtype == bool else float), scene)
+    with in_float64((jax.tree.map(as_float64, scene), views)) as (scene, views), ONE_BLAS_THREAD:
         data = ViewSet.of(scene, views)
         views = tuple(_with_expected_image(scene, view, noise) for view in data.views)
         unknowns = find_unknowns(

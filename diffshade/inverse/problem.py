@@ -131,6 +131,10 @@ class FitProblem:
     def few(self) -> list[Block]:
         """Return the chunks of a few pixels, in smaller blocks, without clipped samples."""
         laid = self.chunks(FEW, min(self.block_size, max(FEW // max(len(self.data.views), 2), MIN_PIXELS)))
+        return self.measured(laid)
+
+    def measured(self, laid: list[Block]) -> list[Block]:
+        """Return chunks in which no clipped sample counts."""
         return on_all_cores(without_clipped, laid) if self.data.counts.clipped else laid
 
     def reweigh(self, theta: Theta, laid: list[Block]) -> list[Block]:

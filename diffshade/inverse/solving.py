@@ -17,7 +17,6 @@ from ..core.thresholds import MAX_STEPS, ROUNDING
 from ..model.scenes import Scene
 from ..parallel.threads import on_all_cores
 from .data.view_sets import ViewSet
-from .forward.layout import without_clipped
 from .forward.losses import NOT_CONVEX
 from .forward.rendered import prepare
 from .forward.sums import residuals
@@ -75,9 +74,8 @@ def lay_out_part(problem: FitProblem) -> LaidOut:
     size = problem.size_for(PART)
     parts = problem.pieces(PART, size)
     chunks = problem.lay_out(parts, size)
-    measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
     begin = coordinates(np.array([u.start for u in problem.unknowns]), problem.unknowns)
-    return LaidOut(problem, begin, problem.sum_of_squares(measured), parts, chunks)
+    return LaidOut(problem, begin, problem.sum_of_squares(problem.measured(chunks)), parts, chunks)
 
 
 def find_start(
@@ -96,8 +94,7 @@ def find_start(
     """
     problem, theta, chunks, near = part.problem, part.theta, part.chunks, False
     if not from_scene:
-        measured = on_all_cores(without_clipped, chunks) if problem.data.counts.clipped else chunks
-        theta, near = _search(problem, measured, part.squares, report_progress)
+        theta, near = _search(problem, problem.measured(chunks), part.squares, report_progress)
         theta = by_rising_exponent(theta, problem.scene, problem.unknowns)
     if problem.settles:
         problem, chunks, theta, near = _settle(problem, chunks, part.squares, theta)
