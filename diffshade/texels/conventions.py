@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from ..core.robust_scale import robust_scale
-from ..core.thresholds import CLEARLY, FAR_MORE, FEW, MOST, TINY
-from ..core.words import MAX_NAMED, Note
+from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
+from ..core.words import Note
 from ..inverse.data.views import View, lights_on
 from ..inverse.misfit.conventions import axes_in_words, orders, other_axes
 from ..inverse.unknowns.light_priors import middle_of
@@ -28,6 +28,8 @@ from ..model.vectors import Vec3
 from .light_directions import MIN_SPREAD
 from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
+
+MIN_TURN = 3.0 * SLIGHT  # of unit normals, from cell to cell: those of flatter things are turned by noise alone
 
 
 class _Lamps(NamedTuple):
@@ -58,14 +60,16 @@ class _Shape(NamedTuple):
     """The unit normals at the outline."""
     outward: Float[np.ndarray, "k 2"]
     """Unit vectors that point out of it, right and up."""
+    cast: float
+    """The share of dark cells among those on which a lamp should graze: a hollow shades itself."""
 
 
 def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewReader, sample: TexelTile) -> Note | None:
     """Return a sentence if the lights are described in other axes, or listed in another order, than the photographs.
 
     Nothing is said of fewer than eight photographs, nor where several lights are on, nor where all are close to each
-    other or to one plane. If no outline tells whether the object bulges, two descriptions are named, of which one is
-    right.
+    other or to one plane, nor where several descriptions explain the photographs. If no outline tells whether the
+    object bulges, two descriptions are named, of which one is right.
 
     Args:
         scene: The scene.
@@ -82,18 +86,22 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     if given is None or off_plane < MIN_SPREAD:
         return None
     camera = np.array([np.asarray(axis.stack()) for axis in axes(reader.camera)])
-    doubt = _doubt(given, camera)
-    turned = [(_doubt(given, camera @ A), A) for A in other_axes()]
-    turned = [(of, A) for of, A in turned if FAR_MORE * of < doubt]
-    moved = [(of, words) for of, words in _moved(views, cells, lamps, camera) if FAR_MORE * of < doubt]
-    best = min((of for of, _ in (*turned, *moved)), default=0.0)
-    as_good = [A for of, A in turned if of < CLEARLY * best]
-    named = [words for of, words in moved if of < CLEARLY * best]
-    if not 0 < len(as_good) + len(named) <= MAX_NAMED:
+    others = [(_doubt(given, camera @ A), A, axes_in_words(A)) for A in other_axes()]
+    others += [(of, None, words) for of, words in _moved(views, cells, lamps, camera)]
+    best = min(of for of, *_ in others)
+    if best > SMALL or _doubt(given, camera) < max(FAR_MORE**3 * best, MINOR):
         return None
-    found = ", or ".join([*([axes_in_words(*as_good)] if as_good else []), *named])
-    half_turn = len(as_good) > 0 and np.allclose(camera @ as_good[0] @ camera.T, np.diag([-1.0, -1.0, 1.0]))
-    unless = ", unless the object is hollow at its outline" if half_turn else ""
+    as_good = [(A, words) for of, A, words in others if of < CLEARLY * best]
+    turned = [A for A, _ in as_good if A is not None]
+    half_turn = camera.T @ np.diag([-1.0, -1.0, 1.0]) @ camera
+    if len(as_good) == 1:
+        found = as_good[0][1]
+    elif len(as_good) == len(turned) == 2 and np.allclose(half_turn @ turned[0], turned[1]):
+        found = axes_in_words(*turned)
+    else:
+        return None
+    inside_out = any(np.allclose(A, half_turn) for A in turned)
+    unless = ", unless the object is hollow at its outline" if inside_out else ""
     return Note(f"{found}{unless}. Nothing is determined until it is corrected.", "cause", ("convention",))
 
 
@@ -162,15 +170,18 @@ def _shape(cells: _Cells, lamps: _Lamps) -> _Shape | None:
         return None
     level = np.maximum((y * used).sum(0) / np.maximum(used.sum(0), 1), TINY)
     square = np.maximum((smooth**2).sum(-1, keepdims=True), TINY)
-    within = binary_erosion(cells.inside, iterations=int(SIGMA), border_value=1)  # the picture's end is no outline
+    within = binary_erosion(cells.inside, border_value=1)  # the picture's end is no outline
     edge = np.greater(cells.inside, within)
     down, right = np.gradient(gaussian_filter(cells.inside.astype(float), SIGMA))
+    shading = lamps.towards @ b.T
+    grazed = counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
     return _Shape(
-        robust_scale((((b @ lamps.towards.T).T - y) / level)[used]),
+        robust_scale(((shading - y) / level)[used]),
         b,
         (np.cross(smooth, by_x) / square, np.cross(smooth, by_y) / square),
         _unit(whole[edge]),
         _unit(np.stack([-right, down], -1)[edge]),
+        float(np.mean((y < MOST * shading)[grazed])) if grazed.any() else 1.0,
     )
 
 
@@ -182,11 +193,16 @@ def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
     """Return how little a shape is that of a thing, in the axes to which A turns it: a sum of four squared shares.
 
     They are the misfit of the photographs, the curl of the surface, the share of the normals that face away from the
-    camera, and whether those at the outline point inward.
+    camera, and whether those at an outline do not point outward. They point inward in a hollow, which shades itself.
     """
     across, up = (of @ A.T for of in shape.curl)
     size = np.sqrt(np.sum(shape.curl[0] ** 2 + shape.curl[1] ** 2, -1))
-    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), TINY)
+    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), MIN_TURN)
     away = np.mean(shape.b @ A[2] <= 0.0)
-    outward = np.mean(np.sum((shape.edge @ A.T)[:, :2] * shape.outward, -1)) if len(shape.edge) else 0.0
-    return float(shape.misfit**2 + curl**2 + away**2 + (outward < -MOST))
+    edge = (shape.edge @ A.T)[:, :2]
+    steep = np.linalg.norm(edge, axis=-1) > 1.0 - BLACK  # elsewhere a mask's border is no outline
+    misled = False
+    if steep.sum() > MOST * len(steep):
+        outward = np.mean(np.sum(edge * shape.outward, -1)[steep])
+        misled = outward < MOST and not (outward < -MOST and shape.cast > MINOR)
+    return float(shape.misfit**2 + curl**2 + away**2 + misled)

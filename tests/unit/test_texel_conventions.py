@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hollow_things import SHAPES, hollow_thing
 from slightly_wrong import EYE, FOV, SIDE, ball
 from wrong_photographs import towards
 
@@ -60,6 +61,28 @@ def test_another_order_is_named(which):
     _, order = list(orders(COUNT))[which]
     back = next(words for words, other in orders(COUNT) if [order[k] for k in other] == [*range(COUNT)])
     assert (said(l[order], images) or "").startswith(back)
+
+
+def said_of_right_hollows(shape: str, k_s: float, seeds: range) -> list[str]:
+    """What is said of right set-ups of a shape."""
+    notes = []
+    for seed in seeds:
+        scene, views = hollow_thing(shape, towards(COUNT, np.random.default_rng(seed)), k_s, seed)
+        reader = ViewReader(scene, views)
+        notes.append(other_light_convention(scene, views, reader, reader.sample(LEARNING_SAMPLE)))
+    return [note for note in notes if note is not None]
+
+
+@pytest.mark.parametrize(("shape", "k_s"), [("bowl", 0.0), ("dish", 0.4), ("saddle", 0.4)])
+def test_a_right_set_up_of_a_hollow_raises_no_alarm(shape, k_s):
+    assert said_of_right_hollows(shape, k_s, range(1)) == []
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("k_s", [0.0, 0.4])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_right_set_ups_of_hollows_and_planes_raise_no_alarm(shape, k_s):
+    assert said_of_right_hollows(shape, k_s, range(1, 9)) == []
 
 
 def test_few_photographs_are_not_judged():
