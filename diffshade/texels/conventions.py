@@ -29,8 +29,6 @@ from .light_directions import MIN_SPREAD
 from .lights.uncalibrated import SIGMA, middle_ranks, pseudo_normals, slopes
 from .tiles import SAMPLED_ROWS, TexelTile, ViewReader
 
-MIN_TURN = 3.0 * SLIGHT  # of unit normals, from cell to cell: those of flatter things are turned by noise alone
-
 
 class _Lamps(NamedTuple):
     """The light of each view, at the middle of the object."""
@@ -197,7 +195,8 @@ def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
     """
     across, up = (of @ A.T for of in shape.curl)
     size = np.sqrt(np.sum(shape.curl[0] ** 2 + shape.curl[1] ** 2, -1))
-    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), MIN_TURN)
+    flat = 3.0 * SLIGHT  # from cell to cell: less than that, noise alone turns normals
+    curl = robust_scale(across[:, 0] + up[:, 1]) / max(robust_scale(size), flat)
     away = np.mean(shape.b @ A[2] <= 0.0)
     edge = (shape.edge @ A.T)[:, :2]
     steep = np.linalg.norm(edge, axis=-1) > 1.0 - BLACK  # elsewhere a mask's border is no outline
