@@ -87,10 +87,11 @@ def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewRead
     others = [(_doubt(given, camera @ A), A, axes_in_words(A)) for A in other_axes()]
     others += [(of, None, words) for of, words in _moved(views, cells, lamps, camera)]
     best = min(of for of, *_ in others)
-    if best > SMALL or _doubt(given, camera) < max(FAR_MORE**3 * best, MINOR):
-        return None
     as_good = [(A, words) for of, A, words in others if of < CLEARLY * best]
     turned = [A for A, _ in as_good if A is not None]
+    stands_out = FAR_MORE**3 if turned else FAR_MORE**2  # other axes leave the photographs explained as they were
+    if best > SMALL or _doubt(given, camera) < max(stands_out * best, MINOR):
+        return None
     half_turn = camera.T @ np.diag([-1.0, -1.0, 1.0]) @ camera
     if len(as_good) == 1:
         found = as_good[0][1]
@@ -191,7 +192,7 @@ def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
     """Return how little a shape is that of a thing, in the axes to which A turns it: a sum of four squared shares.
 
     They are the misfit of the photographs, the curl of the surface, the share of the normals that face away from the
-    camera, and whether those at an outline do not point outward. They point inward in a hollow, which shades itself.
+    camera, and whether those at an outline point neither outward nor inward, as in a hollow, which shades itself.
     """
     across, up = (of @ A.T for of in shape.curl)
     size = np.sqrt(np.sum(shape.curl[0] ** 2 + shape.curl[1] ** 2, -1))
@@ -203,5 +204,5 @@ def _doubt(shape: _Shape, A: Float[np.ndarray, "3 3"]) -> float:
     misled = False
     if steep.sum() > MOST * len(steep):
         outward = np.mean(np.sum(edge * shape.outward, -1)[steep])
-        misled = outward < MOST and not (outward < -MOST and shape.cast > MINOR)
+        misled = abs(outward) < BLACK or (outward < -MOST and shape.cast < MINOR)
     return float(shape.misfit**2 + curl**2 + away**2 + misled)
