@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_erosion, gaussian_filter
+from scipy.ndimage import binary_erosion, binary_fill_holes, gaussian_filter
 
 from ..core.robust_scale import robust_scale
 from ..core.thresholds import BLACK, CLEARLY, FAR_MORE, FEW, MINOR, MOST, SLIGHT, SMALL, TINY
@@ -59,7 +59,7 @@ class _Shape(NamedTuple):
     outward: Float[np.ndarray, "k 2"]
     """Unit vectors that point out of it, right and up."""
     cast: float
-    """The share of dark cells among those on which a lamp should graze: a hollow shades itself."""
+    """The share of dark cells among those on which a lamp should graze, since a hollow shades itself; of a ring 1."""
 
 
 def other_light_convention(scene: Scene, views: Sequence[View], reader: ViewReader, sample: TexelTile) -> Note | None:
@@ -172,6 +172,7 @@ def _shape(cells: _Cells, lamps: _Lamps) -> _Shape | None:
     within = binary_erosion(cells.inside, border_value=1)  # the picture's end is no outline
     edge = np.greater(cells.inside, within)
     down, right = np.gradient(gaussian_filter(cells.inside.astype(float), SIGMA))
+    ring = (binary_fill_holes(cells.inside) != cells.inside).any()  # a groove is too narrow to shade itself much
     shading = lamps.towards @ b.T
     grazed = counts & (np.abs(shading / np.maximum(np.linalg.norm(b, axis=-1), TINY) - BLACK) < SMALL)
     return _Shape(
@@ -180,7 +181,7 @@ def _shape(cells: _Cells, lamps: _Lamps) -> _Shape | None:
         (np.cross(smooth, by_x) / square, np.cross(smooth, by_y) / square),
         _unit(whole[edge]),
         _unit(np.stack([-right, down], -1)[edge]),
-        float(np.mean((y < MOST * shading)[grazed])) if grazed.any() else 1.0,
+        float(np.mean((y < MOST * shading)[grazed])) if grazed.any() and not ring else 1.0,
     )
 
 

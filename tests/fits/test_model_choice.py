@@ -104,7 +104,7 @@ def test_the_table_has_all_models_and_a_footnote():
 def test_the_errors_are_those_of_fits_without_each_view():
     views, squares, samples = list(noisy_fit().views), [], []
     for k, view in enumerate(views):
-        seen = ds.fit(MATTE, views[:k] + views[k + 1 :], free=("k_a", "k_d")).predict(view)
+        seen = ds.fit(MATTE, views[:k] + views[k + 1 :], free=("k_a", "k_d"), tied=(), start="scene").predict(view)
         squares.append(np.sum(seen.difference**2))
         samples.append(seen.counts.sum())
     np.testing.assert_allclose(choice("matte", "Phong").errors[1] ** 2, np.sum(squares) / np.sum(samples), rtol=1e-7)

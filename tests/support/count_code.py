@@ -128,14 +128,10 @@ def classes(path: Path) -> list[str]:
     return [node.name for node in ast.walk(parsed(path)) if isinstance(node, ast.ClassDef)]
 
 
-def count(paths: Sequence[Path]) -> tuple[int, int, int]:
-    """Return the lines of code of some modules, their tuned constants, and the numbers within their functions."""
+def count_tuned(paths: Sequence[Path]) -> tuple[int, int]:
+    """Return the tuned constants of some modules, and the numbers within their functions."""
     fitted = [path for path in paths if path.relative_to(LIBRARY).parts[0] != DRAWING]
-    return (
-        sum(map(lines_of_code, paths)),
-        sum(len(tuned_constants(path)) for path in fitted),
-        sum(len(numbers_within(path)) for path in fitted),
-    )
+    return sum(len(tuned_constants(path)) for path in fitted), sum(len(numbers_within(path)) for path in fitted)
 
 
 def main() -> None:
@@ -143,7 +139,7 @@ def main() -> None:
     rooms = sys.argv[1:] or sorted({path.relative_to(LIBRARY).parts[0] for path in modules()})
     every = [list(modules([room])) for room in rooms]
     for room, paths in [*zip(rooms, every, strict=True), ("together", [path for of in every for path in of])]:
-        lines, constants, within = count(paths)
+        lines, (constants, within) = sum(map(lines_of_code, paths)), count_tuned(paths)
         print(f"{room:<16}{lines:>7} lines of code{constants:>5} tuned constants{within:>6} numbers within functions")
 
 
