@@ -249,7 +249,7 @@ def test_the_albedo_of_a_highlight_is_that_of_its_lobe(power):
 
 
 def test_spreads_add_what_misfits_show_and_do_not_show():
-    one = SpreadColumns(*(np.array([x]) for x in (0.3, 0.2, 0.4, 0.0, 0.0, 0.0)))
+    one = SpreadColumns(*(np.array([x]) for x in (0.3, 0.2, 0.4, 0.0, 0.0, 0.0, 0.0)))
     assert one.of_normal(0.2) == pytest.approx(0.5)  # hypot(.3, .4) where the scatter is typical
     assert one.of_normal(0.4) == pytest.approx(np.hypot(0.15, 0.4))
     assert one.stacked().shape == (1, COLUMNS)

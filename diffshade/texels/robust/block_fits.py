@@ -362,14 +362,14 @@ def turned(
     """Return by how much the numbers of a block change when each part of the views is fitted alone."""
     observed = observe(setup, known, block, model.assumed.dark_is_shadow)
     whole = lowest_state(observed, model)
-    each = [_change(observed, whole, lowest_state(seen_in(observed, part), model), part) for part in parts]
+    each = [_change(observed, whole, lowest_state(seen_in(observed, part[:, None]), model), part) for part in parts]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
 
 
 @jax.jit
-def seen_in(observed: BlockObservations, part: Bool[Array, " views"]) -> BlockObservations:
+def seen_in(observed: BlockObservations, part: Bool[Array, "views _"]) -> BlockObservations:
     """Return the same with the observations of some views alone."""
-    seen = (observed.believed & part[:, None], observed.counts & part[:, None])
+    seen = (observed.believed & part, observed.counts & part)
     return eqx.tree_at(lambda o: (o.believed, o.counts), observed, seen)
 
 

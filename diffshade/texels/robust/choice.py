@@ -8,7 +8,7 @@ bounced light into highlights.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -25,68 +25,64 @@ from ..blocks import TexelBlock
 from ..estimates import Estimates
 from ..tiles import TexelTile
 from .block_fits import lowest_state, seen_in
-from .calibration import FEW_VIEWS
-from .learning import Assumptions, ObjectModel, assuming, first_model, learned
+from .learning import ObjectModel, every_assumption, first_model, learned
 from .observations import BlockObservations, observe
 from .robust_descent import DescentState
 from .texel_work import TexelWork
 
-SAMPLE = 384  # texels: twice as many choose alike
-FEW_FOLDS, MANY_FOLDS = 3, 6  # groups of views that are left out in turn: with few views, few of them at a time
-ROUNDS = 3  # of learning under each assumption
+SAMPLE = 1024  # texels: one call of a compiled program
+FOLDS = 6  # groups of views, each left out of the fits of as many texels
+FIRST_ROUNDS, ROUNDS = 4, 2  # of learning, at first and under each other assumption
+FEWEST_VIEWS = 6  # from which groups of them can be left out
 MATTE_NOTE = Note(
     "photographs that were left out are predicted no better with a highlight: the object is taken to be matte.", "matte"
 )
-FEWEST_VIEWS = 6  # from which groups of them can be left out
 
 
-def best_assumptions(work: TexelWork, sample: TexelTile) -> Assumptions:
-    """Return the assumptions by which photographs that are left out are predicted best.
+def best_model(work: TexelWork, sample: TexelTile) -> ObjectModel:
+    """Return the model of an object under the assumptions by which photographs that are left out are predicted best.
 
-    One after another is changed where that predicts clearly better. Where it is all the same, the object is matte.
+    Outliers and darkness are judged by whether another assumption predicts clearly better, with a highlight and without
+    one. The object is matte where a highlight does not lower the error.
 
     Args:
         work: The fit.
         sample: Texels.
     """
-    assumed = assuming()
+    few, model = fewer(sample), first_model(work.loss, every_assumption()[0])
+    for _ in range(FIRST_ROUNDS):
+        model = learned(model, work.sample_at_minimum(few, model))
     if len(sample.counts) < FEWEST_VIEWS:
-        return assumed
-    few = fewer(sample)
-    errors = {assumed.key: errors_without(work, few, assumed)}
-    changed = True
-    while changed:
-        changed = False
-        for other in assumed.each_flipped():
-            if other.key not in errors:
-                work.tiles.report_progress("choosing what to assume:", min(len(errors) / 2 ** len(other.key), 1.0))
-                errors[other.key] = errors_without(work, few, other)
-            now, then = errors[assumed.key], errors[other.key]
-            if clearly_better(now, then) or (other.is_matte_of(assumed) and then.mean() < now.mean()):
-                assumed, changed = other, True
-    return assumed
+        return model
+    tried = []
+    for k, assumed in enumerate(every_assumption()):
+        work.tiles.report_progress("choosing what to assume:", (k + 1) / 8)
+        other = eqx.tree_at(lambda one: one.assumed, model, assumed)
+        for _ in range(ROUNDS):
+            other = learned(other, work.sample_at_minimum(few, other))
+        tried.append((other, errors_of_shared(work, few, other)))
+    glossy, matte = (_best_of(tried[first::2]) for first in range(2))
+    return glossy[0] if glossy[1].mean() < matte[1].mean() else matte[0]
 
 
-def errors_without(work: TexelWork, sample: TexelTile, assumed: Assumptions) -> Float[np.ndarray, " views"]:
-    """Return how far each view is from what the others predict under some assumptions."""
-    model = first_model(work.loss, assumed)
-    for _ in range(ROUNDS):
-        model = learned(model, work.sample_at_minimum(sample, model))
-    return errors_of_shared(work, sample, model)
+def _best_of(
+    tried: Sequence[tuple[ObjectModel, Float[np.ndarray, " views"]]],
+) -> tuple[ObjectModel, Float[np.ndarray, " views"]]:
+    """Return the first of some models with its errors, or the best one where that is clearly better."""
+    best = min(tried, key=lambda one: one[1].mean())
+    return best if clearly_better(tried[0][1], best[1]) else tried[0]
 
 
 def errors_of_shared(work: TexelWork, sample: TexelTile, model: ObjectModel) -> Float[np.ndarray, " views"]:
     """Return how far each view is from what a model fitted to others predicts."""
+    seen = views_seen(sample)
 
-    def error(seen: Bool[np.ndarray, " views"]) -> tuple[Array, Array]:
-        def program(block: TexelBlock, model: ObjectModel, _: np.ndarray | None) -> tuple[Array, Array]:
-            observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
-            state = lowest_state(seen_in(observed, seen), model)
-            return _error_of_shared(observed, model, state), observed.counts
+    def program(block: TexelBlock, model: ObjectModel, seen: np.ndarray | None) -> tuple[Array, Array]:
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        state = lowest_state(seen_in(observed, np.asarray(seen) > 0.0), model)
+        return _error_of_shared(observed, model, state), observed.counts
 
-        return work.each(sample, program, [model])
-
-    return _of_each_view(len(sample.counts), error)
+    return _mean_of_views(*work.each(sample, program, [model], seen.astype(np.float32)), seen)
 
 
 def own_exponents_predict_better(
@@ -106,49 +102,46 @@ def own_exponents_predict_better(
         fit: Returns the estimates of texels with an n_s each.
     """
     sample = fewer(sample)
+    seen = views_seen(sample)
+    own = fit(eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & seen)).values
+    k_d, k_s = (own[name].mean(0)[None] for name in ("k_d", "k_s"))
+    numbers = np.concatenate([own["normal"], k_d, k_s, own["n_s"]]).astype(np.float32)
 
-    def error(seen: Bool[np.ndarray, " views"]) -> tuple[Array, Array]:
-        own = fit(eqx.tree_at(lambda tile: tile.counts, sample, sample.counts & seen[:, None])).values
-        k_d, k_s = (own[name].mean(0)[None] for name in ("k_d", "k_s"))
-        numbers = np.concatenate([own["normal"], k_d, k_s, own["n_s"]]).astype(np.float32)
+    def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array]:
+        assert own is not None
+        observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
+        return _error_of_own(observed, lobe, own), observed.counts
 
-        def program(block: TexelBlock, model: ObjectModel, own: np.ndarray | None) -> tuple[Array, Array]:
-            assert own is not None
-            observed = observe(work.setup, work.known, block, model.assumed.dark_is_shadow)
-            return _error_of_own(observed, lobe, own), observed.counts
-
-        return work.each(sample, program, [model], numbers)
-
-    return clearly_better(errors_of_shared(work, sample, model), _of_each_view(len(sample.counts), error))
-
-
-def _of_each_view(
-    views: int, error: Callable[[Bool[np.ndarray, " views"]], tuple[Array, Array]]
-) -> Float[np.ndarray, " views"]:
-    """Return the mean error of each view over the observations that count, from fits without it.
-
-    Args:
-        views: Number of views.
-        error: Takes which views are seen; returns the error of every observation, and which observations count.
-    """
-    fold, found = np.arange(views) % (FEW_FOLDS if views >= FEW_VIEWS else MANY_FOLDS), np.zeros(views)
-    for out in range(fold.max() + 1):
-        of, counts = map(np.asarray, error(fold != out))
-        left_out = fold == out
-        found[left_out] = np.where(counts, of, 0.0).sum(1)[left_out] / np.maximum(counts.sum(1), 1)[left_out]
-    return found
+    by_own = _mean_of_views(*work.each(sample, program, [model], numbers), seen)
+    return clearly_better(errors_of_shared(work, sample, model), by_own)
 
 
 def clearly_better(errors: Float[np.ndarray, " views"], others: Float[np.ndarray, " views"]) -> bool:
     """Return whether the other errors are lower by more than chance, and by more than a few percent."""
     gain = errors - others
-    by_chance = np.std(gain) / np.sqrt(max(len(gain) - 1.0, 1.0))
+    by_chance = np.std(gain) / np.sqrt(len(gain) - 1.0)
     return bool(gain.mean() > max(by_chance, MINOR))
 
 
 def fewer(sample: TexelTile) -> TexelTile:
     """Return some texels of a sample."""
     return sample.part(np.unique(np.linspace(0, len(sample.pixels) - 1, SAMPLE).astype(int)))
+
+
+def views_seen(sample: TexelTile) -> Bool[np.ndarray, "views texels"]:
+    """Return by which views each texel is fitted: one group is left out, another one for the next texel."""
+    views, texels = sample.counts.shape
+    return np.arange(views)[:, None] % FOLDS != np.arange(texels) % FOLDS
+
+
+def _mean_of_views(
+    error: Float[Array, "views texels"],
+    counts: Bool[Array, "views texels"],
+    seen: Bool[np.ndarray, "views texels"],
+) -> Float[np.ndarray, " views"]:
+    """Return the mean error of each view over the observations that were left out."""
+    out = np.asarray(counts) & ~seen
+    return np.where(out, np.asarray(error), 0.0).sum(1) / np.maximum(out.sum(1), 1)
 
 
 @jax.jit

@@ -6,7 +6,6 @@ Gauss-Newton with the normals and k_d of all texels eliminated, under weights th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import equinox as eqx
@@ -42,24 +41,11 @@ class Assumptions(eqx.Module):
     dark_is_shadow: Bool[Array, ""]
     """Whether the darkest observations of a texel tell little, for most of them lie in shadow."""
 
-    @property
-    def key(self) -> tuple[bool, bool, bool]:
-        """The same as numbers of Python."""
-        return bool(self.glossy), bool(self.outliers), bool(self.dark_is_shadow)
 
-    def is_matte_of(self, other: Assumptions) -> bool:
-        """Return whether these are the other's for a matte object."""
-        return self.key == (False, *other.key[1:])
-
-    def each_flipped(self) -> Iterator[Assumptions]:
-        """Yield these with the first changed, with the second, and with the third."""
-        for i in range(len(self.key)):
-            yield assuming(*(one != (i == j) for j, one in enumerate(self.key)))
-
-
-def assuming(glossy: bool = True, outliers: bool = True, dark_is_shadow: bool = True) -> Assumptions:
-    """Return assumptions."""
-    return Assumptions(*(np.asarray(one) for one in (glossy, outliers, dark_is_shadow)))
+def every_assumption() -> list[Assumptions]:
+    """Return all of them, with a highlight and without one in turn; first come outliers and shadows."""
+    yes = (True, False)
+    return [Assumptions(*map(np.asarray, (g, o, d))) for o in yes for d in yes for g in yes]
 
 
 class ObjectModel(eqx.Module):
@@ -149,7 +135,7 @@ def learned(model: ObjectModel, texels: Fitted, *, to_the_end: bool = False) -> 
 
 def _of_freedom(model: ObjectModel, believed: Bool[Array, "views texels"]) -> float:
     """Return by how much residuals are larger than those that are left after the numbers of each texel are fitted."""
-    fitted_to, numbers = float(np.asarray(believed).sum(0).mean()), 4.0 if model.assumed.key[0] else 3.0
+    fitted_to, numbers = float(np.asarray(believed).sum(0).mean()), 4.0 if model.assumed.glossy else 3.0
     return float(np.sqrt(fitted_to / max(fitted_to - numbers, 1.0)))
 
 
